@@ -1,0 +1,86 @@
+# `make demo` and `make test` do all their set-up themselves; `make help` lists the other targets.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint format asan no-cholmod bench stubs clean install cpp-tests-release cpp-tests-asan cpp-tests-no-cholmod
+
+export PYTHON ?= python3
+VENV := .venv
+PYTHON_BUILD := build/python
+DEMO_FOLDER ?= sfmcpp-demo
+CLANG_TIDY_JOBS ?= $(shell nproc)
+
+BUILD_PACKAGES := g++ cmake ninja-build git libeigen3-dev libsuitesparse-dev libopenblas-dev libgtest-dev libbenchmark-dev
+LINT_PACKAGES := clang-format clang-tidy
+
+# Stamps: what is newer than its stamp is set up again, nothing else is.
+BUILD_PACKAGES_STAMP := build/stamps/build-packages
+LINT_PACKAGES_STAMP := build/stamps/lint-packages
+VENV_STAMP := $(VENV)/stamp-created
+INSTALL_STAMP := $(VENV)/stamp-installed
+
+SOURCES := $(shell find CMakeLists.txt pyproject.toml cmake cpp python -type f -not -name '*.pyc' 2>/dev/null)
+CPP_FILES = $(shell find cpp bench tests -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
+
+demo: install ## set up, build, and solve the circular scene into ./sfmcpp-demo
+	$(VENV)/bin/sfmcpp demo -o $(DEMO_FOLDER)
+	@echo "make demo: the result is in $(CURDIR)/$(DEMO_FOLDER)"
+
+test: install cpp-tests-release ## set up, build, and run the C++ and the Python tests
+	$(VENV)/bin/pytest
+
+install: $(INSTALL_STAMP) ## set up, and install the package with its extras into .venv
+
+lint: install $(LINT_PACKAGES_STAMP) ## ruff, mypy, clang-format and clang-tidy
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+	clang-format --dry-run -Werror $(CPP_FILES)
+	tools/clang_tidy.sh $(PYTHON_BUILD) $(CLANG_TIDY_JOBS)
+
+format: $(INSTALL_STAMP) $(LINT_PACKAGES_STAMP) ## rewrite all sources in the project's format
+	$(VENV)/bin/ruff check --fix --select I
+	$(VENV)/bin/ruff format
+	clang-format -i $(CPP_FILES)
+
+asan: cpp-tests-asan ## the C++ tests under the address and undefined-behaviour sanitizers
+
+no-cholmod: cpp-tests-no-cholmod ## the C++ tests of a build without SuiteSparse
+
+cpp-tests-release cpp-tests-asan cpp-tests-no-cholmod: cpp-tests-%: $(BUILD_PACKAGES_STAMP)
+	cmake --preset $*
+	cmake --build --preset $*
+	ctest --preset $*
+
+bench: $(BUILD_PACKAGES_STAMP) ## the C++ benchmarks
+	cmake --preset release
+	cmake --build --preset release
+	ctest --preset release --label-regex bench --verbose
+
+stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
+	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi
+
+clean: ## remove all that was built, .venv included
+	rm -rf build $(VENV) $(DEMO_FOLDER) .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find python tests bench -name __pycache__ -type d -exec rm -rf {} +
+
+$(BUILD_PACKAGES_STAMP):
+	tools/install_packages.sh $(BUILD_PACKAGES)
+	@mkdir -p $(@D) && touch $@
+
+$(LINT_PACKAGES_STAMP):
+	tools/install_packages.sh $(LINT_PACKAGES)
+	@mkdir -p $(@D) && touch $@
+
+$(VENV_STAMP): $(BUILD_PACKAGES_STAMP)
+	tools/make_venv.sh $(VENV)
+	@touch $@
+
+$(INSTALL_STAMP): $(VENV_STAMP) $(SOURCES)
+	tools/install_package.sh $(VENV) $(PYTHON_BUILD)
+	@touch $@

@@ -1,0 +1,14 @@
+// What the driver reports, in the form the harness reads (harness/protocol.py, class Outcome).
+#pragma once
+
+#include <ceres/ceres.h>
+
+#include <string>
+
+struct Memory {
+  long start_bytes;
+  long inputs_bytes;
+  long peak_bytes;
+};
+
+void WriteOutcome(const ceres::Solver::Summary& summary, const Memory& memory, const std::string& path);

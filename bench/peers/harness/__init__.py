@@ -1,0 +1,1 @@
+"""What every peer shares: the protocol, the BAL file, processes, measurement, tables and pictures."""

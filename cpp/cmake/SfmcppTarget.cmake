@@ -1,0 +1,36 @@
+# Settings that every target of ours shares, and the sources that are compiled once per instruction set.
+
+function(sfmcpp_target_defaults target)
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wno-psabi)
+  target_compile_definitions(${target} PRIVATE $<$<CONFIG:Debug>:EIGEN_INITIALIZE_MATRICES_BY_NAN>)
+  if(SFMCPP_WARNINGS_AS_ERRORS)
+    target_compile_options(${target} PRIVATE -Werror)
+  endif()
+  if(SFMCPP_SANITIZE)
+    target_compile_options(${target} PRIVATE -fsanitize=${SFMCPP_SANITIZE} -fno-sanitize-recover=all
+                                             -fno-omit-frame-pointer)
+    target_link_options(${target} PUBLIC -fsanitize=${SFMCPP_SANITIZE})
+  endif()
+endfunction()
+
+# Each source becomes one object library per instruction set. The code must live in namespace
+# SFMCPP_ISA and define no symbol that another translation unit may share (see core/isa.hpp).
+function(sfmcpp_add_isa_sources target)
+  set(levels "baseline\;2\;")
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    list(APPEND levels "avx2\;4\;-march=x86-64-v3"
+         "avx512\;8\;-march=x86-64-v4 -mprefer-vector-width=512")
+  endif()
+  foreach(level IN LISTS levels)
+    list(GET level 0 isa)
+    list(GET level 1 lanes)
+    list(GET level 2 flags)
+    separate_arguments(flags)
+    add_library(${target}_${isa} OBJECT ${ARGN})
+    sfmcpp_target_defaults(${target}_${isa})
+    target_include_directories(${target}_${isa} PRIVATE "${CMAKE_CURRENT_SOURCE_DIR}/include")
+    target_compile_definitions(${target}_${isa} PRIVATE SFMCPP_ISA=${isa} SFMCPP_LANES=${lanes})
+    target_compile_options(${target}_${isa} PRIVATE ${flags} -O3 -ffp-contract=fast -fno-math-errno -fno-trapping-math)
+    target_sources(${target} PRIVATE $<TARGET_OBJECTS:${target}_${isa}>)
+  endforeach()
+endfunction()

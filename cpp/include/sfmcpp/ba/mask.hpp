@@ -1,0 +1,41 @@
+// From what is fixed and shared to the parameter map of the solver.
+#pragma once
+
+#include <array>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/linear/observation_graph.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
+
+namespace sfmcpp {
+
+namespace ba {
+// Bundle adjustment determines a scene up to a similarity. `free`: damping holds those seven degrees of
+// freedom. `fixed`: the first free camera's pose, and the largest coordinate of the baseline to the
+// camera farthest from it, stay as they are. `auto`: fixed for a method without damping.
+enum class Gauge { kAuto, kFree, kFixed };
+}  // namespace ba
+
+template <>
+struct EnumNames<ba::Gauge> {
+  static constexpr std::string_view kWhat = "gauge";
+  static constexpr std::array<std::pair<ba::Gauge, std::string_view>, 3> kTable{
+      {{ba::Gauge::kAuto, "auto"}, {ba::Gauge::kFree, "free"}, {ba::Gauge::kFixed, "fixed"}}};
+};
+
+namespace ba {
+
+// The intrinsic parameters that have a column: those free in a row that an observed camera uses.
+std::vector<int> free_intrinsics(const Problem& problem, const linear::ObservationGraph& graph);
+
+// Cameras, rows of intrinsics and points without observations get no column. With `fix_gauge`, the
+// first pose and the scale lose theirs, unless fixed cameras or points already hold the gauge.
+linear::ParameterMap make_parameter_map(const Problem& problem, const linear::ObservationGraph& graph,
+                                        const std::vector<int>& free_intrinsics, bool fix_gauge);
+
+}  // namespace ba
+}  // namespace sfmcpp

@@ -1,0 +1,49 @@
+// The one call: check, choose, minimise, report.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sfmcpp/ba/mask.hpp"
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/optim/options.hpp"
+#include "sfmcpp/optim/summary.hpp"
+#include "sfmcpp/residuals/loss.hpp"
+
+namespace sfmcpp::ba {
+
+struct SolveOptions {
+  optim::MinimizerOptions minimizer;
+  linear::LinearSolverOptions linear_solver;
+  LossKind loss = LossKind::kSquared;
+  double loss_scale_px = 1.0;       // of the residual over σ
+  bool automatic_loss_scale = false;  // from the median absolute residual at the start
+  Gauge gauge = Gauge::kAuto;
+  int num_threads = 0;  // 0: as many as the machine has and the problem is worth
+
+  // Throws InvalidArgument listing every option out of its range.
+  void validate() const;
+};
+
+struct SolveSummary {
+  optim::MinimizerSummary minimizer;
+  double initial_rms_px = 0.0;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27, of residuals over σ, without loss
+  double final_rms_px = 0.0;
+  linear::LinearSolverChoice linear_solver;
+  double loss_scale_px = 1.0;
+  int num_threads = 1;
+  int behind_camera_initial = 0;  // observations whose point is not in front of the camera
+  int behind_camera_final = 0;
+  double seconds_setup = 0.0;
+  double seconds_total = 0.0;
+  std::vector<std::string> warnings;
+};
+
+// `state` starts as state_of(problem) or any other start, and holds the best state found at the end.
+// Throws InvalidArgument for a problem or options that break a rule; numerical trouble is a value of
+// the summary.
+SolveSummary solve(const Problem& problem, const SolveOptions& options, const optim::Events& events,
+                   optim::State& state);
+
+}  // namespace sfmcpp::ba

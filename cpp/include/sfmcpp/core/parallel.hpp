@@ -1,0 +1,77 @@
+// Threads for one solve.
+//
+// The work is cut into tasks whose number and content do not depend on the number of threads, and
+// each task writes only its own output; sums over tasks are taken in the order of the tasks. Hence
+// the same bits for every number of threads.
+//
+// Workers spin for a while before they sleep: a parallel region is entered about ten times an
+// iteration, and waking a sleeping thread costs as much as the work of a small region.
+#pragma once
+
+#include <atomic>
+#include <thread>
+#include <vector>
+
+namespace sfmcpp {
+
+class ThreadPool {
+ public:
+  // `num_threads` counts the calling thread.
+  explicit ThreadPool(int num_threads);
+  ~ThreadPool();
+  ThreadPool(const ThreadPool&) = delete;
+  ThreadPool& operator=(const ThreadPool&) = delete;
+
+  int num_threads() const { return static_cast<int>(workers_.size()) + 1; }
+
+  // Calls f(task) for every task in [0, count), in any order, on any thread. f must not throw.
+  template <class F>
+  void parallel_for(int count, const F& f) {
+    parallel_for_worker(count, [&f](int task, int) { f(task); });
+  }
+
+  // The same with f(task, worker), worker in [0, num_threads): a key for scratch memory.
+  template <class F>
+  void parallel_for_worker(int count, const F& f) {
+    run(Job{&f, &call<F>, count});
+  }
+
+  // Sum of f(task) over the tasks, added in the order of the tasks.
+  template <class F>
+  double sum(int count, const F& f) {
+    partial_sums_.resize(static_cast<std::size_t>(count));
+    parallel_for(count, [&](int task) { partial_sums_[static_cast<std::size_t>(task)] = f(task); });
+    double total = 0.0;
+    for (double value : partial_sums_) total += value;
+    return total;
+  }
+
+ private:
+  struct Job {
+    const void* function = nullptr;
+    void (*call)(const void* function, int task, int worker) = nullptr;
+    int count = 0;
+  };
+  template <class F>
+  static void call(const void* function, int task, int worker) {
+    (*static_cast<const F*>(function))(task, worker);
+  }
+
+  void run(const Job& job);
+  void work(int worker);
+  void worker_main(int worker);
+
+  Job job_;
+  std::atomic<int> next_task_{0};
+  std::atomic<unsigned> generation_{0};
+  std::atomic<int> busy_workers_{0};
+  std::atomic<bool> stopping_{false};
+  std::vector<double> partial_sums_;
+  std::vector<std::thread> workers_;
+};
+
+// Number of threads to use: `requested`, or for 0 what the machine has, unless the work is too small
+// to gain from more than one.
+int resolve_num_threads(int requested, long observations);
+
+}  // namespace sfmcpp

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <chrono>
+
+namespace sfmcpp {
+
+class Stopwatch {
+ public:
+  double seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+// Adds the time spent in a scope to a total.
+class ScopedTimer {
+ public:
+  explicit ScopedTimer(double& total_seconds) : total_seconds_(total_seconds) {}
+  ~ScopedTimer() { total_seconds_ += watch_.seconds(); }
+  ScopedTimer(const ScopedTimer&) = delete;
+  ScopedTimer& operator=(const ScopedTimer&) = delete;
+
+ private:
+  double& total_seconds_;
+  Stopwatch watch_;
+};
+
+}  // namespace sfmcpp

@@ -1,0 +1,70 @@
+// Linear solvers of the damped normal equations (JᵀJ + λD) δ = Jᵀ r, all by the Schur complement:
+//   dense      S formed, Cholesky by LAPACK
+//   sparse     S formed, sparse Cholesky on the analysed block pattern
+//   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi preconditioner
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+
+namespace sfmcpp {
+
+namespace linear {
+enum class LinearSolverKind { kAuto, kDense, kSparse, kIterative };
+}
+
+template <>
+struct EnumNames<linear::LinearSolverKind> {
+  static constexpr std::string_view kWhat = "linear_solver";
+  static constexpr std::array<std::pair<linear::LinearSolverKind, std::string_view>, 4> kTable{
+      {{linear::LinearSolverKind::kAuto, "auto"},
+       {linear::LinearSolverKind::kDense, "dense"},
+       {linear::LinearSolverKind::kSparse, "sparse"},
+       {linear::LinearSolverKind::kIterative, "iterative"}}};
+};
+
+namespace linear {
+
+struct LinearSolverOptions {
+  LinearSolverKind kind = LinearSolverKind::kAuto;
+  double pcg_tolerance = 1e-2;  // relative residual of the reduced system (inexact Newton)
+  int pcg_max_iterations = 500;
+};
+
+struct LinearSolveResult {
+  bool success = false;  // false: not positive definite, or not finite
+  int iterations = 0;    // of the iterative solver
+};
+
+class LinearSolver {
+ public:
+  virtual ~LinearSolver() = default;
+  // Solves for the linearisation that the normal equations hold now. `should_stop` is asked from time
+  // to time by long solves; once true, the best solution so far is returned.
+  virtual LinearSolveResult solve(const Damping& damping, Step& step,
+                                  const std::function<bool()>& should_stop) = 0;
+};
+
+// What was chosen, and why, in words for the summary.
+struct LinearSolverChoice {
+  LinearSolverKind kind;
+  std::string reason;
+};
+
+// `auto`: by predicted flops and memory. Any other kind is returned as it is.
+LinearSolverChoice choose_linear_solver(const ObservationGraph& graph, const ParameterMap& map,
+                                        LinearSolverKind requested);
+
+// `kind` of the options must not be auto. The normal equations must outlive the solver.
+std::unique_ptr<LinearSolver> make_linear_solver(const NormalEquations& normal,
+                                                 const LinearSolverOptions& options);
+
+}  // namespace linear
+}  // namespace sfmcpp

@@ -1,0 +1,44 @@
+// Which camera sees which point, in the two orders the algebra needs.
+//
+// Observations are stored camera by camera and, within a camera, by ascending point: a camera's
+// constants stay in registers while its observations stream by, and a row of the Schur complement
+// reads its own half of the coupling blocks in sequence.
+#pragma once
+
+#include <span>
+#include <vector>
+
+namespace sfmcpp::linear {
+
+// Consecutive observations of one camera: the unit of parallel work and of ordered sums.
+inline constexpr int kChunkSize = 512;
+
+struct Chunk {
+  int camera;
+  int begin;
+  int end;
+};
+
+struct ObservationGraph {
+  int num_cameras = 0;
+  int num_points = 0;
+  std::vector<int> camera_begin;  // observations of camera i: [camera_begin[i], camera_begin[i + 1])
+  std::vector<int> camera;        // of each stored observation
+  std::vector<int> point;         // of each stored observation, with room to read packs beyond the end
+  std::vector<int> source;        // position of each stored observation in the caller's arrays
+  std::vector<int> point_begin;   // entries of `of_point` of point p: [point_begin[p], point_begin[p + 1])
+  std::vector<int> of_point;      // stored observations by point; within a point by ascending camera
+  std::vector<int> rank;          // where each stored observation stands in `of_point`
+  std::vector<Chunk> chunks;      // covers the stored observations in order
+  std::vector<int> chunk_begin;   // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
+
+  int num_observations() const { return static_cast<int>(camera.size()); }
+  int observations_of_camera(int i) const { return camera_begin[i + 1] - camera_begin[i]; }
+  int observations_of_point(int p) const { return point_begin[p + 1] - point_begin[p]; }
+};
+
+// Requires every index to be in range; see ba/check.hpp for input from outside.
+ObservationGraph make_observation_graph(int num_cameras, int num_points, std::span<const int> camera_index,
+                                        std::span<const int> point_index);
+
+}  // namespace sfmcpp::linear

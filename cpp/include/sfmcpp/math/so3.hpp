@@ -1,0 +1,23 @@
+// Rotations as 3×3 matrices and their tangent vectors [rad].
+#pragma once
+
+#include <Eigen/Core>
+
+namespace sfmcpp {
+
+inline Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
+  Eigen::Matrix3d m;
+  m << 0, -w.z(), w.y(), w.z(), 0, -w.x(), -w.y(), w.x(), 0;
+  return m;
+}
+
+// exp([w]×) by Rodrigues' formula; its Taylor series where the angle is small.
+Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w);
+
+// The w of smallest norm with exp([w]×) = rotation; the norm is in [0, π].
+Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation);
+
+// The rotation next to a matrix that is almost one (one polar Newton step; quadratic convergence).
+Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& almost_rotation);
+
+}  // namespace sfmcpp

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <array>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include "sfmcpp/core/enum_names.hpp"
+
+namespace sfmcpp {
+
+namespace optim {
+enum class Method { kLevenbergMarquardt, kLevenbergMarquardtNielsen, kGaussNewton };
+}
+
+template <>
+struct EnumNames<optim::Method> {
+  static constexpr std::string_view kWhat = "method";
+  static constexpr std::array<std::pair<optim::Method, std::string_view>, 3> kTable{
+      {{optim::Method::kLevenbergMarquardt, "lm"},
+       {optim::Method::kLevenbergMarquardtNielsen, "lm-nielsen"},
+       {optim::Method::kGaussNewton, "gauss-newton"}}};
+};
+
+namespace optim {
+
+// When to stop.
+struct TerminationOptions {
+  int max_iterations = 50;  // steps tried, rejected ones included
+  double max_seconds = std::numeric_limits<double>::infinity();
+  double function_tolerance = 1e-6;    // relative decrease of the cost by an accepted step
+  double gradient_tolerance = 1e-10;   // largest entry of the gradient
+  double parameter_tolerance = 1e-10;  // norm of the step, relative to that of the unknowns
+};
+
+struct MinimizerOptions {
+  Method method = Method::kLevenbergMarquardt;
+  double initial_damping = 1e-3;
+  TerminationOptions termination;
+};
+
+}  // namespace optim
+}  // namespace sfmcpp

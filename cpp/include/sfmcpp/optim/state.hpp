@@ -1,0 +1,21 @@
+// The unknowns, as a value: a candidate is plus(state, step, lengths), accepting it is a swap.
+#pragma once
+
+#include <vector>
+
+namespace sfmcpp::optim {
+
+struct State {
+  std::vector<double> cameras;     // 12 per camera, row-major 3×4
+  std::vector<double> intrinsics;  // rows of intrinsic parameters
+  std::vector<double> points;      // 3 per point
+};
+
+// How far along the step cameras (with their intrinsics) and points go: two lengths, so that searches
+// over one and over two lengths are the same thing (thesis §4.2.4).
+struct StepLengths {
+  double camera = 1.0;
+  double point = 1.0;
+};
+
+}  // namespace sfmcpp::optim

@@ -1,0 +1,36 @@
+// How a step is computed from the normal equations, and how it learns from success and failure.
+//
+// How to add a method: a class here or in a file of its own, an entry in `Method`, one line in
+// make_step_strategy. The strategy is told only whether its step was accepted and at what gain ratio
+// (actual over predicted decrease), so its rule can be tested without any problem.
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/optim/options.hpp"
+
+namespace sfmcpp::optim {
+
+struct StepResult {
+  bool valid = false;  // false: the system could not be solved
+  double predicted_decrease = 0.0;
+  int linear_solver_iterations = 0;
+};
+
+class StepStrategy {
+ public:
+  virtual ~StepStrategy() = default;
+  virtual StepResult compute(const linear::NormalEquations& normal, linear::LinearSolver& solver,
+                             const std::function<bool()>& should_stop, linear::Step& step) = 0;
+  virtual void accepted(double gain_ratio) = 0;
+  virtual void rejected() = 0;
+  virtual double damping() const = 0;
+  // Whether another step from the same state can differ after a rejection.
+  virtual bool can_retry() const = 0;
+};
+
+std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options);
+
+}  // namespace sfmcpp::optim

@@ -1,0 +1,64 @@
+// What happened: one record per iteration, and why it ended.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/optim/state.hpp"
+
+namespace sfmcpp {
+
+namespace optim {
+enum class Termination { kConverged, kMaxIterations, kMaxSeconds, kInterrupted, kStoppedByCallback, kNumericalFailure };
+}
+
+template <>
+struct EnumNames<optim::Termination> {
+  static constexpr std::string_view kWhat = "termination";
+  static constexpr std::array<std::pair<optim::Termination, std::string_view>, 6> kTable{
+      {{optim::Termination::kConverged, "converged"},
+       {optim::Termination::kMaxIterations, "max_iterations"},
+       {optim::Termination::kMaxSeconds, "max_seconds"},
+       {optim::Termination::kInterrupted, "interrupted"},
+       {optim::Termination::kStoppedByCallback, "stopped_by_callback"},
+       {optim::Termination::kNumericalFailure, "numerical_failure"}}};
+};
+
+namespace optim {
+
+// Iteration 0 is the start. A rejected step leaves the cost as it was.
+struct Iteration {
+  int number = 0;
+  double cost = 0.0;           // of the current accepted state, over all observations
+  double seconds = 0.0;        // since the start of the solve
+  bool accepted = true;
+  double damping = 0.0;        // λ of the step
+  double gradient_norm = 0.0;  // largest entry, at the state the step started from
+  double step_norm = 0.0;
+  StepLengths lengths{};
+  int linear_solver_iterations = 0;
+};
+
+enum class Signal { kContinue, kStop, kInterrupt };
+
+// Listeners of a minimiser: `on_iteration` after each iteration, `poll` from within long ones.
+struct Events {
+  std::function<Signal(const Iteration&)> on_iteration = [](const Iteration&) { return Signal::kContinue; };
+  std::function<Signal()> poll = [] { return Signal::kContinue; };
+};
+
+struct MinimizerSummary {
+  double initial_cost = 0.0;
+  double final_cost = 0.0;
+  Termination termination = Termination::kMaxIterations;
+  std::string message;
+  std::vector<Iteration> iterations;
+};
+
+}  // namespace optim
+}  // namespace sfmcpp

@@ -1,0 +1,42 @@
+// Reprojection residuals of the observations of one camera, r = (observed − projected) / σ (note eq. 3),
+// and their linearisation, for the camera model and instruction set chosen at run time.
+#pragma once
+
+#include "sfmcpp/cameras/camera_model.hpp"
+
+namespace sfmcpp::residuals {
+
+// Kernels load whole packs: arrays of observations must be readable this far beyond their end.
+inline constexpr int kReadAhead = 8;
+
+// Consecutive observations of one camera.
+struct ObservationBatch {
+  const double* camera;      // 12 numbers
+  const double* intrinsics;  // one row
+  const double* points;      // N × 3, all points
+  const int* point;          // point of each observation
+  const double* u;           // observed pixels
+  const double* v;
+  const double* inverse_sigma;
+  int count;
+};
+
+// Where the Jacobian of a batch goes.
+struct JacobianOutput {
+  const int* free_intrinsics;  // which intrinsic parameters have a column, after those of the pose
+  int num_free_intrinsics;
+  int camera_size;  // columns of a camera block, padding with zeros included
+  double* camera;   // count × 2 × camera_size: ∂(projection)/∂camera / σ
+  double* point;    // count × 2 × 4: ∂(projection)/∂point / σ, and the residual in the last column
+};
+
+struct ReprojectionKernels {
+  // Residuals into ru, rv; each with room for count + kReadAhead numbers. Returns how many points
+  // are not in front of the camera; their residual keeps the formula's value.
+  int (*residuals)(const ObservationBatch&, double* ru, double* rv);
+  void (*linearize)(const ObservationBatch&, const JacobianOutput&);
+};
+
+ReprojectionKernels reprojection_kernels(CameraModelId model);
+
+}  // namespace sfmcpp::residuals

@@ -1,0 +1,13 @@
+// The kernels of one instruction set; only reprojection.cpp chooses among them (core/isa.hpp).
+#pragma once
+
+#include "sfmcpp/residuals/reprojection.hpp"
+
+#define SFMCPP_DECLARE_REPROJECTION(isa)                 \
+  namespace sfmcpp::residuals::isa {                     \
+  ReprojectionKernels kernels_for(CameraModelId model); \
+  }
+
+SFMCPP_DECLARE_REPROJECTION(baseline)
+SFMCPP_DECLARE_REPROJECTION(avx2)
+SFMCPP_DECLARE_REPROJECTION(avx512)

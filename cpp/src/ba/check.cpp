@@ -1,0 +1,177 @@
+#include "sfmcpp/ba/check.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+constexpr double kRotationTolerance = 1e-6;
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.9g", value);
+  return text;
+}
+
+std::string entry(const char* array, std::size_t k) { return std::string(array) + "[" + std::to_string(k) + "]"; }
+
+void check_size(const char* array, std::size_t size, std::size_t wanted) {
+  if (size == wanted) return;
+  throw InvalidArgument(std::string(array) + ": " + std::to_string(size) + " values, must be " +
+                        std::to_string(wanted));
+}
+
+// `width` numbers belong to one camera, point, …: the message names its position.
+void check_finite(const char* array, std::span<const double> values, std::size_t width) {
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (!std::isfinite(values[k])) {
+      throw InvalidArgument(entry(array, k / width) + " = " + number(values[k]) + ": must be finite");
+    }
+  }
+}
+
+void check_range(const char* array, std::span<const int> values, int end) {
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (values[k] < 0 || values[k] >= end) {
+      throw InvalidArgument(entry(array, k) + " = " + std::to_string(values[k]) + ": must be in [0, " +
+                            std::to_string(end) + ")");
+    }
+  }
+}
+
+void check_rotations(const Problem& problem) {
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> camera(problem.cameras.data() +
+                                                                               kCameraStorage * i);
+    const Eigen::Matrix3d r = camera.leftCols<3>();
+    const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+    if (error > kRotationTolerance || r.determinant() < 0.0) {
+      throw InvalidArgument(entry("cameras", static_cast<std::size_t>(i)) + ": not a rotation: |R Rᵀ − I| = " +
+                            number(error) + ", determinant " + number(r.determinant()) +
+                            "; must be orthonormal to 1e-6 with determinant 1");
+    }
+  }
+}
+
+void check_sigma(std::span<const double> sigma) {
+  for (std::size_t k = 0; k < sigma.size(); ++k) {
+    if (!(sigma[k] > 0.0)) {
+      throw InvalidArgument(entry("sigma_px", k) + " = " + number(sigma[k]) + ": must be positive");
+    }
+  }
+}
+
+// "camera 3", "cameras 3, 7", "120 cameras (3, 7, 9, 12, 15, …)".
+std::string name_list(const char* what, const std::vector<int>& numbers) {
+  constexpr std::size_t kNamed = 5;
+  std::string list;
+  for (std::size_t k = 0; k < std::min(numbers.size(), kNamed); ++k) {
+    list += (k == 0 ? "" : ", ") + std::to_string(numbers[k]);
+  }
+  if (numbers.size() == 1) return std::string(what) + " " + list;
+  if (numbers.size() <= kNamed) return std::string(what) + "s " + list;
+  return std::to_string(numbers.size()) + " " + what + "s (" + list + ", …)";
+}
+
+template <class Predicate>
+void warn(const char* what, int count, const Predicate& applies, const char* text,
+          std::vector<std::string>& warnings) {
+  std::vector<int> numbers;
+  for (int k = 0; k < count; ++k) {
+    if (applies(k)) numbers.push_back(k);
+  }
+  if (!numbers.empty()) warnings.push_back(name_list(what, numbers) + ": " + text);
+}
+
+// Cameras joined through common points, counted by union–find.
+int num_components(const linear::ObservationGraph& graph) {
+  std::vector<int> parent(graph.num_cameras);
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto root = [&](int i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  for (int p = 0; p < graph.num_points; ++p) {
+    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k) {
+      parent[root(graph.camera[graph.of_point[k]])] = root(graph.camera[graph.of_point[k - 1]]);
+    }
+  }
+  int components = 0;
+  for (int i = 0; i < graph.num_cameras; ++i) components += parent[i] == i && graph.observations_of_camera(i) > 0;
+  return components;
+}
+
+}  // namespace
+
+void check_arrays(const Problem& problem) {
+  const auto cameras = static_cast<std::size_t>(problem.num_cameras());
+  const auto points = static_cast<std::size_t>(problem.num_points());
+  const std::size_t observations = problem.camera_index.size();
+  check_size("cameras", problem.cameras.size(), cameras * kCameraStorage);
+  check_size("points", problem.points.size(), points * 3);
+  check_size("intrinsics_index", problem.intrinsics_index.size(), cameras);
+  check_size("point_index", problem.point_index.size(), observations);
+  check_size("pixels", problem.pixels.size(), 2 * observations);
+  if (!problem.sigma_px.empty()) check_size("sigma_px", problem.sigma_px.size(), observations);
+  check_size("fixed_cameras", problem.fixed_cameras.size(), cameras);
+  check_size("fixed_points", problem.fixed_points.size(), points);
+  check_size("fixed_intrinsics", problem.fixed_intrinsics.size(), problem.intrinsics.size());
+  check_range("intrinsics_index", problem.intrinsics_index, problem.num_groups());
+  check_range("camera_index", problem.camera_index, problem.num_cameras());
+  check_range("point_index", problem.point_index, problem.num_points());
+  check_finite("cameras", problem.cameras, kCameraStorage);
+  check_finite("intrinsics", problem.intrinsics, static_cast<std::size_t>(problem.num_intrinsics()));
+  check_finite("points", problem.points, 3);
+  check_finite("pixels", problem.pixels, 2);
+  check_finite("sigma_px", problem.sigma_px, 1);
+  check_sigma(problem.sigma_px);
+  check_rotations(problem);
+}
+
+void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph) {
+  for (int k = 1; k < problem.num_observations(); ++k) {
+    if (graph.camera[k] != graph.camera[k - 1] || graph.point[k] != graph.point[k - 1]) continue;
+    throw InvalidArgument("observations " + std::to_string(graph.source[k - 1]) + " and " +
+                          std::to_string(graph.source[k]) + " are both of point " + std::to_string(graph.point[k]) +
+                          " in camera " + std::to_string(graph.camera[k]) + ": must be one");
+  }
+}
+
+void check_determined(const linear::ObservationGraph& graph, const linear::ParameterMap& map) {
+  const long residuals = 2L * graph.num_observations();
+  const long unknowns = map.num_columns + 3L * std::count(map.free_point.begin(), map.free_point.end(), 1);
+  if (residuals == 0) throw InvalidArgument("observations: there are none");
+  if (unknowns == 0) throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
+  if (residuals < unknowns) {
+    throw InvalidArgument("fewer residuals than unknowns: " + std::to_string(residuals) + " residuals, " +
+                          std::to_string(unknowns) + " unknowns; fix some or add observations");
+  }
+}
+
+std::vector<std::string> warnings_about(const linear::ObservationGraph& graph) {
+  std::vector<std::string> warnings;
+  warn(
+      "camera", graph.num_cameras, [&](int i) { return graph.observations_of_camera(i) == 0; },
+      "no observations, left as given", warnings);
+  warn(
+      "point", graph.num_points, [&](int p) { return graph.observations_of_point(p) == 0; },
+      "no observations, left as given", warnings);
+  warn(
+      "point", graph.num_points, [&](int p) { return graph.observations_of_point(p) == 1; },
+      "seen by one camera only, the depth is held by damping alone", warnings);
+  const int components = num_components(graph);
+  if (components > 1) {
+    warnings.push_back("the cameras fall into " + std::to_string(components) +
+                       " parts that share no point: their relative position, rotation and scale are arbitrary");
+  }
+  return warnings;
+}
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,143 @@
+#include "sfmcpp/ba/check_jacobians.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/math/numeric_diff.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using residuals::kReadAhead;
+
+constexpr int kMaxColumns = 18;  // of a camera: pose and intrinsics
+
+constexpr std::array<const char*, 6> kPoseNames{"rotation x", "rotation y", "rotation z",
+                                                "centre x",   "centre y",   "centre z"};
+constexpr std::array<const char*, 3> kPointNames{"point x", "point y", "point z"};
+
+// One observation of the problem on its own, moved by (camera, intrinsics, point) increments.
+class SingleObservation {
+ public:
+  SingleObservation(const Problem& problem, int observation)
+      : kernels_(residuals::reprojection_kernels(problem.camera_model)), model_(problem.camera_model),
+        num_intrinsics_(problem.num_intrinsics()), num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
+    const int camera = problem.camera_index[observation], point = problem.point_index[observation];
+    std::copy_n(problem.cameras.begin() + kCameraStorage * camera, kCameraStorage, camera_.begin());
+    std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera], num_intrinsics_,
+                intrinsics_.begin());
+    std::copy_n(problem.points.begin() + 3 * point, 3, point_.begin());
+    u_.fill(problem.pixels[2 * static_cast<std::size_t>(observation)]);
+    v_.fill(problem.pixels[2 * static_cast<std::size_t>(observation) + 1]);
+    weight_.fill(1.0);
+  }
+
+  int size() const { return kPoseTangent + num_free_ + 3; }
+
+  std::string name(int column) const {
+    if (column < kPoseTangent) return kPoseNames[column];
+    column -= kPoseTangent;
+    if (column < num_free_) return std::string(intrinsic_names(model_)[column]);
+    return kPointNames[column - num_free_];
+  }
+
+  bool in_front() const {
+    std::array<double, 1 + kReadAhead> ru, rv;
+    return kernels_.residuals(batch(camera_, intrinsics_, point_), ru.data(), rv.data()) == 0;
+  }
+
+  // ∂(projection)/∂(camera, intrinsics, point).
+  Eigen::MatrixXd analytic() const {
+    std::array<int, 12> all;
+    for (int k = 0; k < 12; ++k) all[k] = k;
+    std::array<double, 2 * kMaxColumns> camera;
+    std::array<double, 8> point;
+    kernels_.linearize(batch(camera_, intrinsics_, point_), {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
+    Eigen::MatrixXd jacobian(2, size());
+    for (int row = 0; row < 2; ++row) {
+      for (int k = 0; k < kPoseTangent + num_free_; ++k) jacobian(row, k) = camera[row * camera_columns() + k];
+      for (int k = 0; k < 3; ++k) jacobian(row, kPoseTangent + num_free_ + k) = point[4 * row + k];
+    }
+    return jacobian;
+  }
+
+  Eigen::MatrixXd numeric() const {
+    return numeric_jacobian([this](const Eigen::VectorXd& delta) { return projection(delta); }, steps());
+  }
+
+ private:
+  using Numbers = std::array<double, kCameraStorage>;
+
+  int camera_columns() const { return kPoseTangent + num_free_; }
+
+  residuals::ObservationBatch batch(const Numbers& camera, const Numbers& intrinsics,
+                                    const std::array<double, 3>& point) const {
+    static constexpr std::array<int, 1 + kReadAhead> kFirst{};
+    return {camera.data(), intrinsics.data(), point.data(), kFirst.data(), u_.data(), v_.data(), weight_.data(), 1};
+  }
+
+  // Up to a constant: the residual is observed − projected.
+  Eigen::VectorXd projection(const Eigen::VectorXd& delta) const {
+    Numbers camera, intrinsics = intrinsics_;
+    std::array<double, 3> point = point_;
+    plus_pose(camera_.data(), delta.data(), camera.data());
+    for (int k = 0; k < num_free_; ++k) intrinsics[k] += delta[kPoseTangent + k];
+    for (int k = 0; k < 3; ++k) point[k] += delta[kPoseTangent + num_free_ + k];
+    std::array<double, 1 + kReadAhead> ru, rv;
+    kernels_.residuals(batch(camera, intrinsics, point), ru.data(), rv.data());
+    return Eigen::Vector2d(-ru[0], -rv[0]);
+  }
+
+  // Small against what each parameter is measured by.
+  Eigen::VectorXd steps() const {
+    constexpr double kRelative = 1e-4;
+    double distance = 0.0;
+    for (int k = 0; k < 3; ++k) distance += std::abs(point_[k] - camera_[4 * k + 3]);
+    Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
+    steps.head<3>().setConstant(kRelative);
+    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = kRelative * std::max(1e-2, std::abs(intrinsics_[k]));
+    return steps;
+  }
+
+  residuals::ReprojectionKernels kernels_;
+  CameraModelId model_;
+  int num_intrinsics_;
+  int num_free_;
+  Numbers camera_{}, intrinsics_{};
+  std::array<double, 3> point_{};
+  std::array<double, 1 + kReadAhead> u_{}, v_{}, weight_{};
+};
+
+void compare(const SingleObservation& single, int observation, JacobianCheck& check) {
+  const Eigen::MatrixXd analytic = single.analytic(), numeric = single.numeric();
+  for (int k = 0; k < single.size(); ++k) {
+    const double scale = std::max(numeric.col(k).cwiseAbs().maxCoeff(), 1e-9 * numeric.cwiseAbs().maxCoeff());
+    const double error = (analytic.col(k) - numeric.col(k)).cwiseAbs().maxCoeff() / scale;
+    check.entries += 2;
+    if (error <= check.worst_error) continue;
+    check.worst_error = error;
+    check.worst_observation = observation;
+    check.worst_parameter = single.name(k);
+  }
+}
+
+}  // namespace
+
+JacobianCheck check_jacobians(const Problem& problem, int max_observations) {
+  check_arrays(problem);
+  JacobianCheck check;
+  const int count = std::min(max_observations, problem.num_observations());
+  for (int k = 0; k < count; ++k) {
+    const int observation = static_cast<int>(static_cast<long>(k) * problem.num_observations() / count);
+    const SingleObservation single(problem, observation);
+    if (single.in_front()) compare(single, observation, check);
+  }
+  return check;
+}
+
+}  // namespace sfmcpp::ba

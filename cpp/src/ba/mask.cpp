@@ -1,0 +1,160 @@
+#include "sfmcpp/ba/mask.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace sfmcpp::ba {
+namespace {
+
+using linear::kNoColumn;
+using linear::ObservationGraph;
+using linear::ParameterMap;
+
+constexpr int kCentre = 3;  // first column of the centre in a camera block
+
+// The single parameters that the gauge takes away.
+struct GaugeMask {
+  int first_camera = -1;
+  int scale_camera = -1;
+  int scale_coordinate = 0;
+
+  bool holds(int camera, int column) const {
+    return camera == first_camera || (camera == scale_camera && column == kCentre + scale_coordinate);
+  }
+};
+
+double centre(const Problem& problem, int camera, int k) {
+  return problem.cameras[static_cast<std::size_t>(kCameraStorage * camera + 4 * k + 3)];
+}
+
+bool gauge_is_held(const Problem& problem, const ObservationGraph& graph) {
+  const auto fixed = [](std::uint8_t flag) { return flag != 0; };
+  int held = 0;
+  for (int i = 0; i < problem.num_cameras(); ++i) held += problem.fixed_cameras[i] && graph.observations_of_camera(i) > 0;
+  return held >= 2 || std::count_if(problem.fixed_points.begin(), problem.fixed_points.end(), fixed) >= 3;
+}
+
+GaugeMask choose_gauge(const Problem& problem, const ObservationGraph& graph) {
+  GaugeMask gauge;
+  if (gauge_is_held(problem, graph)) return gauge;
+  for (int i = 0; i < problem.num_cameras() && gauge.first_camera < 0; ++i) {
+    // A camera that is fixed already is the best one to hold.
+    if (graph.observations_of_camera(i) > 0 && problem.fixed_cameras[i]) gauge.first_camera = i;
+  }
+  for (int i = 0; i < problem.num_cameras() && gauge.first_camera < 0; ++i) {
+    if (graph.observations_of_camera(i) > 0) gauge.first_camera = i;
+  }
+  double longest = 0.0;
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    if (graph.observations_of_camera(i) == 0) continue;
+    for (int k = 0; k < 3; ++k) {
+      const double length = std::abs(centre(problem, i, k) - centre(problem, gauge.first_camera, k));
+      if (length <= longest) continue;
+      longest = length;
+      gauge.scale_camera = i;
+      gauge.scale_coordinate = k;
+    }
+  }
+  return gauge;
+}
+
+// Hands out reduced columns, one variable block after the other.
+class Builder {
+ public:
+  Builder(const Problem& problem, const ObservationGraph& graph, const std::vector<int>& intrinsics, GaugeMask gauge)
+      : problem_(problem), graph_(graph), intrinsics_(intrinsics), gauge_(gauge) {
+    map_.camera_size = linear::padded_camera_size(kPoseTangent + static_cast<int>(intrinsics.size()));
+    map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size, kNoColumn);
+    users_.assign(problem.num_groups(), 0);
+    for (int i = 0; i < problem.num_cameras(); ++i) {
+      if (observed(i)) ++users_[problem.intrinsics_index[i]];
+    }
+  }
+
+  ParameterMap build() {
+    for (int i = 0; i < problem_.num_cameras(); ++i) {
+      if (!observed(i)) continue;
+      if (!problem_.fixed_cameras[i]) add_pose(i);
+      if (users_[group(i)] == 1) add_intrinsics(group(i), {i});
+      end_block();
+    }
+    add_shared_intrinsics();
+    map_.free_point.resize(problem_.num_points());
+    for (int p = 0; p < problem_.num_points(); ++p) {
+      map_.free_point[p] = !problem_.fixed_points[p] && graph_.observations_of_point(p) > 0;
+    }
+    map_.block_begin.push_back(map_.num_columns);
+    return std::move(map_);
+  }
+
+ private:
+  bool observed(int camera) const { return graph_.observations_of_camera(camera) > 0; }
+  int group(int camera) const { return problem_.intrinsics_index[camera]; }
+  int& column(int camera, int k) { return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k]; }
+
+  void add_pose(int camera) {
+    for (int k = 0; k < kPoseTangent; ++k) {
+      if (!gauge_.holds(camera, k)) column(camera, k) = next_column_++;
+    }
+  }
+
+  void add_intrinsics(int group, const std::vector<int>& cameras) {
+    for (std::size_t k = 0; k < intrinsics_.size(); ++k) {
+      const auto parameter = static_cast<std::size_t>(group * problem_.num_intrinsics() + intrinsics_[k]);
+      if (problem_.fixed_intrinsics[parameter]) continue;
+      for (int camera : cameras) column(camera, kPoseTangent + static_cast<int>(k)) = next_column_;
+      ++next_column_;
+    }
+  }
+
+  void add_shared_intrinsics() {
+    std::vector<std::vector<int>> cameras(users_.size());
+    for (int i = 0; i < problem_.num_cameras(); ++i) {
+      if (observed(i) && users_[group(i)] > 1) cameras[group(i)].push_back(i);
+    }
+    for (std::size_t g = 0; g < cameras.size(); ++g) {
+      if (!cameras[g].empty()) add_intrinsics(static_cast<int>(g), cameras[g]);
+      end_block();
+    }
+  }
+
+  void end_block() {
+    if (next_column_ == map_.num_columns) return;
+    map_.block_begin.push_back(map_.num_columns);
+    map_.block_of.resize(next_column_, static_cast<int>(map_.block_begin.size()) - 1);
+    map_.num_columns = next_column_;
+  }
+
+  const Problem& problem_;
+  const ObservationGraph& graph_;
+  const std::vector<int>& intrinsics_;
+  GaugeMask gauge_;
+  std::vector<int> users_;  // observed cameras of each row of intrinsics
+  ParameterMap map_;
+  int next_column_ = 0;
+};
+
+}  // namespace
+
+std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph& graph) {
+  std::vector<int> free;
+  if (!has_free_intrinsics(problem.camera_model)) return free;
+  const int count = problem.num_intrinsics();
+  for (int k = 0; k < count; ++k) {
+    for (int i = 0; i < problem.num_cameras(); ++i) {
+      const auto parameter = static_cast<std::size_t>(problem.intrinsics_index[i] * count + k);
+      if (graph.observations_of_camera(i) == 0 || problem.fixed_intrinsics[parameter]) continue;
+      free.push_back(k);
+      break;
+    }
+  }
+  return free;
+}
+
+ParameterMap make_parameter_map(const Problem& problem, const ObservationGraph& graph,
+                                const std::vector<int>& free_intrinsics, bool fix_gauge) {
+  const GaugeMask gauge = fix_gauge ? choose_gauge(problem, graph) : GaugeMask{};
+  return Builder(problem, graph, free_intrinsics, gauge).build();
+}
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,34 @@
+// Views of NumPy arrays, with errors that name the argument.
+#pragma once
+
+#include <pybind11/numpy.h>
+
+#include <span>
+#include <string>
+
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp::bindings {
+
+namespace py = pybind11;
+
+// The array must have this dtype and be C-contiguous: a copy would not be seen by the caller.
+template <class T>
+std::span<T> view(const py::dict& arrays, const char* name) {
+  if (!arrays.contains(name)) throw InvalidArgument(std::string(name) + ": missing");
+  const py::object value = arrays[name];
+  if (!py::isinstance<py::array_t<std::remove_const_t<T>, py::array::c_style>>(value)) {
+    throw InvalidArgument(std::string(name) + ": must be a C-contiguous array of dtype " +
+                          py::str(py::dtype::of<std::remove_const_t<T>>()).cast<std::string>());
+  }
+  auto array = value.cast<py::array_t<std::remove_const_t<T>, py::array::c_style>>();
+  const auto size = static_cast<std::size_t>(array.size());
+  if constexpr (std::is_const_v<T>) {
+    return {array.data(), size};
+  } else {
+    if (!array.writeable()) throw InvalidArgument(std::string(name) + ": must be writeable");
+    return {array.mutable_data(), size};
+  }
+}
+
+}  // namespace sfmcpp::bindings

@@ -1,0 +1,61 @@
+#include "sfmcpp/ba/check.hpp"
+
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include "options.hpp"
+#include "problem.hpp"
+#include "sfmcpp/ba/bundle_model.hpp"
+#include "sfmcpp/ba/check_jacobians.hpp"
+
+namespace sfmcpp::bindings {
+namespace {
+
+std::vector<std::string> check(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  ba::check_arrays(problem);
+  const linear::ObservationGraph graph = linear::make_observation_graph(
+      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  ba::check_duplicates(problem, graph);
+  ba::check_determined(graph, ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph), false));
+  return ba::warnings_about(graph);
+}
+
+// (M, 2) residuals over σ, in the caller's order.
+py::array_t<double> residuals(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  ba::check_arrays(problem);
+  const linear::ObservationGraph graph = linear::make_observation_graph(
+      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  const linear::ParameterMap map = ba::make_parameter_map(problem, graph, {}, false);
+  ThreadPool pool(1);
+  ba::BundleModel model(problem, graph, map, {}, pool);
+  const std::vector<double> stored = model.residuals(ba::state_of(problem));
+  py::array_t<double> result({problem.num_observations(), 2});
+  auto values = result.mutable_unchecked<2>();
+  for (int k = 0; k < problem.num_observations(); ++k) {
+    for (int c = 0; c < 2; ++c) values(graph.source[k], c) = stored[2 * static_cast<std::size_t>(k) + c];
+  }
+  return result;
+}
+
+}  // namespace
+
+void bind_check(py::module_& m) {
+  using J = ba::JacobianCheck;
+  py::class_<J>(m, "JacobianCheck", "Analytic against numeric derivatives; see sfmcpp.check_jacobians.")
+      .def_readonly("entries", &J::entries, "Derivatives compared.")
+      .def_readonly("worst_error", &J::worst_error, "Largest difference, relative to its block.")
+      .def_readonly("worst_observation", &J::worst_observation, "Observation of the largest difference.")
+      .def_readonly("worst_parameter", &J::worst_parameter, "Parameter of the largest difference.");
+  m.def("check", &check, py::arg("arrays"), "Raise for a broken problem; return what its owner should know.");
+  m.def("residuals", &residuals, py::arg("arrays"), "(M, 2) residuals over their standard deviation.");
+  m.def(
+      "check_jacobians",
+      [](const py::dict& arrays, int max_observations) {
+        return ba::check_jacobians(problem_of(arrays), max_observations);
+      },
+      py::arg("arrays"), py::arg("max_observations") = 1000, "Analytic against numeric derivatives.");
+}
+
+}  // namespace sfmcpp::bindings

@@ -1,0 +1,37 @@
+#include <pybind11/pybind11.h>
+
+#include "options.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/linear/sparse_cholesky.hpp"
+
+namespace py = pybind11;
+
+namespace {
+
+// The Python class is defined in sfmcpp.errors, so that code without the core can raise it too.
+void register_errors() {
+  py::register_exception_translator([](std::exception_ptr p) {
+    try {
+      if (p) std::rethrow_exception(p);
+    } catch (const sfmcpp::InvalidArgument& e) {
+      py::set_error(py::module_::import("sfmcpp.errors").attr("InvalidArgument"), e.what());
+    } catch (const sfmcpp::Error& e) {
+      py::set_error(py::module_::import("sfmcpp.errors").attr("SfmcppError"), e.what());
+    }
+  });
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "C++ core of sfmcpp; the public interface is the package sfmcpp.";
+  m.attr("__version__") = SFMCPP_VERSION;
+  m.attr("SPARSE_CHOLESKY") = py::str(std::string(sfmcpp::linear::sparse_cholesky_name()));
+  m.attr("INSTRUCTION_SET") = py::str(std::string(sfmcpp::isa_name(sfmcpp::active_isa())));
+  register_errors();
+  sfmcpp::bindings::bind_options(m);
+  sfmcpp::bindings::bind_summary(m);
+  sfmcpp::bindings::bind_solve(m);
+  sfmcpp::bindings::bind_check(m);
+}

@@ -1,0 +1,53 @@
+#include <pybind11/stl.h>
+
+#include "options.hpp"
+
+namespace sfmcpp::bindings {
+namespace {
+
+void bind_iteration(py::module_& m) {
+  using I = optim::Iteration;
+  py::class_<I>(m, "CoreIteration", "One iteration of the minimiser; number 0 is the start.")
+      .def_readonly("iteration", &I::number)
+      .def_readonly("cost", &I::cost)
+      .def_readonly("seconds", &I::seconds)
+      .def_readonly("accepted", &I::accepted)
+      .def_readonly("damping", &I::damping)
+      .def_readonly("gradient_norm", &I::gradient_norm)
+      .def_readonly("step_norm", &I::step_norm)
+      .def_property_readonly("step_lengths",
+                             [](const I& i) { return std::pair(i.lengths.camera, i.lengths.point); })
+      .def_readonly("linear_solver_iterations", &I::linear_solver_iterations);
+}
+
+void def_minimizer_part(py::class_<ba::SolveSummary>& c) {
+  using S = ba::SolveSummary;
+  c.def_property_readonly("initial_cost", [](const S& s) { return s.minimizer.initial_cost; });
+  c.def_property_readonly("final_cost", [](const S& s) { return s.minimizer.final_cost; });
+  c.def_property_readonly("termination", [](const S& s) { return enum_name(s.minimizer.termination); });
+  c.def_property_readonly("message", [](const S& s) { return s.minimizer.message; });
+  c.def_property_readonly("iterations", [](const S& s) { return s.minimizer.iterations; });
+}
+
+}  // namespace
+
+void bind_summary(py::module_& m) {
+  bind_iteration(m);
+  using S = ba::SolveSummary;
+  py::class_<S> c(m, "CoreSummary", "What a solve did.");
+  def_minimizer_part(c);
+  c.def_readonly("initial_rms_px", &S::initial_rms_px);
+  c.def_readonly("final_rms_px", &S::final_rms_px);
+  c.def_property_readonly("linear_solver", [](const S& s) { return enum_name(s.linear_solver.kind); });
+  c.def_property_readonly("linear_solver_reason", [](const S& s) { return s.linear_solver.reason; });
+  c.def_readonly("loss_scale_px", &S::loss_scale_px);
+  c.def_readonly("threads", &S::num_threads);
+  c.def_readonly("seconds_setup", &S::seconds_setup);
+  c.def_readonly("seconds_total", &S::seconds_total);
+  c.def_readonly("warnings", &S::warnings);
+  c.def_property_readonly("observations_behind_camera", [](const S& s) {
+    return std::pair(s.behind_camera_initial, s.behind_camera_final);
+  });
+}
+
+}  // namespace sfmcpp::bindings

@@ -1,0 +1,76 @@
+#include "sfmcpp/linear/explicit_schur.hpp"
+
+#include <algorithm>
+
+namespace sfmcpp::linear {
+
+ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind)
+    : normal_(normal), pattern_(make_camera_pattern(normal.graph())), elimination_(normal) {
+  const auto size = static_cast<std::size_t>(normal.map().camera_size);
+  coupling_.resize(static_cast<std::size_t>(normal.graph().num_observations()) * 3 * size);
+  blocks_.resize(static_cast<std::size_t>(pattern_.num_blocks()) * size * size);
+  rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
+  block_of_camera_.assign(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
+  reduced_ = kind == LinearSolverKind::kSparse
+                 ? make_sparse_reduced_solver(pattern_, normal.map())
+                 : make_dense_reduced_solver(pattern_, normal.map(), normal.pool());
+}
+
+LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping, Step& step,
+                                             const std::function<bool()>&) {
+  elimination_.eliminate(damping);
+  couple();
+  form();
+  const ParameterMap& map = normal_.map();
+  std::vector<double> diagonal(map.num_columns);
+  for (int k = 0; k < map.num_columns; ++k) diagonal[k] = damping(normal_.camera_diagonal()[k]);
+  step.camera.assign(map.num_columns, 0.0);
+  for (int i = 0; i < normal_.graph().num_cameras; ++i) {
+    map.fold(rhs_.data() + static_cast<long>(map.camera_size) * i, i, step.camera.data());
+  }
+  if (!reduced_->solve(blocks_.data(), diagonal, step.camera)) return {};
+  elimination_.back_substitute(step);
+  return {.success = true, .iterations = 0};
+}
+
+void ExplicitSchurSolver::couple() {
+  const long size = normal_.map().camera_size;
+  const ObservationGraph& graph = normal_.graph();
+  normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
+    const Chunk& c = graph.chunks[chunk];
+    normal_.kernels().couple(c.end - c.begin, normal_.jacobian() + 2 * size * c.begin,
+                             elimination_.eliminated(c.begin), coupling_.data() + 3 * size * c.begin);
+  });
+}
+
+void ExplicitSchurSolver::form() {
+  normal_.pool().parallel_for_worker(pattern_.num_rows(), [this](int i, int worker) { form_row(i, worker); });
+}
+
+void ExplicitSchurSolver::form_row(int i, int worker) {
+  const ObservationGraph& graph = normal_.graph();
+  const long size = normal_.map().camera_size;
+  const long first = pattern_.row_begin[i], end = pattern_.row_begin[i + 1];
+  int* block_of_camera = block_of_camera_[worker].data();
+  for (long block = first; block < end; ++block) {
+    block_of_camera[pattern_.column[block]] = static_cast<int>(block - first);
+  }
+  double* row_blocks = blocks_.data() + first * size * size;
+  std::fill(row_blocks + size * size, row_blocks + (end - first) * size * size, 0.0);
+  normal_.kernels().schur_row({.begin = graph.camera_begin[i],
+                               .end = graph.camera_begin[i + 1],
+                               .of_point = graph.of_point.data(),
+                               .point_begin = graph.point_begin.data(),
+                               .point = graph.point.data(),
+                               .camera = graph.camera.data(),
+                               .rank = graph.rank.data(),
+                               .jacobian = normal_.jacobian(),
+                               .eliminated = elimination_.eliminated(0),
+                               .coupling = coupling_.data(),
+                               .block_of_camera = block_of_camera,
+                               .diagonal = row_blocks,
+                               .blocks = row_blocks,
+                               .rhs = rhs_.data() + size * i});
+}
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,24 @@
+#include "sfmcpp/linear/parameter_map.hpp"
+
+namespace sfmcpp::linear {
+
+void ParameterMap::expand(const double* reduced, int camera, double* block) const {
+  const int* columns = columns_of(camera);
+  for (int k = 0; k < camera_size; ++k) block[k] = columns[k] == kNoColumn ? 0.0 : reduced[columns[k]];
+}
+
+void ParameterMap::fold(const double* block, int camera, double* reduced) const {
+  const int* columns = columns_of(camera);
+  for (int k = 0; k < camera_size; ++k) {
+    if (columns[k] != kNoColumn) reduced[columns[k]] += block[k];
+  }
+}
+
+int padded_camera_size(int free_parameters) {
+  for (int size : {6, 9, 12}) {
+    if (free_parameters <= size) return size;
+  }
+  return 18;
+}
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,91 @@
+#include <cstdio>
+#include <unistd.h>
+
+#include "sfmcpp/linear/block_ordering.hpp"
+#include "sfmcpp/linear/explicit_schur.hpp"
+#include "sfmcpp/linear/implicit_schur.hpp"
+#include "sfmcpp/linear/linear_solver.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+// Flops per second, in order of magnitude, on one core of today: only their ratios matter. Dense LAPACK
+// on large fronts, sparse supernodal, and passes bound by memory.
+constexpr double kDenseRate = 30e9;
+constexpr double kSparseRate = 8e9;
+constexpr double kFormRate = 20e9;
+constexpr double kIterativeRate = 4e9;
+// Conjugate-gradient iterations a step is expected to take.
+constexpr double kExpectedIterations = 60;
+constexpr double kMemoryShare = 0.5;  // of the machine's memory that a matrix may take
+
+struct Prediction {
+  double seconds = 0.0;
+  double bytes = 0.0;
+};
+
+double machine_bytes() {
+  return static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGE_SIZE));
+}
+
+std::string describe(const char* name, const Prediction& p) {
+  char text[96];
+  std::snprintf(text, sizeof text, "%s %.2g ms and %.2g MB", name, 1e3 * p.seconds, p.bytes / 1e6);
+  return text;
+}
+
+// Explicit Schur complement without its factorisation.
+Prediction predict_form(const ObservationGraph& graph, double size) {
+  const double observations = graph.num_observations();
+  return {.seconds = 6 * size * size * num_pair_updates(graph) / kFormRate, .bytes = observations * 24 * size};
+}
+
+Prediction predict_iterative(const ObservationGraph& graph, double size) {
+  const double observations = graph.num_observations();
+  return {.seconds = kExpectedIterations * observations * (8 * size + 24) / kIterativeRate, .bytes = 0.0};
+}
+
+}  // namespace
+
+LinearSolverChoice choose_linear_solver(const ObservationGraph& graph, const ParameterMap& map,
+                                        LinearSolverKind requested) {
+  if (requested != LinearSolverKind::kAuto) return {requested, "as requested"};
+  const double size = map.camera_size, columns = map.num_columns;
+  const Prediction form = predict_form(graph, size);
+  const Prediction iterative = predict_iterative(graph, size);
+  const Prediction dense{form.seconds + columns * columns * columns / 3 / kDenseRate,
+                         form.bytes + 8 * columns * columns};
+  Prediction sparse{1e300, 1e300};
+  // Below this the whole matrix costs less than analysing it.
+  constexpr double kAlwaysDense = 300;
+  const double budget = kMemoryShare * machine_bytes();
+  if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
+    const CameraPattern pattern = make_camera_pattern(graph);
+    const BlockOrdering ordering = order_blocks(make_block_graph(pattern, map));
+    sparse = {form.seconds + ordering.flops / kSparseRate,
+              form.bytes + 8 * (size * size * static_cast<double>(pattern.num_blocks()) + ordering.factor_entries)};
+  }
+  LinearSolverChoice choice{LinearSolverKind::kIterative, ""};
+  double best = iterative.seconds;
+  const auto consider = [&](LinearSolverKind kind, const Prediction& p) {
+    if (p.seconds > best || p.bytes > budget) return;
+    best = p.seconds;
+    choice.kind = kind;
+  };
+  consider(LinearSolverKind::kSparse, sparse);
+  consider(LinearSolverKind::kDense, dense);
+  choice.reason = "predicted for a step: " + describe("dense", dense);
+  if (sparse.seconds < 1e300) choice.reason += ", " + describe("sparse", sparse);
+  choice.reason += ", " + describe("iterative", iterative);
+  return choice;
+}
+
+std::unique_ptr<LinearSolver> make_linear_solver(const NormalEquations& normal,
+                                                 const LinearSolverOptions& options) {
+  if (options.kind == LinearSolverKind::kIterative) {
+    return std::make_unique<ImplicitSchurSolver>(normal, options);
+  }
+  return std::make_unique<ExplicitSchurSolver>(normal, options.kind);
+}
+
+}  // namespace sfmcpp::linear

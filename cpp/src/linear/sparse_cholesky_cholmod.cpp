@@ -1,0 +1,88 @@
+#ifdef SFMCPP_WITH_CHOLMOD
+#include <cholmod.h>
+
+#include <algorithm>
+#include <new>
+
+#include "sfmcpp/linear/blas_threads.hpp"
+#include "sfmcpp/linear/sparse_cholesky.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+class CholmodCholesky final : public SparseCholesky {
+ public:
+  explicit CholmodCholesky(const SparseLower& pattern) {
+    cholmod_start(&common_);
+    common_.print = 0;  // the core never prints
+    common_.quick_return_if_not_posdef = 1;
+    common_.nmethods = 1;
+    common_.method[0].ordering = CHOLMOD_NATURAL;
+    common_.postorder = 1;
+    cholmod_sparse view = view_of(pattern);
+    const SingleThreadedBlas single_threaded;
+    factor_ = cholmod_analyze(&view, &common_);
+    if (factor_ == nullptr) {
+      cholmod_finish(&common_);
+      throw std::bad_alloc();
+    }
+  }
+  ~CholmodCholesky() override {
+    cholmod_free_factor(&factor_, &common_);
+    cholmod_finish(&common_);
+  }
+  CholmodCholesky(const CholmodCholesky&) = delete;
+  CholmodCholesky& operator=(const CholmodCholesky&) = delete;
+
+  bool factorize(const SparseLower& matrix) override {
+    cholmod_sparse view = view_of(matrix);
+    const SingleThreadedBlas single_threaded;
+    cholmod_factorize(&view, factor_, &common_);
+    return common_.status == CHOLMOD_OK && factor_->minor == factor_->n;
+  }
+
+  void solve(std::vector<double>& x) override {
+    cholmod_dense rhs{};
+    rhs.nrow = rhs.d = rhs.nzmax = x.size();
+    rhs.ncol = 1;
+    rhs.x = x.data();
+    rhs.xtype = CHOLMOD_REAL;
+    rhs.dtype = CHOLMOD_DOUBLE;
+    const SingleThreadedBlas single_threaded;
+    cholmod_dense* solution = cholmod_solve(CHOLMOD_A, factor_, &rhs, &common_);
+    if (solution == nullptr) throw std::bad_alloc();
+    std::copy_n(static_cast<const double*>(solution->x), x.size(), x.begin());
+    cholmod_free_dense(&solution, &common_);
+  }
+
+ private:
+  static cholmod_sparse view_of(const SparseLower& matrix) {
+    cholmod_sparse view{};
+    view.nrow = view.ncol = static_cast<std::size_t>(matrix.size);
+    view.nzmax = matrix.row.size();
+    // CHOLMOD reads these arrays only; its interface is not const.
+    view.p = const_cast<int*>(matrix.column_begin.data());
+    view.i = const_cast<int*>(matrix.row.data());
+    view.x = const_cast<double*>(matrix.value.data());
+    view.stype = -1;
+    view.itype = CHOLMOD_INT;
+    view.xtype = CHOLMOD_REAL;
+    view.dtype = CHOLMOD_DOUBLE;
+    view.sorted = view.packed = 1;
+    return view;
+  }
+
+  cholmod_common common_{};
+  cholmod_factor* factor_ = nullptr;
+};
+
+}  // namespace
+
+std::unique_ptr<SparseCholesky> make_sparse_cholesky(const SparseLower& pattern) {
+  return std::make_unique<CholmodCholesky>(pattern);
+}
+
+std::string_view sparse_cholesky_name() { return "CHOLMOD"; }
+
+}  // namespace sfmcpp::linear
+#endif

@@ -1,0 +1,42 @@
+#include "sfmcpp/math/so3.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+namespace sfmcpp {
+namespace {
+
+// Below this squared angle the series of sin(a)/a and (1 − cos a)/a² are exact to double precision
+// after the terms kept here.
+constexpr double kSmallSquaredAngle = 1e-4;
+
+}  // namespace
+
+Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w) {
+  const double squared = w.squaredNorm();
+  double sinc = 1.0 - squared / 6.0 * (1.0 - squared / 20.0 * (1.0 - squared / 42.0));
+  double versine = 0.5 - squared / 24.0 * (1.0 - squared / 30.0 * (1.0 - squared / 56.0));
+  if (squared > kSmallSquaredAngle) {
+    const double angle = std::sqrt(squared);
+    sinc = std::sin(angle) / angle;
+    versine = (1.0 - std::cos(angle)) / squared;
+  }
+  const Eigen::Matrix3d k = skew(w);
+  return Eigen::Matrix3d::Identity() + sinc * k + versine * k * k;
+}
+
+Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation) {
+  // The quaternion is well conditioned at every angle, π included.
+  Eigen::Quaterniond q(rotation);
+  q.normalize();
+  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
+  const double sine = q.vec().norm();
+  const double scale = sine > 1e-8 ? 2.0 * std::atan2(sine, q.w()) / sine : 2.0 / q.w();
+  return scale * q.vec();
+}
+
+Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& m) {
+  return 1.5 * m - 0.5 * m * m.transpose() * m;
+}
+
+}  // namespace sfmcpp

@@ -1,0 +1,174 @@
+#include "sfmcpp/optim/minimizer.hpp"
+
+#include <cmath>
+#include <optional>
+
+namespace sfmcpp::optim {
+namespace {
+
+double squared_norm(const std::vector<double>& values) {
+  double sum = 0.0;
+  for (double v : values) sum += v * v;
+  return sum;
+}
+
+double norm(const linear::Step& step) { return std::sqrt(squared_norm(step.camera) + squared_norm(step.point)); }
+
+double norm(const State& state) {
+  return std::sqrt(squared_norm(state.cameras) + squared_norm(state.intrinsics) + squared_norm(state.points));
+}
+
+class Minimizer {
+ public:
+  Minimizer(LeastSquaresModel& model, linear::LinearSolver& solver, const MinimizerOptions& options,
+            const Events& events, const Stopwatch& clock, State& state)
+      : model_(model), solver_(solver), options_(options), events_(events), clock_(clock), state_(state),
+        candidate_(state), strategy_(make_step_strategy(options)) {}
+
+  MinimizerSummary run() {
+    start();
+    while (!finished()) {
+      compute_step();
+      if (finished()) break;
+      evaluate_candidate();
+      if (step_is_successful()) {
+        accept();
+      } else {
+        reject();
+      }
+      record();
+    }
+    summary_.final_cost = cost_;
+    return std::move(summary_);
+  }
+
+ private:
+  void start() {
+    cost_ = summary_.initial_cost = model_.cost(state_);
+    if (!std::isfinite(cost_)) {
+      finish(Termination::kNumericalFailure, "the cost at the start is not finite");
+      return;
+    }
+    linearize();
+    now_ = Iteration{.cost = cost_, .gradient_norm = gradient_norm()};
+    record();
+  }
+
+  void linearize() {
+    model_.linearize(state_);
+    if (gradient_norm() <= options_.termination.gradient_tolerance) {
+      finish(Termination::kConverged, "the gradient is zero to within gradient_tolerance");
+    }
+  }
+
+  void compute_step() {
+    now_ = Iteration{.number = now_.number + 1, .damping = strategy_->damping(), .gradient_norm = gradient_norm()};
+    result_ = strategy_->compute(model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
+    now_.damping = strategy_->damping();
+    now_.linear_solver_iterations = result_.linear_solver_iterations;
+    if (!result_.valid) return;
+    now_.step_norm = norm(step_);
+    if (now_.step_norm <= options_.termination.parameter_tolerance * norm(state_)) {
+      finish(Termination::kConverged, "the step is negligible: within parameter_tolerance of the unknowns");
+    }
+  }
+
+  void evaluate_candidate() {
+    if (!result_.valid) return;
+    model_.plus(state_, step_, now_.lengths, candidate_);
+    candidate_cost_ = model_.cost(candidate_);
+  }
+
+  // A cost that is not finite compares false.
+  bool step_is_successful() const { return result_.valid && candidate_cost_ < cost_; }
+
+  void accept() {
+    const double decrease = cost_ - candidate_cost_;
+    std::swap(state_, candidate_);
+    strategy_->accepted(decrease / result_.predicted_decrease);
+    cost_ = candidate_cost_;
+    if (decrease <= options_.termination.function_tolerance * (cost_ + decrease)) {
+      finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
+    } else {
+      linearize();
+    }
+  }
+
+  void reject() {
+    now_.accepted = false;
+    strategy_->rejected();
+    if (change_is_negligible()) {
+      finish(Termination::kConverged, "neither the step nor the model changes the cost by function_tolerance");
+    } else if (strategy_->can_retry()) {
+      return;
+    } else if (!result_.valid) {
+      finish(Termination::kNumericalFailure, "the normal equations are singular and the method has no damping");
+    } else {
+      finish(Termination::kConverged, "no step decreases the cost any more");
+    }
+  }
+
+  // A rejected step whose promise and whose effect are both below the tolerance: rounding decides.
+  bool change_is_negligible() const {
+    const double negligible = options_.termination.function_tolerance * cost_;
+    return result_.valid && result_.predicted_decrease <= negligible &&
+           std::abs(candidate_cost_ - cost_) <= negligible;
+  }
+
+  void record() {
+    now_.cost = cost_;
+    now_.seconds = clock_.seconds();
+    summary_.iterations.push_back(now_);
+    obey(events_.on_iteration(now_));
+    if (!finished() && out_of_time()) finish(Termination::kMaxSeconds, "the time limit was reached");
+    if (!finished() && now_.number >= options_.termination.max_iterations) {
+      finish(Termination::kMaxIterations, "the limit on iterations was reached");
+    }
+  }
+
+  void obey(Signal signal) {
+    if (signal == Signal::kInterrupt) finish(Termination::kInterrupted, "interrupted; this is the best state so far");
+    if (signal == Signal::kStop) finish(Termination::kStoppedByCallback, "the callback asked to stop");
+  }
+
+  bool stop_requested() {
+    obey(events_.poll());
+    return finished() || out_of_time();
+  }
+
+  bool out_of_time() const { return clock_.seconds() >= options_.termination.max_seconds; }
+  double gradient_norm() const { return model_.normal_equations().gradient_max_norm(); }
+  bool finished() const { return finished_; }
+
+  void finish(Termination termination, const char* message) {
+    finished_ = true;
+    summary_.termination = termination;
+    summary_.message = message;
+  }
+
+  LeastSquaresModel& model_;
+  linear::LinearSolver& solver_;
+  const MinimizerOptions& options_;
+  const Events& events_;
+  const Stopwatch& clock_;
+  State& state_;
+  State candidate_;
+  std::unique_ptr<StepStrategy> strategy_;
+
+  linear::Step step_;
+  StepResult result_;
+  Iteration now_;
+  double cost_ = 0.0;
+  double candidate_cost_ = 0.0;
+  bool finished_ = false;
+  MinimizerSummary summary_;
+};
+
+}  // namespace
+
+MinimizerSummary minimize(LeastSquaresModel& model, linear::LinearSolver& solver, const MinimizerOptions& options,
+                          const Events& events, const Stopwatch& clock, State& state) {
+  return Minimizer(model, solver, options, events, clock, state).run();
+}
+
+}  // namespace sfmcpp::optim

@@ -1,0 +1,136 @@
+"""What a solve did: the summary and the record of each iteration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One step of the minimiser, accepted or not; iteration 0 is the start.
+
+    Attributes
+    ----------
+    iteration : int
+        Number of the step.
+    cost : float
+        ½ Σ ρ(‖r‖²) of the current accepted state, over all observations.
+    seconds : float
+        Since the start of the solve [s].
+    accepted : bool
+        Whether the step was taken.
+    damping : float
+        λ of the step.
+    gradient_norm : float
+        Largest entry of the gradient where the step started.
+    step_norm : float
+        Euclidean norm of the step.
+    step_lengths : (float, float)
+        How far along the step the cameras and the points went.
+    linear_solver_iterations : int
+        Conjugate-gradient iterations; 0 for direct solvers.
+    """
+
+    iteration: int
+    cost: float
+    seconds: float
+    accepted: bool
+    damping: float
+    gradient_norm: float
+    step_norm: float
+    step_lengths: tuple[float, float]
+    linear_solver_iterations: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Result of :func:`sfmcpp.solve`; print it for a table.
+
+    Attributes
+    ----------
+    initial_cost, final_cost : float
+        ½ Σ ρ(‖r‖²) with residuals over their standard deviation.
+    initial_rms_px, final_rms_px : float
+        sqrt(Σ‖r‖² / 2M), without the loss (thesis eq. 3.27).
+    termination : str
+        ``"converged"``, ``"max_iterations"``, ``"max_seconds"``, ``"interrupted"``,
+        ``"stopped_by_callback"`` or ``"numerical_failure"``.
+    message : str
+        The same in words.
+    method, line_search, linear_solver, loss : str
+        What was used; `linear_solver_reason` says why.
+    loss_scale_px : float
+        Scale of the loss, as given or as estimated.
+    threads : int
+        Threads used.
+    seconds_setup, seconds_total : float
+        Before the first iteration, and in all [s].
+    warnings : list of str
+        What is legal but worth knowing, by name.
+    observations_behind_camera : (int, int)
+        Observations whose point is not in front of the camera, at the start and at the end.
+    iterations : list of Iteration
+        The whole history; the first is the start.
+    """
+
+    initial_cost: float
+    final_cost: float
+    initial_rms_px: float
+    final_rms_px: float
+    termination: str
+    message: str
+    method: str
+    line_search: str
+    linear_solver: str
+    linear_solver_reason: str
+    loss: str
+    loss_scale_px: float
+    threads: int
+    seconds_setup: float
+    seconds_total: float
+    warnings: list[str] = field(default_factory=list)
+    observations_behind_camera: tuple[int, int] = (0, 0)
+    iterations: list[Iteration] = field(default_factory=list)
+
+    @property
+    def converged(self) -> bool:
+        """Whether a tolerance was met, rather than a limit."""
+        return self.termination == "converged"
+
+    def history(self) -> dict[str, NDArray[Any]]:
+        """Columns of the iterations as arrays, by field name; `step_lengths` is (n, 2)."""
+        rows = [asdict(iteration) for iteration in self.iterations]
+        return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else {})}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values only, as for JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:<22}{value}" for name, value in self._rows())
+
+    def _rows(self) -> list[tuple[str, str]]:
+        accepted = sum(i.accepted for i in self.iterations[1:])
+        tried = max(len(self.iterations) - 1, 0)
+        rows = [
+            ("cost", f"{self.initial_cost:.6e} → {self.final_cost:.6e}"),
+            ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
+            ("termination", f"{self.termination}: {self.message}"),
+            ("iterations", f"{tried} ({accepted} accepted)"),
+            ("method", f"{self.method}, {self.linear_solver} linear solver, {self.threads} threads"),
+            ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),
+            ("seconds", f"{self.seconds_total:.4g}"),
+        ]
+        return rows + [("warning", warning) for warning in self.warnings]
+
+
+def relative_change(iterations: list[Iteration]) -> float:
+    """Relative decrease of the cost over the last of `iterations`; NaN where there is no step yet."""
+    if len(iterations) < 2 or iterations[-2].cost == 0.0:
+        return math.nan
+    return 1.0 - iterations[-1].cost / iterations[-2].cost

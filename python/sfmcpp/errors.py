@@ -1,0 +1,40 @@
+"""The exceptions of sfmcpp: one root, one class for each kind of failure a caller can act on."""
+
+from __future__ import annotations
+
+from os import PathLike, fspath
+
+
+class SfmcppError(Exception):
+    """Root of every exception that sfmcpp raises on purpose."""
+
+
+class InvalidArgument(SfmcppError, ValueError):
+    """A broken contract of a call; the message names the argument, its value and the rule."""
+
+
+class DatasetError(SfmcppError, ValueError):
+    """A file that cannot be read or written as asked.
+
+    Parameters
+    ----------
+    path : path-like
+        The file at fault.
+    reason : str
+        What is wrong, naming the value and the rule it breaks.
+    line : int, optional
+        Line of a text file, counted from 1; left out for binary files.
+    """
+
+    def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
+        self.path = fspath(path)
+        self.reason = reason
+        self.line = line
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        where = self.path if self.line is None else f"{self.path}:{self.line}"
+        return f"{where}: {self.reason}"
+
+    def __reduce__(self) -> tuple[type[DatasetError], tuple[str, str, int | None]]:
+        return (DatasetError, (self.path, self.reason, self.line))

@@ -1,0 +1,47 @@
+"""What a file format is to the rest of the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sfmcpp.model import Problem
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: its name, its suffixes, and how to read and write it.
+
+    Attributes
+    ----------
+    name : str
+        Name to ask for it by.
+    description : str
+        One line for people.
+    suffixes : tuple of str
+        How the names of its files end; empty for folders.
+    """
+
+    name: str
+    description: str
+    suffixes: tuple[str, ...]
+    reader: Callable[[Path], Problem] | None = field(default=None, repr=False)
+    writer: Callable[[Problem, Path], None] | None = field(default=None, repr=False)
+    claim: Callable[[Path], bool] | None = field(default=None, repr=False)
+
+    @property
+    def readable(self) -> bool:
+        """Whether files of this format can be read."""
+        return self.reader is not None
+
+    @property
+    def writable(self) -> bool:
+        """Whether files of this format can be written."""
+        return self.writer is not None
+
+    def claims(self, path: Path) -> bool:
+        """Whether `path`, which need not exist, is a name for this format."""
+        if self.claim is not None:
+            return self.claim(path)
+        return path.name.lower().endswith(self.suffixes)

@@ -1,0 +1,221 @@
+"""The one problem type: a bundle adjustment problem as a structure of NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.camera_models import camera_model
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int32]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass
+class Metadata:
+    """What files say beyond the problem itself; kept so that read, write, read loses nothing.
+
+    Attributes
+    ----------
+    source_format : str
+        Format the problem was read from, or empty.
+    image_names : list of str
+        One name per camera, or empty.
+    image_sizes : (C, 2) int array or None
+        Width and height of each camera's image [px].
+    point_colors : (N, 3) uint8 array or None
+        Red, green, blue of each point.
+    extra : dict
+        Anything else a format needs to write itself back (identifiers, keypoint numbers…).
+    """
+
+    source_format: str = ""
+    image_names: list[str] = field(default_factory=list)
+    image_sizes: NDArray[np.int64] | None = None
+    point_colors: NDArray[np.uint8] | None = None
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Problem:
+    """A bundle adjustment problem: C cameras, G rows of intrinsics, N points, M observations.
+
+    Parameters
+    ----------
+    camera_model : str
+        ``"calibrated"``, ``"perspective"`` or ``"bal"``; see :class:`CameraModel`.
+    cameras : (C, 3, 4) float64
+        ``[R | c]`` of each camera: rotation world_from_camera and centre in the world. A world point X
+        is at ``Rᵀ (X − c)`` in the camera, z forward, y down.
+    intrinsics : (G, K) float64
+        Intrinsic parameters in the order of the camera model. One row per camera, or fewer rows shared
+        through `intrinsics_index`.
+    points : (N, 3) float64
+        World points.
+    camera_index, point_index : (M,) int32
+        Camera and point of each observation.
+    pixels : (M, 2) float64
+        Observed image positions [px].
+    intrinsics_index : (C,) int32, optional
+        Row of `intrinsics` that each camera uses. Default: camera i uses row i (then G = C).
+    sigma_px : (M,) float64, optional
+        Standard deviation of each observation [px]. Default: 1 px everywhere.
+    fixed_cameras : (C,) bool, optional
+        Cameras whose pose stays as it is. Default: none.
+    fixed_points : (N,) bool, optional
+        Points that stay as they are. Default: none.
+    fixed_intrinsics : (G, K) bool, optional
+        Single intrinsic parameters that stay as they are. Default: the camera model's.
+    metadata : Metadata, optional
+        Names, colours and the like; no solver looks at it.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape or a dtype is wrong. Values (indices in range, finite numbers, rotations) are checked
+        by :meth:`check` and by every solve.
+    """
+
+    camera_model: str
+    cameras: FloatArray
+    intrinsics: FloatArray
+    points: FloatArray
+    camera_index: IndexArray
+    point_index: IndexArray
+    pixels: FloatArray
+    intrinsics_index: IndexArray = None  # type: ignore[assignment]
+    sigma_px: FloatArray | None = None
+    fixed_cameras: BoolArray = None  # type: ignore[assignment]
+    fixed_points: BoolArray = None  # type: ignore[assignment]
+    fixed_intrinsics: BoolArray = None  # type: ignore[assignment]
+    metadata: Metadata = field(default_factory=Metadata)
+
+    def __post_init__(self) -> None:
+        model = camera_model(self.camera_model)
+        self.cameras = _array("cameras", self.cameras, np.float64, (-1, 3, 4))
+        self.intrinsics = _array("intrinsics", self.intrinsics, np.float64, (-1, len(model.intrinsics)))
+        self.points = _array("points", self.points, np.float64, (-1, 3))
+        self.camera_index = _array("camera_index", self.camera_index, np.int32, (-1,))
+        count = self.num_observations
+        self.point_index = _array("point_index", self.point_index, np.int32, (count,))
+        self.pixels = _array("pixels", self.pixels, np.float64, (count, 2))
+        if self.sigma_px is not None:
+            self.sigma_px = _array("sigma_px", self.sigma_px, np.float64, (count,))
+        self._set_defaults(model.intrinsics, model.free_by_default)
+
+    def _set_defaults(self, names: Sequence[str], free: Iterable[str]) -> None:
+        cameras, groups, points = self.num_cameras, len(self.intrinsics), self.num_points
+        if self.intrinsics_index is None:
+            _require_private_intrinsics(groups, cameras)
+            self.intrinsics_index = np.arange(cameras, dtype=np.int32)
+        if self.fixed_cameras is None:
+            self.fixed_cameras = np.zeros(cameras, dtype=np.bool_)
+        if self.fixed_points is None:
+            self.fixed_points = np.zeros(points, dtype=np.bool_)
+        if self.fixed_intrinsics is None:
+            free = set(free)
+            self.fixed_intrinsics = np.tile([name not in free for name in names], (groups, 1))
+        self.intrinsics_index = _array("intrinsics_index", self.intrinsics_index, np.int32, (cameras,))
+        self.fixed_cameras = _array("fixed_cameras", self.fixed_cameras, np.bool_, (cameras,))
+        self.fixed_points = _array("fixed_points", self.fixed_points, np.bool_, (points,))
+        self.fixed_intrinsics = _array(
+            "fixed_intrinsics", self.fixed_intrinsics, np.bool_, (groups, len(names))
+        )
+
+    @property
+    def num_cameras(self) -> int:
+        """Number of cameras, C."""
+        return len(self.cameras)
+
+    @property
+    def num_points(self) -> int:
+        """Number of points, N."""
+        return len(self.points)
+
+    @property
+    def num_observations(self) -> int:
+        """Number of observations, M."""
+        return len(self.camera_index)
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(C, 3, 3) view: rotation world_from_camera of each camera."""
+        return self.cameras[:, :, :3]
+
+    @property
+    def centres(self) -> FloatArray:
+        """(C, 3) view: centre of each camera in the world."""
+        return self.cameras[:, :, 3]
+
+    @property
+    def intrinsic_names(self) -> tuple[str, ...]:
+        """Names of the columns of `intrinsics`."""
+        return camera_model(self.camera_model).intrinsics
+
+    def set_free_intrinsics(self, *names: str) -> Problem:
+        """Free exactly the named intrinsic parameters, in every row; fix the others. Returns `self`.
+
+        Raises
+        ------
+        InvalidArgument
+            If the camera model has no parameter of that name, or fixes all its intrinsics.
+        """
+        known = self.intrinsic_names
+        for name in names:
+            if name not in known:
+                raise InvalidArgument(
+                    f"intrinsic {name!r}: camera model {self.camera_model!r} has {', '.join(known)}"
+                )
+        if names and self.camera_model == "calibrated":
+            raise InvalidArgument(
+                f"intrinsic {names[0]!r}: camera model 'calibrated' keeps all its intrinsics fixed; "
+                "use 'perspective'"
+            )
+        self.fixed_intrinsics[:] = [name not in names for name in known]
+        return self
+
+    def copy(self) -> Problem:
+        """An independent copy; the metadata is shared."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Problem(**{k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items()})
+
+    def __repr__(self) -> str:
+        return (
+            f"Problem({self.camera_model!r}: {self.num_cameras} cameras, {self.num_points} points, "
+            f"{self.num_observations} observations)"
+        )
+
+
+def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """`value` as a C-contiguous array of that dtype and shape (−1: any length), or InvalidArgument."""
+    array = np.asarray(value)
+    if array.size == 0 and array.ndim <= 1:
+        array = array.reshape([max(n, 0) for n in shape])
+    if array.dtype != dtype and not np.can_cast(array.dtype, dtype, casting="same_kind"):
+        raise InvalidArgument(f"{name}: dtype {array.dtype} cannot be used as {np.dtype(dtype).name}")
+    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if n == -1 else str(n) for n in shape)
+        raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
+    if np.dtype(dtype) == np.int32 and array.size and array.dtype.itemsize > 4:
+        _require_int32(name, array)
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def _require_int32(name: str, array: NDArray[Any]) -> None:
+    limits = np.iinfo(np.int32)
+    worst = array.flat[np.argmax(np.abs(array.astype(np.float64)))]
+    if not limits.min <= worst <= limits.max:
+        raise InvalidArgument(f"{name}: value {worst} does not fit in 32 bits")
+
+
+def _require_private_intrinsics(groups: int, cameras: int) -> None:
+    if groups != cameras:
+        raise InvalidArgument(
+            f"intrinsics: {groups} rows for {cameras} cameras, must be equal unless intrinsics_index is given"
+        )
