@@ -4,7 +4,8 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format asan no-cholmod bench stubs clean install cpp-tests-release cpp-tests-asan cpp-tests-no-cholmod
+.PHONY: help demo test install lint format asan no-cholmod bench stubs clean
+.PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-tests-release cpp-tests-asan cpp-tests-no-cholmod
 
 export PYTHON ?= python3
 VENV := .venv
@@ -21,7 +22,7 @@ LINT_PACKAGES_STAMP := build/stamps/lint-packages
 VENV_STAMP := $(VENV)/stamp-created
 INSTALL_STAMP := $(VENV)/stamp-installed
 
-SOURCES := $(shell find CMakeLists.txt pyproject.toml cmake cpp python -type f -not -name '*.pyc' 2>/dev/null)
+SOURCES := $(shell find CMakeLists.txt pyproject.toml cpp python -type f -not -name '*.pyc' -not -name '*.so')
 CPP_FILES = $(shell find cpp bench tests -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
 
 help: ## list the targets
@@ -36,14 +37,22 @@ test: install cpp-tests-release ## set up, build, and run the C++ and the Python
 
 install: $(INSTALL_STAMP) ## set up, and install the package with its extras into .venv
 
-lint: install $(LINT_PACKAGES_STAMP) ## ruff, mypy, clang-format and clang-tidy
+lint: lint-ruff lint-mypy lint-clang-format lint-clang-tidy ## ruff, mypy, clang-format and clang-tidy
+
+lint-ruff: install
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
+
+lint-mypy: install
 	$(VENV)/bin/mypy
-	clang-format --dry-run -Werror $(CPP_FILES)
+
+lint-clang-format: $(LINT_PACKAGES_STAMP)
+	@clang-format --dry-run -Werror $(CPP_FILES)
+
+lint-clang-tidy: install $(LINT_PACKAGES_STAMP)
 	tools/clang_tidy.sh $(PYTHON_BUILD) $(CLANG_TIDY_JOBS)
 
-format: $(INSTALL_STAMP) $(LINT_PACKAGES_STAMP) ## rewrite all sources in the project's format
+format: install $(LINT_PACKAGES_STAMP) ## rewrite all sources in the project's format
 	$(VENV)/bin/ruff check --fix --select I
 	$(VENV)/bin/ruff format
 	clang-format -i $(CPP_FILES)

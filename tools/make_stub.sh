@@ -6,4 +6,5 @@ python=$1 output=$2
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$python" -m pybind11_stubgen sfmcpp._core --exit-code --output-dir "$folder"
-cp "$folder/sfmcpp/_core.pyi" "$output"
+# Texts such as the version and the instruction set belong to one build, not to the interface.
+sed -E 's/^(\w+: str) = .*/\1/' "$folder/sfmcpp/_core.pyi" >"$output"

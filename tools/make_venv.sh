@@ -11,7 +11,8 @@ make_venv() { "$python" -m venv --clear "$folder" &>/dev/null; }
 
 has_headers() { "$python" -c 'import os, sysconfig as s; os.stat(s.get_path("include") + "/Python.h")' 2>/dev/null; }
 
-command -v "$python" >/dev/null || "$here/install_packages.sh" python3
+[[ $python != python3 ]] || command -v python3 >/dev/null || "$here/install_packages.sh" python3
+command -v "$python" >/dev/null || fail "no program $python; choose another: make PYTHON=/path/to/python"
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
   fail "$python is $("$python" --version 2>&1), must be 3.10 or newer; choose another: make PYTHON=/path/to/python"
 

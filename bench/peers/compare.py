@@ -1,4 +1,4 @@
-"""Bundle adjustment solvers on the same BAL files under the same rules: ``python bench/peers/compare.py FILE…``."""
+"""Compare bundle adjustment solvers on BAL files under one set of rules; see README.md beside this file."""
 
 from __future__ import annotations
 
@@ -47,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     peers, skipped = installed_peers(args)
     for reason in skipped:
         print(f"skipped {reason}")
+    if not peers:
+        raise SystemExit("no peer can run here")
     for position, path in enumerate(args.files):
         best = args.best[position] if position < len(args.best) else KNOWN_BEST_COSTS.get(stem(path))
         with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +63,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("peers-results"), help="folder of JSON and pictures")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--tuning-repeats", type=int, default=2, help="0: each peer's first variant, untuned")
+    parser.add_argument("--tuning-repeats", type=int, default=3, help="0: each peer's first variant, untuned")
     parser.add_argument("--only", default="", help="names of peers, separated by commas")
     parser.add_argument("--best", type=float, nargs="*", default=[], metavar="COST", help="one per file")
     parser.add_argument("--max-seconds", type=float, default=120.0, help="limit of a single run")
@@ -158,8 +160,10 @@ def publish(
     base.with_suffix(".md").write_text("\n".join([*text, *(f"skipped {s}" for s in skipped)]) + "\n")
     document = {"input": heading, "path": str(path), **environment(args), "skipped": skipped}
     base.with_suffix(".json").write_text(json.dumps(finite({**document, **as_json(comparison)}), indent=1))
-    draw([(row, comparison.drawn[row.title]) for row in comparison.rows], heading, base.with_suffix(".png"))
-    print(f"\nwritten: {base}.json, .md, .png")
+    if comparison.rows:
+        curves = [(row, comparison.drawn[row.title]) for row in comparison.rows]
+        draw(curves, heading, base.with_suffix(".png"))
+    print(f"\nwritten: {base}.*")
 
 
 def environment(args: argparse.Namespace) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Runs of solvers in processes of their own: first the ways to run each compete, then the best are repeated in turn."""
+"""Runs of solvers in processes of their own: the settings of each compete, then the best run in turn."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PEERS_FOLDER = Path(__file__).resolve().parents[1]
 TUNING_TARGET = 1e-3
 
 
-class RunFailed(Exception):
+class RunError(Exception):
     """A run that did not end with a result; the message says how."""
 
 
@@ -56,7 +56,7 @@ def run_once(entrant: Entrant, job: Job, problem: BalProblem) -> Run:
 
     Raises
     ------
-    RunFailed
+    RunError
         If the process fails or takes longer than ``job.max_seconds``.
     """
     _empty(job.folder)
@@ -83,13 +83,18 @@ def _execute(entrant: Entrant, job: Job) -> None:
     command = entrant.peer.command(job, entrant.variant)
     try:
         done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=job.max_seconds
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=job.max_seconds,
+            check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise RunFailed(f"no result within {job.max_seconds:g} s") from error
+        raise RunError(f"no result within {job.max_seconds:g} s") from error
     if done.returncode:
         lines = done.stderr.strip().splitlines() or ["no message"]
-        raise RunFailed(f"exit code {done.returncode}: {lines[-1]}")
+        raise RunError(f"exit code {done.returncode}: {lines[-1]}")
 
 
 def tune(
@@ -130,7 +135,7 @@ def _try_all(entrants: list[Entrant], job: Job, problem: BalProblem) -> tuple[li
     for entrant in entrants:
         try:
             runs.append(run_once(entrant, job, problem))
-        except RunFailed as error:
+        except RunError as error:
             reasons.append(str(error))
     return runs, reasons
 
@@ -164,7 +169,7 @@ def repeat_in_turn(
                 continue
             try:
                 run = run_once(entrant, replace(job, keep_state=repeat == 0), problem)
-            except RunFailed as error:
+            except RunError as error:
                 failures[entrant.title] = str(error)
             else:
                 runs.setdefault(entrant.title, []).append(run)

@@ -29,7 +29,7 @@ def draw(curves: Sequence[tuple[Row, Run]], heading: str, path: Path) -> None:
     for (row, run), style in zip(curves, _styles(rows), strict=True):
         seconds, excess = _curve(row, run)
         label = display_title(row, is_best_of_peer(row, rows))
-        axes.plot(seconds, excess, label=label, marker=".", markersize=4, **style)
+        axes.plot(seconds, excess, label=label, drawstyle="steps-post", marker=".", markersize=5, **style)
     _decorate(axes, heading)
     figure.savefig(path, dpi=130)
 
@@ -44,8 +44,8 @@ def _curve(row: Row, run: Run) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, An
 
 def _styles(rows: list[Row]) -> list[dict[str, Any]]:
     """A colour for each peer; within a peer the best is thick and solid, the others thin and dashed."""
-    colours = dict(zip((row.peer for row in _one_per_peer(rows)), cycle(COLOURS), strict=False))
-    colours["sfmcpp"] = OWN_COLOUR
+    others = sorted({row.peer for row in rows} - {"sfmcpp"})
+    colours = {"sfmcpp": OWN_COLOUR, **dict(zip(others, cycle(COLOURS), strict=False))}
     seen: dict[str, int] = {}
     styles = []
     for row in rows:
@@ -54,10 +54,6 @@ def _styles(rows: list[Row]) -> list[dict[str, Any]]:
         style = {"color": colours[row.peer], "linestyle": DASHES[position % len(DASHES)]}
         styles.append({**style, "linewidth": 2.2 if position == 0 else 1.0})
     return styles
-
-
-def _one_per_peer(rows: list[Row]) -> list[Row]:
-    return list({row.peer: row for row in reversed(rows) if row.peer != "sfmcpp"}.values())
 
 
 def _decorate(axes: Any, heading: str) -> None:

@@ -84,9 +84,7 @@ def seconds_per_iteration(trace: list[tuple[float, float]]) -> float:
 def median_run(runs: list[Run], best: float) -> Run:
     """The run whose time to 1e-3 of the best cost is the (lower) median; its curve is the one drawn."""
     target = best * (1.0 + 1e-3)
-    ordered = sorted(
-        runs, key=lambda run: (seconds_to(run.outcome.trace, target), run.outcome.seconds_total)
-    )
+    ordered = sorted(runs, key=lambda run: (seconds_to(run.outcome.trace, target), run.outcome.seconds_total))
     return ordered[(len(ordered) - 1) // 2]
 
 

@@ -45,9 +45,9 @@ def notes(rows: list[Row]) -> list[str]:
     """What has to be said about single rows: their settings, other objectives, unconfirmed costs."""
     lines = [f"{row.title}: {row.settings}; stopped by: {row.message}" for row in rows]
     lines += [
-        f"† {row.title} gives observations behind their camera no residual: targets are relative to the "
-        f"lowest such cost here, {row.best_cost:.7g}; over all observations ({row.observations_behind} behind) "
-        f"its final cost is {row.checked_cost_all:.7g}"
+        f"† {row.title} gives observations behind their camera no residual: its targets are relative to the "
+        f"lowest such cost here, {row.best_cost:.7g}. Over all observations ({row.observations_behind} of "
+        f"them behind) its final cost is {row.checked_cost_all:.7g}"
         for row in rows
         if row.objective is Objective.IN_FRONT
     ]

@@ -37,7 +37,7 @@ class Ceres(Peer):
         configure = ["cmake", "-S", str(SOURCE_FOLDER), "-B", str(folder), "-DCMAKE_BUILD_TYPE=Release"]
         for command in (configure, ["cmake", "--build", str(folder)]):
             try:
-                done = subprocess.run(command, capture_output=True, text=True)
+                done = subprocess.run(command, capture_output=True, text=True, check=False)
             except FileNotFoundError as error:
                 return str(error)
             if done.returncode:
@@ -45,7 +45,7 @@ class Ceres(Peer):
         return None
 
     def variants(self, threads: int) -> list[Variant]:
-        """Both kinds of Jacobian, one or all threads, and OpenBLAS with one or all threads where it is used."""
+        """Both kinds of Jacobian, one or all threads, and as many of OpenBLAS where it is used."""
         return [
             Variant(label, {**base, **dict(extra), "jacobian": jacobian, "threads": count}, _blas(blas))
             for label, base in SCHUR_SOLVERS.items()

@@ -53,9 +53,12 @@ class Colmap(InProcessPeer):
 
         def solve() -> Solution:
             with captured_stdout() as output:
-                summary = adjuster.solve().ceres_summary
+                result: Any = adjuster.solve()
+                output.seek(0)
+                progress = output.read().decode()
+            summary = result.ceres_summary
             return Solution(
-                trace=parse_trace(output.read().decode(), summary.initial_cost, summary.final_cost),
+                trace=parse_trace(progress, summary.initial_cost, summary.final_cost),
                 own_cost=summary.final_cost,
                 message=summary.message,
                 final_state=lambda: read_state(reconstruction),
@@ -125,16 +128,15 @@ def make_options(rule: StoppingRule, settings: dict[str, str]) -> Any:
 
 @contextmanager
 def captured_stdout() -> Iterator[BinaryIO]:
-    """A file that receives what C++ writes to standard output; rewound when the block ends."""
+    """A file that receives what C++ writes to standard output within the block."""
     saved = os.dup(1)
-    output = tempfile.TemporaryFile()
-    os.dup2(output.fileno(), 1)
-    try:
-        yield output
-    finally:
-        os.dup2(saved, 1)
-        os.close(saved)
-        output.seek(0)
+    with tempfile.TemporaryFile() as output:
+        os.dup2(output.fileno(), 1)
+        try:
+            yield output
+        finally:
+            os.dup2(saved, 1)
+            os.close(saved)
 
 
 def parse_trace(text: str, initial_cost: float, final_cost: float) -> list[tuple[float, float]]:

@@ -1,7 +1,7 @@
 """GTSAM: general SfM factors with Cal3Bundler cameras, its Levenberg–Marquardt for SfM.
 
 The gauge is free; damping takes care of it. GTSAM gives an observation behind its camera a residual of
-zero (objective "in-front"). GTSAM's threads cannot be set from Python; the harness limits the processors instead.
+zero (objective "in-front"). Its threads cannot be set from Python; the harness limits the processors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Gtsam(InProcessPeer):
     objective = Objective.IN_FRONT
 
     def variants(self, threads: int) -> list[Variant]:
-        """Elimination of the points first or in one go, with GTSAM's own damping rule and with that like Ceres'."""
+        """Points eliminated first or all in one go, with GTSAM's own damping rule or the one like Ceres'."""
         return [
             Variant("", {"elimination": elimination, "damping": damping})
             for elimination in ("Schur", "Full")

@@ -39,7 +39,7 @@ class Scipy(InProcessPeer):
 
     def prepare(self, problem: BalProblem, job: Job, settings: dict[str, str]) -> Callable[[], Solution]:
         """Parameters in one vector: cameras, then points."""
-        from scipy.optimize import least_squares
+        from scipy.optimize import least_squares  # type: ignore[import-untyped,unused-ignore]
 
         start = np.concatenate([problem.cameras.ravel(), problem.points.ravel()])
         jacobian = SparseJacobian(problem)
@@ -104,7 +104,7 @@ class SparseJacobian:
 
     def __call__(self, x: FloatArray) -> Any:
         """The Jacobian at x, a scipy.sparse.csr_matrix of shape (2M, 9C + 3N)."""
-        from scipy.sparse import csr_matrix
+        from scipy.sparse import csr_matrix  # type: ignore[import-untyped,unused-ignore]
 
         camera_blocks, point_blocks = jacobian_blocks(self.problem, x)
         values = np.concatenate([camera_blocks, point_blocks], axis=2).ravel()
@@ -126,9 +126,7 @@ def jacobian_blocks(problem: BalProblem, x: FloatArray) -> tuple[FloatArray, Flo
     return np.concatenate([by_rotation, by_local, by_intrinsics], axis=2), by_point
 
 
-def _image_derivatives(
-    problem: BalProblem, state: State, image: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _image_derivatives(problem: BalProblem, state: State, image: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(M, 2, 2) of the pixel by the undistorted image point, (M, 2, 3) by f, k1, k2."""
     focal, k1, k2 = state.intrinsics[problem.camera_index].T
     r2 = np.sum(image**2, axis=1)

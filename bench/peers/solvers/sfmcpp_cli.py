@@ -20,7 +20,7 @@ class SfmcppCli(Peer):
 
     def missing(self, build_folder: Path) -> str | None:
         """Whether the command answers."""
-        done = subprocess.run([*_sfmcpp(), "--help"], capture_output=True, text=True)
+        done = subprocess.run([*_sfmcpp(), "--help"], capture_output=True, text=True, check=False)
         lines = done.stderr.strip().splitlines()
         return None if done.returncode == 0 else f"`sfmcpp solve --help` fails: {(lines or ['silently'])[-1]}"
 
@@ -29,7 +29,7 @@ class SfmcppCli(Peer):
         return [Variant("", {"linear-solver": "auto"})]
 
     def command(self, job: Job, variant: Variant) -> list[str]:
-        """Solve; write the result only in the run whose state is checked, to measure the memory of solving."""
+        """Solve; write the result only where the state is checked, to measure the memory of solving."""
         options = {
             **variant.settings,
             "threads": job.threads,

@@ -110,7 +110,7 @@ void BundleModel::plus(const State& state, const linear::Step& step, optim::Step
 
 void BundleModel::plus_camera(const State& state, const linear::Step& step, double length, int camera,
                               State& result) const {
-  std::array<double, 32> delta;
+  std::array<double, linear::kMaxCameraSize> delta;
   map_.expand(step.camera.data(), camera, delta.data());
   for (int k = 0; k < map_.camera_size; ++k) delta[k] *= length;
   const long offset = static_cast<long>(kCameraStorage) * camera;

@@ -100,7 +100,8 @@ class SingleObservation {
     for (int k = 0; k < 3; ++k) distance += std::abs(point_[k] - camera_[4 * k + 3]);
     Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
     steps.head<3>().setConstant(kRelative);
-    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = kRelative * std::max(1e-2, std::abs(intrinsics_[k]));
+    // The projection is linear in each intrinsic parameter alone: a large step costs no accuracy.
+    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = 1e-2 * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 

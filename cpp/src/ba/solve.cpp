@@ -83,8 +83,8 @@ void SolveOptions::validate() const {
   check.require(t.function_tolerance >= 0.0, "function_tolerance", t.function_tolerance, "at least 0");
   check.require(t.gradient_tolerance >= 0.0, "gradient_tolerance", t.gradient_tolerance, "at least 0");
   check.require(t.parameter_tolerance >= 0.0, "parameter_tolerance", t.parameter_tolerance, "at least 0");
-  check.require(minimizer.initial_damping > 0.0 && std::isfinite(minimizer.initial_damping), "initial_damping",
-                minimizer.initial_damping, "positive and finite");
+  const double damping = minimizer.initial_damping.value_or(1.0);
+  check.require(damping > 0.0 && std::isfinite(damping), "initial_damping", damping, "positive and finite");
   check.require(loss_scale_px > 0.0 && std::isfinite(loss_scale_px), "loss_scale_px", loss_scale_px,
                 "positive and finite");
   check.require(linear_solver.pcg_tolerance > 0.0 && linear_solver.pcg_tolerance < 1.0, "pcg_tolerance",

@@ -38,13 +38,18 @@ void def_choices(py::class_<ba::SolveOptions>& c) {
   def_enum<optim::Method>(c, "method", [](O& o) -> auto& { return o.minimizer.method; }, "Minimiser.");
   def_enum<linear::LinearSolverKind>(
       c, "linear_solver", [](O& o) -> auto& { return o.linear_solver.kind; }, "Solver of the normal equations.");
+  def_enum<linear::DampingMatrix>(
+      c, "damping_matrix", [](O& o) -> auto& { return o.minimizer.damping_matrix; },
+      "What λ multiplies: the diagonal of JᵀJ, or the identity.");
   def_enum<LossKind>(c, "loss", [](O& o) -> auto& { return o.loss; }, "Robust loss.");
   def_enum<ba::Gauge>(c, "gauge", [](O& o) -> auto& { return o.gauge; }, "What holds the similarity freedom.");
 }
 
 void def_numbers(py::class_<ba::SolveOptions>& c) {
   using O = ba::SolveOptions;
-  def_value<double>(c, "initial_damping", [](O& o) -> auto& { return o.minimizer.initial_damping; }, "First λ.");
+  def_value<std::optional<double>>(
+      c, "initial_damping", [](O& o) -> auto& { return o.minimizer.initial_damping; },
+      "First λ; None: that of the method.");
   def_value<int>(
       c, "max_iterations", [](O& o) -> auto& { return o.minimizer.termination.max_iterations; },
       "Steps tried at most, rejected ones included.");

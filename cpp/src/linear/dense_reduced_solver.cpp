@@ -15,7 +15,7 @@ class DenseReducedSolver final : public ReducedSolver {
     clear();
     assemble(blocks);
     for (int k = 0; k < size(); ++k) at(k, k) += diagonal[k];
-    return dense_cholesky_solve(size(), matrix_.data(), x);
+    return dense_cholesky_solve(size(), matrix_.data(), x, pool_);
   }
 
  private:

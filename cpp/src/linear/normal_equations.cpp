@@ -10,6 +10,9 @@ namespace {
 constexpr double kMinDiagonal = 1e-6;
 constexpr double kMaxDiagonal = 1e32;
 
+// How many observations ahead a record is asked for: the records of a point lie anywhere in memory.
+constexpr int kAhead = 12;
+
 }  // namespace
 
 double Damping::operator()(double diagonal_entry) const {
@@ -55,7 +58,9 @@ void NormalEquations::finish() {
 void NormalEquations::gather_point(int p) {
   double block[kPointFactor] = {};
   if (map_.free_point[p]) {
+    const auto last = static_cast<int>(graph_.of_point.size()) - 1;
     for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
+      __builtin_prefetch(records_.data() + static_cast<long>(kPointRecord) * graph_.of_point[std::min(k + kAhead, last)]);
       const double* record = records_.data() + static_cast<long>(kPointRecord) * graph_.of_point[k];
       for (const double* a : {record, record + 4}) {
         block[0] += a[0] * a[0];

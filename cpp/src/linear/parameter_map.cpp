@@ -18,7 +18,7 @@ int padded_camera_size(int free_parameters) {
   for (int size : {6, 9, 12}) {
     if (free_parameters <= size) return size;
   }
-  return 18;
+  return kMaxCameraSize;
 }
 
 }  // namespace sfmcpp::linear

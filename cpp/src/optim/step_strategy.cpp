@@ -8,6 +8,9 @@ namespace {
 // λ beyond this moves nothing any more.
 constexpr double kMaxLambda = 1e32;
 
+constexpr double kHartleyStart = 1e-3;
+constexpr double kNielsenStart = 1e-4;
+
 class LevenbergMarquardt final : public StepStrategy {
  public:
   explicit LevenbergMarquardt(std::unique_ptr<DampingRule> rule) : rule_(std::move(rule)) {}
@@ -52,9 +55,11 @@ class GaussNewton final : public StepStrategy {
 std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options) {
   switch (options.method) {
     case Method::kLevenbergMarquardt:
-      return std::make_unique<LevenbergMarquardt>(std::make_unique<HartleyRule>(options.initial_damping));
+      return std::make_unique<LevenbergMarquardt>(std::make_unique<HartleyRule>(
+          options.initial_damping.value_or(kHartleyStart), options.damping_matrix));
     case Method::kLevenbergMarquardtNielsen:
-      return std::make_unique<LevenbergMarquardt>(std::make_unique<NielsenRule>(options.initial_damping));
+      return std::make_unique<LevenbergMarquardt>(std::make_unique<NielsenRule>(
+          options.initial_damping.value_or(kNielsenStart), options.damping_matrix));
     case Method::kGaussNewton:
       return std::make_unique<GaussNewton>();
   }

@@ -39,7 +39,7 @@ _ARRAYS = (
 def solve(
     problem: Problem,
     *,
-    method: str = "lm",
+    method: str = "lm-nielsen",
     linear_solver: str = "auto",
     loss: str = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
@@ -60,8 +60,8 @@ def solve(
     problem : Problem
         Its arrays `cameras`, `intrinsics` and `points` hold the best state found afterwards, however the
         solve ends. Use ``problem.copy()`` to keep the start.
-    method : {"lm", "lm-nielsen", "gauss-newton"}
-        Levenberg–Marquardt with the Hartley or the Nielsen rule, or Gauss–Newton.
+    method : {"lm-nielsen", "lm", "gauss-newton"}
+        Levenberg–Marquardt with the Nielsen rule, with the Hartley rule, or Gauss–Newton.
     linear_solver : {"auto", "dense", "sparse", "iterative"}
         Solver of the reduced camera system; "auto" predicts what each would cost.
     loss : {"squared", "huber", "cauchy", "tukey"}
@@ -81,8 +81,8 @@ def solve(
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
     **more
-        Any other attribute of ``sfmcpp.SolveOptions``: `initial_damping`, `gradient_tolerance`,
-        `parameter_tolerance`, `pcg_tolerance`, `pcg_max_iterations`.
+        Any other attribute of ``sfmcpp.SolveOptions``: `initial_damping`, `damping_matrix`,
+        `gradient_tolerance`, `parameter_tolerance`, `pcg_tolerance`, `pcg_max_iterations`.
 
     Returns
     -------

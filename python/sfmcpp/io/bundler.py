@@ -19,6 +19,7 @@ from sfmcpp.io.checks import (
     LARGEST_COUNT,
     finite_rows,
     first_duplicate,
+    point_colors,
     require_metadata_length,
     require_valid,
 )
@@ -187,10 +188,12 @@ def _is_unregistered(problem: Problem, intrinsics: FloatArray) -> NDArray[np.boo
 
 def _points_text(problem: Problem, pixels: FloatArray, path: Path) -> str:
     order, counts = by_point(problem)
-    colors = _written_colors(problem, path)
+    colors = point_colors(problem, (0, 0, 0), path)
     keys = problem.metadata.extra.get(KEYS)
     keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
     require_metadata_length(KEYS, keys, problem.num_observations, path)
+    if ((keys < 0) | (keys > LARGEST_COUNT)).any():
+        raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")
     heads = format_strings("%r %r %r\n%d %d %d\n%d", *problem.points.T, *colors.T, counts)
     columns = problem.camera_index, keys, *pixels.T
     items = format_strings(" %d %d %r %r", *(column[order] for column in columns))
@@ -198,14 +201,6 @@ def _points_text(problem: Problem, pixels: FloatArray, path: Path) -> str:
         ragged_text([f"{head}" if i == 0 else f"\n{head}" for i, head in enumerate(heads)], items, counts)
         + "\n"
     )
-
-
-def _written_colors(problem: Problem, path: Path) -> NDArray[np.uint8]:
-    colors = problem.metadata.point_colors
-    if colors is None:
-        return np.zeros((problem.num_points, 3), dtype=np.uint8)
-    require_metadata_length("point_colors", colors, problem.num_points, path)
-    return colors
 
 
 FORMAT = Format("bundler", "Bundler v0.3, bundle.out", (".out",), read_bundler, write_bundler)

@@ -62,6 +62,18 @@ def require_metadata_length(what: str, value: Any, length: int, path: Path) -> N
         raise DatasetError(path, f"metadata {what} has {len(value)} entries: must be {length}")
 
 
+def point_colors(problem: Problem, default: tuple[int, int, int], path: Path) -> NDArray[np.uint8]:
+    """Colours (N, 3) of the points from the metadata, or `default` for all where there are none."""
+    colors = problem.metadata.point_colors
+    if colors is None:
+        return np.tile(np.array(default, dtype=np.uint8), (problem.num_points, 1))
+    require_metadata_length("point_colors", colors, problem.num_points, path)
+    if colors.dtype != np.uint8 or colors.shape != (problem.num_points, 3):
+        found = f"{colors.dtype.name} {colors.shape}"
+        raise DatasetError(path, f"metadata point_colors is {found}: must be uint8 ({problem.num_points}, 3)")
+    return colors
+
+
 def _require_finite(name: str, array: NDArray[np.float64], path: Path) -> None:
     good = np.abs(array) <= LARGEST_MAGNITUDE
     if not good.all():

@@ -102,7 +102,7 @@ class NumberText:
     def _parse(self) -> FloatArray:
         words = int(np.count_nonzero(_word_starts(self._data)))
         values = _numbers(self._data) if words else np.empty(0)
-        # NumPy reads "1-2" as two numbers: only the number of words tells.
+        # Lines are found by counting words, so every word must have given one number.
         if values is None or len(values) != words:
             raise self._not_a_number()
         finite = np.isfinite(values)

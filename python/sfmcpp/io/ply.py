@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfmcpp.io.atomic import atomic_files
-from sfmcpp.io.checks import require_metadata_length, require_valid
+from sfmcpp.io.checks import point_colors, require_valid
 from sfmcpp.io.format import Format
 from sfmcpp.model import Problem
 
@@ -32,19 +31,11 @@ def write_ply(problem: Problem, path: Path) -> None:
     require_valid(problem, path)
     vertices = np.empty(problem.num_points + problem.num_cameras, dtype=_VERTEX)
     vertices["position"] = np.concatenate([problem.points, problem.centres])
-    vertices["color"][: problem.num_points] = _point_colors(problem, path)
+    vertices["color"][: problem.num_points] = point_colors(problem, POINT_COLOR, path)
     vertices["color"][problem.num_points :] = CAMERA_COLOR
     with atomic_files(path) as (stream,):
         stream.write(_header(len(vertices)).encode("ascii"))
         stream.write(vertices.tobytes())
-
-
-def _point_colors(problem: Problem, path: Path) -> NDArray[np.uint8]:
-    colors = problem.metadata.point_colors
-    if colors is None:
-        return np.array(POINT_COLOR, dtype=np.uint8)
-    require_metadata_length("point_colors", colors, problem.num_points, path)
-    return colors
 
 
 def _header(count: int) -> str:

@@ -136,7 +136,7 @@ def _calibration(cameras: Path, given: str | PathLike[str] | None) -> FloatArray
     if len(text.values) != 9:
         raise text.error(f"a calibration matrix has 3 lines, not {len(text.lines.count)}", 9)
     matrix = text.values.reshape(3, 3)
-    if (matrix[np.tril_indices(3, -1)] != 0).any() or matrix[2, 2] != 1 or matrix[0, 0] == 0:
+    if (matrix[np.tril_indices(3, -1)] != 0).any() or matrix[2, 2] != 1:
         raise text.error("the calibration matrix must be [[f, skew, cx], [0, f*aspect, cy], [0, 0, 1]]", 0)
     (f, skew, cx), (_, fy, cy), _ = matrix.tolist()
     with np.errstate(all="ignore"):

@@ -1,8 +1,9 @@
 #include "sfmcpp/core/parallel.hpp"
 
-#include <gtest/gtest.h>
-
+#include <algorithm>
 #include <cmath>
+
+#include <gtest/gtest.h>
 
 namespace sfmcpp {
 namespace {
@@ -35,6 +36,26 @@ TEST(ThreadPool, WorkersWakeAfterALongPause) {
   std::atomic<int> count = 0;
   pool.parallel_for(100, [&](int) { ++count; });
   EXPECT_EQ(count, 100);
+}
+
+TEST(ThreadPool, WorkersAreNumberedBelowTheNumberOfThreads) {
+  ThreadPool pool(3);
+  ASSERT_EQ(pool.num_threads(), 3);
+  std::atomic<int> outside = 0;
+  pool.parallel_for_worker(1000, [&](int, int worker) { outside += worker < 0 || worker >= 3; });
+  EXPECT_EQ(outside, 0);
+}
+
+TEST(ThreadPool, NoTaskIsNoWork) {
+  ThreadPool pool(2);
+  EXPECT_EQ(pool.sum(0, [](int) { return 1.0; }), 0.0);
+}
+
+TEST(ResolveNumThreads, ARequestIsKeptAndSmallWorkGetsOneThread) {
+  EXPECT_EQ(resolve_num_threads(7, 1), 7);
+  EXPECT_EQ(resolve_num_threads(0, 10), 1);
+  const int all = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  EXPECT_EQ(resolve_num_threads(0, 1'000'000'000L), all);
 }
 
 }  // namespace

@@ -13,18 +13,22 @@ struct VectorOf;
 template <>
 struct VectorOf<1> {
   typedef double Type __attribute__((vector_size(8)));
+  typedef long long Mask __attribute__((vector_size(8)));
 };
 template <>
 struct VectorOf<2> {
   typedef double Type __attribute__((vector_size(16)));
+  typedef long long Mask __attribute__((vector_size(16)));
 };
 template <>
 struct VectorOf<4> {
   typedef double Type __attribute__((vector_size(32)));
+  typedef long long Mask __attribute__((vector_size(32)));
 };
 template <>
 struct VectorOf<8> {
   typedef double Type __attribute__((vector_size(64)));
+  typedef long long Mask __attribute__((vector_size(64)));
 };
 
 template <int W>
@@ -34,7 +38,9 @@ struct Pack {
   Vector v;
 
   Pack() = default;
-  SFMCPP_INLINE Pack(double s) : v(Vector{} + s) {}  // NOLINT: a number is a pack of equal numbers
+  // A number is a pack of equal numbers. Written as s − 0, which compilers fold to a broadcast (0 + s
+  // they may not: it turns −0 into 0).
+  SFMCPP_INLINE Pack(double s) : v(s - Vector{}) {}  // NOLINT
   SFMCPP_INLINE explicit Pack(Vector value) : v(value) {}
 
   SFMCPP_INLINE friend Pack operator+(Pack a, Pack b) { return Pack(a.v + b.v); }
@@ -57,6 +63,43 @@ SFMCPP_INLINE Pack<W> load(const double* p) {
 template <int W>
 SFMCPP_INLINE void store(double* p, Pack<W> a) {
   __builtin_memcpy(p, &a.v, sizeof(a.v));
+}
+
+// Sum over the lanes, halves first: the same order for every width of register.
+template <int W>
+SFMCPP_INLINE double sum_of_lanes(Pack<W> a) {
+  if constexpr (W == 1) {
+    return a.v[0];
+  } else {
+    Pack<W / 2> low, high;
+    __builtin_memcpy(&low.v, &a.v, sizeof(low.v));
+    __builtin_memcpy(&high.v, reinterpret_cast<const char*>(&a.v) + sizeof(low.v), sizeof(high.v));
+    return sum_of_lanes(low + high);
+  }
+}
+
+// Exchanges the off-diagonal halves of every pair of rows that are kStride apart (Eklundh's transpose).
+template <int W, int kStride>
+SFMCPP_INLINE void exchange(Pack<W>* rows) {
+  typename VectorOf<W>::Mask low{}, high{};
+  for (int lane = 0; lane < W; ++lane) {
+    const bool upper = (lane & kStride) != 0;
+    low[lane] = upper ? W + lane - kStride : lane;
+    high[lane] = upper ? W + lane : lane + kStride;
+  }
+  for (int i = 0; i < W; ++i) {
+    if ((i & kStride) != 0) continue;
+    const Pack<W> a = rows[i], b = rows[i + kStride];
+    rows[i] = Pack<W>(__builtin_shuffle(a.v, b.v, low));
+    rows[i + kStride] = Pack<W>(__builtin_shuffle(a.v, b.v, high));
+  }
+  if constexpr (kStride > 1) exchange<W, kStride / 2>(rows);
+}
+
+// Transposes W rows of W lanes.
+template <int W>
+SFMCPP_INLINE void transpose(Pack<W>* rows) {
+  if constexpr (W > 1) exchange<W, W / 2>(rows);
 }
 
 // base[stride · index[lane]] in each lane.

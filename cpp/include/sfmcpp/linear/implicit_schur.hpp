@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/linear/point_factors.hpp"
 
 namespace sfmcpp::linear {
 
@@ -17,6 +17,9 @@ class ImplicitSchurSolver final : public LinearSolver {
 
  private:
   void prepare(const Damping& damping);
+  // e = Jc x of every observation, then Σ Gᵀ e of every point.
+  void apply_cameras(const std::vector<double>& x);
+  void subtract_point_part(const Chunk& chunk, double* e) const;
   void fold_diagonal_block(int i, const double* block);
   void factor_preconditioner();
   void apply(const std::vector<double>& x, std::vector<double>& out);
@@ -25,11 +28,13 @@ class ImplicitSchurSolver final : public LinearSolver {
 
   const NormalEquations& normal_;
   LinearSolverOptions options_;
-  PointElimination elimination_;
+  PointFactors factors_;
   std::vector<double> diagonal_;        // λD
   std::vector<double> rhs_;
   std::vector<long> block_offset_;      // of each variable block in `preconditioner_`
   std::vector<double> preconditioner_;  // Schur–Jacobi: diagonal blocks of S, then their Cholesky factors
+  AlignedVector<double> whitened_;      // G per observation
+  AlignedVector<double> applied_;       // e per observation
   AlignedVector<double> point_sums_;    // Σ Gᵀ e per point
   AlignedVector<double> camera_sums_;   // per chunk or camera: a camera block
   AlignedVector<double> camera_blocks_; // diagonal block of each camera, panel layout

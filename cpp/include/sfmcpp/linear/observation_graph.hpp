@@ -8,6 +8,8 @@
 #include <span>
 #include <vector>
 
+#include "sfmcpp/linear/schur_kernels.hpp"
+
 namespace sfmcpp::linear {
 
 // Consecutive observations of one camera: the unit of parallel work and of ordered sums.
@@ -32,6 +34,9 @@ struct ObservationGraph {
   std::vector<Chunk> chunks;      // covers the stored observations in order
   std::vector<int> chunk_begin;   // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
 
+  GraphView view() const {
+    return {camera.data(), point.data(), point_begin.data(), of_point.data(), rank.data()};
+  }
   int num_observations() const { return static_cast<int>(camera.size()); }
   int observations_of_camera(int i) const { return camera_begin[i + 1] - camera_begin[i]; }
   int observations_of_point(int p) const { return point_begin[p + 1] - point_begin[p]; }

@@ -30,6 +30,8 @@ struct ParameterMap {
   void fold(const double* block, int camera, double* reduced) const;
 };
 
+inline constexpr int kMaxCameraSize = 18;
+
 // Sizes of camera block that the kernels are compiled for; larger blocks are padded up to one.
 int padded_camera_size(int free_parameters);
 

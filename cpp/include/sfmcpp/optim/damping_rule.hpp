@@ -18,27 +18,33 @@ class DampingRule {
 // the λ² of eq. 2.44).
 class HartleyRule final : public DampingRule {
  public:
-  explicit HartleyRule(double initial) : lambda_(initial) {}
+  HartleyRule(double initial, linear::DampingMatrix matrix) : lambda_(initial), matrix_(matrix) {}
   void start(const linear::NormalEquations&) override {}
   void accepted(double gain_ratio) override;
   void rejected() override;
-  linear::Damping damping() const override { return {lambda_, linear::DampingMatrix::kDiagonal}; }
+  linear::Damping damping() const override { return {lambda_, matrix_}; }
 
  private:
   double lambda_;
+  linear::DampingMatrix matrix_;
 };
 
-// Nielsen: D = I, λ₀ = τ max diag(JᵀJ); on success λ · max(1/3, 1 − (2ρ − 1)³), on failure λ · ν, ν · 2.
+// Nielsen: on success λ · max(1/3, 1 − (2ρ − 1)³), on failure λ · ν, ν · 2. The thesis has D = I and
+// λ₀ = τ max diag(JᵀJ), which depends on the units of the unknowns: focal lengths and distortion
+// coefficients get the same damping. With D = diag(JᵀJ), the default, λ₀ = τ.
 class NielsenRule final : public DampingRule {
  public:
-  explicit NielsenRule(double tau) : tau_(tau) {}
-  void start(const linear::NormalEquations& normal) override { lambda_ = tau_ * normal.max_diagonal(); }
+  NielsenRule(double tau, linear::DampingMatrix matrix) : tau_(tau), matrix_(matrix) {}
+  void start(const linear::NormalEquations& normal) override {
+    lambda_ = matrix_ == linear::DampingMatrix::kIdentity ? tau_ * normal.max_diagonal() : tau_;
+  }
   void accepted(double gain_ratio) override;
   void rejected() override;
-  linear::Damping damping() const override { return {lambda_, linear::DampingMatrix::kIdentity}; }
+  linear::Damping damping() const override { return {lambda_, matrix_}; }
 
  private:
   double tau_;
+  linear::DampingMatrix matrix_;
   double lambda_ = 0.0;
   double growth_ = 2.0;
 };

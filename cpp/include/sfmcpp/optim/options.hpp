@@ -2,10 +2,12 @@
 
 #include <array>
 #include <limits>
+#include <optional>
 #include <string_view>
 #include <utility>
 
 #include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
 
 namespace sfmcpp {
 
@@ -22,6 +24,13 @@ struct EnumNames<optim::Method> {
        {optim::Method::kGaussNewton, "gauss-newton"}}};
 };
 
+template <>
+struct EnumNames<linear::DampingMatrix> {
+  static constexpr std::string_view kWhat = "damping_matrix";
+  static constexpr std::array<std::pair<linear::DampingMatrix, std::string_view>, 2> kTable{
+      {{linear::DampingMatrix::kDiagonal, "diagonal"}, {linear::DampingMatrix::kIdentity, "identity"}}};
+};
+
 namespace optim {
 
 // When to stop.
@@ -34,8 +43,9 @@ struct TerminationOptions {
 };
 
 struct MinimizerOptions {
-  Method method = Method::kLevenbergMarquardt;
-  double initial_damping = 1e-3;
+  Method method = Method::kLevenbergMarquardtNielsen;
+  std::optional<double> initial_damping;  // none: that of the rule
+  linear::DampingMatrix damping_matrix = linear::DampingMatrix::kDiagonal;
   TerminationOptions termination;
 };
 

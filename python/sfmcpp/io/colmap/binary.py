@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.checks import finite_rows
+from sfmcpp.io.checks import LARGEST_COUNT, finite_rows
 from sfmcpp.io.colmap.camera_models import MODELS, NAME_OF_NUMBER, unsupported
 from sfmcpp.io.colmap.tables import NO_POINT, CameraTable, ImageTable, Int64Array, PointTable, Tables
 from sfmcpp.io.compression import read_bytes
@@ -27,7 +27,6 @@ _POINT = np.dtype(
     [("id", "<i8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_count", "<u8")]
 )
 _TRACK = np.dtype([("image", "<u4"), ("keypoint", "<u4")])
-_LARGEST_SIZE = 2**31 - 1
 
 
 class _Records:
@@ -95,7 +94,7 @@ def _read_cameras(path: Path) -> CameraTable:
         camera_id, number, width, height = records.unpack(_CAMERA)
         if number not in NAME_OF_NUMBER:
             raise DatasetError(path, f"camera {camera_id}: {unsupported(number)}")
-        if max(width, height) > _LARGEST_SIZE:
+        if max(width, height) > LARGEST_COUNT:
             raise DatasetError(path, f"camera {camera_id}: image size {width}x{height} is impossible")
         ids.append(camera_id)
         models.append(NAME_OF_NUMBER[number])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.checks import require_metadata_length, require_valid
+from sfmcpp.io.checks import LARGEST_COUNT, finite_rows, point_colors, require_metadata_length, require_valid
 from sfmcpp.io.colmap.camera_models import (
     MODELS,
     SUPPORTED,
@@ -17,7 +17,16 @@ from sfmcpp.io.colmap.camera_models import (
     params_from_intrinsics,
     smallest_model,
 )
-from sfmcpp.io.colmap.tables import NO_POINT, CameraTable, ImageTable, Int64Array, PointTable, Tables
+from sfmcpp.io.colmap.tables import (
+    LARGEST_ID,
+    LARGEST_POINT_ID,
+    NO_POINT,
+    CameraTable,
+    ImageTable,
+    Int64Array,
+    PointTable,
+    Tables,
+)
 from sfmcpp.io.intrinsics import PERSPECTIVE, as_perspective
 from sfmcpp.io.poses import pose_from_cameras
 from sfmcpp.io.rotations import quaternion_from_rotation
@@ -49,13 +58,33 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
         None,
         point_ids,
         positions=problem.points,
-        colors=_colors(problem, folder),
+        colors=point_colors(problem, (0, 0, 0), folder),
         errors=_extra(problem, "colmap_point_errors", np.full(problem.num_points, _UNKNOWN_ERROR), folder),
         track_counts=counts,
         track_images=images.ids[problem.camera_index[order]],
         track_keypoints=keypoint_index[order],
     )
-    return Tables(cameras, images, points)
+    tables = Tables(cameras, images, points)
+    _require_readable(tables)
+    return tables
+
+
+def _require_readable(tables: Tables) -> None:
+    """Refuse identifiers, sizes and numbers from the metadata that no reader would accept."""
+    cameras, images, points = tables.cameras, tables.images, tables.points
+    cameras.require_unique_ids(LARGEST_ID)
+    images.require_unique_ids(LARGEST_ID)
+    points.require_unique_ids(LARGEST_POINT_ID)
+    sizes = (cameras.sizes >= 0) & (cameras.sizes <= LARGEST_COUNT)
+    cameras.require(np.asarray(sizes.all(axis=1)), f"its image size must be from 0 to {LARGEST_COUNT}")
+    points.require(np.isfinite(points.errors), "its error is not finite")
+    images.require(_finite_keypoints(images), "one of its keypoints is not finite")
+
+
+def _finite_keypoints(images: ImageTable) -> BoolArray:
+    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
+    bad = image[~finite_rows(images.keypoints)]
+    return np.asarray(np.bincount(bad, minlength=len(images.ids)) == 0)
 
 
 def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> NDArray[Any]:
@@ -64,14 +93,6 @@ def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> N
         return default
     require_metadata_length(key, value, len(default), folder)
     return np.asarray(value)
-
-
-def _colors(problem: Problem, folder: Path) -> NDArray[np.uint8]:
-    colors = problem.metadata.point_colors
-    if colors is None:
-        return np.zeros((problem.num_points, 3), dtype=np.uint8)
-    require_metadata_length("point_colors", colors, problem.num_points, folder)
-    return colors
 
 
 def _cameras(problem: Problem, folder: Path) -> CameraTable:
@@ -116,7 +137,7 @@ def _sizes(problem: Problem) -> Int64Array:
     if known is not None:
         sizes[rows] = known
         return sizes
-    largest = np.minimum(np.ceil(problem.pixels), 2.0**31).astype(np.int64)
+    largest = np.minimum(np.ceil(problem.pixels), LARGEST_COUNT).astype(np.int64)
     np.maximum.at(sizes, rows[problem.camera_index], largest)
     return sizes
 

@@ -182,23 +182,10 @@ def mutated(data: bytes, seed: int) -> bytes:
     rng = np.random.default_rng(seed)
     for _ in range(int(rng.integers(1, 4))):
         i, j = sorted(rng.integers(0, len(data) + 1, 2).tolist())
-        words = [
-            b"nan",
-            b"inf",
-            b"-1",
-            b"#",
-            b"\0",
-            b"\xff",
-            b"9" * 30,
-            b"1e999",
-            b" ",
-            b"\n",
-            b"-",
-            b".",
-            b"1e300",
-        ]
+        words = [*_NASTY_WORDS.split(b","), b"\n"]
         word, byte = words[rng.integers(len(words))], bytes([rng.integers(256)])
         choices = [data[:i], data[:i] + byte + data[i + 1 :], data[:i] + data[j:], data[:i] + word + data[i:]]
         choices += [data[:i] + data[i : i + 40] + data[i:], data[:i] + word + data[i + 8 :]]
+        choices += [data[:i] + b"%d" % rng.integers(10) + data[i + 1 :]] * 3
         data = choices[rng.integers(len(choices))]
     return data

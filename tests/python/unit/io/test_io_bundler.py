@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from io_helpers import PROPERTY, assert_same_problem, no_warnings, random_problem, refusal, residuals
-from sfmcpp import DatasetError
+
+from sfmcpp import DatasetError, Problem
 from sfmcpp.io import read, write
 
 SMALL = """# Bundle file v0.3
@@ -85,6 +85,20 @@ def test_random_problems_survive_writing_and_reading(seed: int) -> None:
     assert_same_problem(again, problem)
     np.testing.assert_array_equal(again.metadata.extra["bundler_keys"], keys)
     np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
+
+
+@pytest.mark.parametrize("name", ["x.out", "xcams.txt", "x"])
+def test_observations_are_grouped_by_point_and_keep_their_order(tmp_path: Path, name: str) -> None:
+    rng = np.random.default_rng(6)
+    order = rng.permutation(900)
+    camera_index, point_index = order // 3, order % 3
+    poses, pixels = np.tile(np.eye(3, 4), (300, 1, 1)), rng.normal(size=(900, 2))
+    problem = Problem("bal", poses, np.ones((300, 3)), np.eye(3), camera_index, point_index, pixels)
+    write(problem, tmp_path / name)
+    again = read(tmp_path / name)
+    grouped = [i for point in range(3) for i in range(900) if point_index[i] == point]
+    np.testing.assert_array_equal(again.camera_index, camera_index[grouped])
+    np.testing.assert_array_equal(again.pixels, pixels[grouped])
 
 
 DAMAGE = [

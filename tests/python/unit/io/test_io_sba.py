@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from io_helpers import PROPERTY, assert_same_problem, no_warnings, random_problem, refusal, residuals
+
 from sfmcpp import DatasetError
 from sfmcpp.io import read, read_sba, write
 
@@ -92,7 +92,7 @@ DAMAGE = [
     ("3cams.txt", {2: "1 0 0 0 0 0"}, 2, "holds 6 numbers: must be 7 (pose), 12"),
     ("3cams.txt", {3: "1 0 0 0 0 0"}, 3, "holds 6 numbers: must be 7 as on the first line"),
     ("3cams.txt", {3: "0 0 0 0 1 2 3"}, 3, "the quaternion is zero"),
-    ("3cams.txt", {3: "1 1 1 1 1e308 1e308 -1.7e308"}, 3, "too large"),
+    ("3cams.txt", {3: "0.9 0.1 0.2 0.3 1.7e308 1.7e308 1.7e308"}, 3, "too large"),
     ("3cams.txt", {3: "1 0 0 zero 1 2 3"}, 3, "'zero' is not a finite number"),
     ("3pts.txt", {2: "1 2 3"}, 2, "holds 3 numbers: must be at least 4"),
     ("3pts.txt", {2: "1 2 3 -1"}, 2, "number of frames -1"),
@@ -105,6 +105,7 @@ DAMAGE = [
     ("3pts.txt", {4: "4 5 nan 0"}, 4, "nan is not a finite number"),
     ("calib.txt", {1: "800 1"}, 1, "holds 2 numbers: must be 3"),
     ("calib.txt", {2: "0.5 840 240"}, 1, "the calibration matrix must be"),
+    ("calib.txt", {1: "0 1 320"}, 1, "aspect ratio 840.0 / 0.0 is not finite"),
     ("calib.txt", {3: "0 0 1\n0 0 1"}, 4, "has 3 lines, not 4"),
 ]
 

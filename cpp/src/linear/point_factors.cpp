@@ -1,0 +1,60 @@
+#include "sfmcpp/linear/point_factors.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace sfmcpp::linear {
+namespace {
+
+// Pivots below this share of their diagonal entry carry no information: the point stays where it is
+// along that direction.
+constexpr double kPivotTolerance = 1e-13;
+
+double inverse_root(double pivot, double diagonal) {
+  return pivot > kPivotTolerance * diagonal && pivot > 0.0 ? 1.0 / std::sqrt(pivot) : 0.0;
+}
+
+}  // namespace
+
+PointFactors::PointFactors(const NormalEquations& normal) : normal_(normal) {
+  factors_.resize(static_cast<std::size_t>(normal.graph().num_points) * kPointFactor);
+}
+
+void PointFactors::factor(const Damping& damping) {
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) { factor_point(p, damping); });
+}
+
+void PointFactors::factor_point(int p, const Damping& damping) {
+  const double* v = normal_.point_block(p);
+  double* m = factors_.data() + static_cast<long>(kPointFactor) * p;
+  if (!normal_.map().free_point[p]) {
+    std::fill_n(m, kPointFactor, 0.0);
+    return;
+  }
+  const double d0 = v[0] + damping(v[0]), d1 = v[2] + damping(v[2]), d2 = v[5] + damping(v[5]);
+  // L row by row, with reciprocal pivots; then M = L⁻¹ by forward substitution.
+  const double m00 = inverse_root(d0, d0);
+  const double l10 = v[1] * m00, l20 = v[3] * m00;
+  const double m11 = inverse_root(d1 - l10 * l10, d1);
+  const double l21 = (v[4] - l20 * l10) * m11;
+  const double m22 = inverse_root(d2 - l20 * l20 - l21 * l21, d2);
+  const double m10 = -l10 * m00 * m11;
+  const double m21 = -l21 * m11 * m22;
+  const double m20 = -(l20 * m00 + l21 * m10) * m22;
+  const std::array<double, 6> inverse{m00, m10, m11, m20, m21, m22};
+  std::copy(inverse.begin(), inverse.end(), m);
+  m[6] = m00 * v[6];
+  m[7] = m10 * v[6] + m11 * v[7];
+  m[8] = m20 * v[6] + m21 * v[7] + m22 * v[8];
+}
+
+void PointFactors::back_substitute(int p, const double* sum, double* delta) const {
+  const double* m = factors_.data() + static_cast<long>(kPointFactor) * p;
+  const double z[3] = {m[6] - sum[0], m[7] - sum[1], m[8] - sum[2]};
+  delta[0] = m[0] * z[0] + m[1] * z[1] + m[3] * z[2];
+  delta[1] = m[2] * z[1] + m[4] * z[2];
+  delta[2] = m[5] * z[2];
+}
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,1 @@
+"""The command line: `sfmcpp solve`, `sfmcpp convert`, `sfmcpp demo`."""

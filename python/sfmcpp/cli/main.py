@@ -1,0 +1,54 @@
+"""Entry point: arguments in, exit code out."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Sequence
+
+from sfmcpp.cli.exit_codes import ExitCode, tell_error
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What follows the program's name. Default: ``sys.argv[1:]``.
+
+    Returns
+    -------
+    int
+        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted.
+    """
+    _replace_what_cannot_be_encoded()
+    try:
+        import typer
+
+        from sfmcpp.cli.app import app
+    except ModuleNotFoundError as error:
+        return tell_error(f"the command line needs {error.name}: pip install 'sfmcpp[cli]'")
+    # Typer may bring its own click; the base of all usage errors is reached without naming either.
+    usage_error: type[Exception] = typer.BadParameter.__mro__[1]
+    try:
+        result = app(arguments, prog_name="sfmcpp", standalone_mode=False)
+    except usage_error as error:
+        return tell_error(_usage_message(error))
+    except typer.Abort:
+        return ExitCode.INTERRUPTED
+    return int(result or ExitCode.DONE)
+
+
+def _usage_message(error: Exception) -> str:
+    message: str = error.format_message()  # type: ignore[attr-defined]
+    context = getattr(error, "ctx", None)
+    command = "sfmcpp" if context is None else context.command_path
+    return f"{' '.join(message.split()).rstrip('.')} (see '{command} --help')"
+
+
+def _replace_what_cannot_be_encoded() -> None:
+    """Print '?' for characters the terminal's encoding lacks, rather than fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

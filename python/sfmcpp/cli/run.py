@@ -1,0 +1,133 @@
+"""From a file to a solved problem, its report and its picture: what `solve` and `demo` share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sfmcpp
+from sfmcpp.ba import Summary, solve
+from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
+from sfmcpp.cli.targets import Targets
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.io.api import read, write
+from sfmcpp.model import Problem
+
+
+@dataclass(frozen=True)
+class Job:
+    """One solve as asked for on the command line.
+
+    Attributes
+    ----------
+    source : Path
+        The input.
+    targets : Targets
+        What to write.
+    options : dict
+        Keyword arguments of :func:`sfmcpp.solve`.
+    refine : tuple of str, optional
+        Intrinsic parameters to refine, in place of those the input frees.
+    quiet : bool
+        Whether to print nothing but errors.
+    """
+
+    source: Path
+    targets: Targets
+    options: dict[str, Any]
+    refine: tuple[str, ...] | None = None
+    quiet: bool = False
+
+
+def solve_file(job: Job) -> ExitCode:
+    """Read, solve, write, print. All that can be checked is checked before the solve.
+
+    Raises
+    ------
+    DatasetError
+        If the input cannot be read or solved, or a target cannot be written.
+    InvalidArgument
+        If an option breaks a rule.
+    """
+    _check_options(job.options)
+    job.targets.check(job.source)
+    started = time.perf_counter()
+    problem = read(job.source)
+    seconds_read = time.perf_counter() - started
+    summary = _solve(job, problem)
+    complaints = _write_results(job, problem, summary, seconds_read)
+    if not (job.quiet or complaints):
+        from sfmcpp.cli.summary import print_summary
+
+        print_summary(job.source, problem, summary, seconds_read, job.targets)
+    return _exit_code(job, summary, complaints)
+
+
+def _check_options(values: dict[str, Any]) -> None:
+    options = sfmcpp.SolveOptions()
+    for name, value in values.items():
+        setattr(options, name, value)
+    options.validate()
+
+
+def _solve(job: Job, problem: Problem) -> Summary:
+    from sfmcpp.cli.progress import shown_progress
+
+    try:
+        if job.refine is not None:
+            problem.set_free_intrinsics(*job.refine)
+        job.targets.check_fits(problem)
+        with shown_progress(quiet=job.quiet) as listener:
+            return solve(problem, callback=listener, **job.options)
+    except InvalidArgument as error:
+        raise DatasetError(job.source, str(error)) from error
+
+
+def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: float) -> list[DatasetError]:
+    """Write every target, and go on where one fails: the others must not be lost with it."""
+
+    def write_picture(path: Path) -> None:
+        from sfmcpp.plotting import plot_convergence, save_figure
+
+        save_figure(plot_convergence(summary), path)
+
+    def write_its_report(path: Path) -> None:
+        from sfmcpp.cli.report import make_report, write_report
+
+        write_report(make_report(job.source, problem, summary, seconds_read), path)
+
+    steps: list[tuple[Path | None, Callable[[Path], None]]] = [
+        (job.targets.problem, lambda path: write(problem, path)),
+        (job.targets.report, write_its_report),
+        (job.targets.picture, write_picture),
+    ]
+    return [error for path, step in steps if path is not None and (error := _failure(step, path)) is not None]
+
+
+def _failure(step: Callable[[Path], None], path: Path) -> DatasetError | None:
+    try:
+        step(path)
+    except DatasetError as error:
+        return error
+    return None
+
+
+def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> ExitCode:
+    if complaints:
+        return tell_error("; ".join(map(str, complaints)))
+    if summary.termination == "numerical_failure":
+        tell(f"error: {job.source}: numerical failure: {summary.message}")
+        return ExitCode.NUMERICAL_FAILURE
+    if summary.termination == "interrupted":
+        tell(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job.targets)}")
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE
+
+
+def _what_is_kept(targets: Targets) -> str:
+    if targets.problem is None:
+        return "no output was asked for, the state so far is not kept"
+    return f"the best state so far is in {targets.problem}"

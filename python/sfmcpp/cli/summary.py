@@ -1,0 +1,83 @@
+"""The table at the end of a solve."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from sfmcpp.ba import Summary
+from sfmcpp.cli.exit_codes import say
+from sfmcpp.cli.report import peak_memory_bytes
+from sfmcpp.model import Problem
+
+WIDTH_OF_FILES = 120
+
+ENDINGS = {
+    "converged": ("converged", "green"),
+    "max_iterations": ("stopped at the limit of iterations", "yellow"),
+    "max_seconds": ("stopped at the limit of time", "yellow"),
+    "interrupted": ("interrupted", "yellow"),
+    "stopped_by_callback": ("stopped by the callback", "yellow"),
+    "numerical_failure": ("numerical failure", "red"),
+}
+
+
+def print_summary(
+    source: Path, problem: Problem, summary: Summary, seconds_read: float, written: Iterable[Path]
+) -> None:
+    """Print what was solved, how it ended and what was written."""
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    rows = [*_size(source, problem), *_result(summary), *_means(summary, seconds_read)]
+    for name, value in rows:
+        table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
+    for warning in summary.warnings:
+        table.add_row("warning", Text(warning, style="yellow"))
+    for path in written:
+        table.add_row("written", Text(str(path)))
+    say(_rendered(table))
+
+
+def _rendered(table: Table) -> str:
+    at_terminal = sys.stdout is not None and sys.stdout.isatty()
+    console = Console(width=None if at_terminal else WIDTH_OF_FILES)
+    with console.capture() as captured:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+
+
+Row = tuple[str, "str | Text"]
+
+
+def _size(source: Path, problem: Problem) -> Iterator[Row]:
+    yield "input", str(source)
+    yield (
+        "size",
+        f"{problem.num_cameras:,} cameras, {problem.num_points:,} points, "
+        f"{problem.num_observations:,} observations",
+    )
+
+
+def _result(summary: Summary) -> Iterator[Row]:
+    words, style = ENDINGS[summary.termination]
+    accepted = sum(iteration.accepted for iteration in summary.iterations[1:])
+    yield "cost", f"{summary.initial_cost:.6e} → {summary.final_cost:.6e}"
+    yield "RMS [px]", f"{summary.initial_rms_px:.6g} → {summary.final_rms_px:.6g}"
+    yield "ending", Text(words, style=style).append(f": {summary.message}", style="default")
+    yield "iterations", f"{max(len(summary.iterations) - 1, 0)} ({accepted} accepted)"
+
+
+def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
+    threads = "1 thread" if summary.threads == 1 else f"{summary.threads} threads"
+    yield "method", f"{summary.method}, {threads}"
+    if summary.loss != "squared":
+        yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
+    yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"
+    yield "seconds", f"{summary.seconds_total:.3f}, and {seconds_read:.3f} to read the input"
+    yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"

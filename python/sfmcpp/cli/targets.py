@@ -1,0 +1,103 @@
+"""The files a command will write, checked before any work is done."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.io.api import write
+from sfmcpp.io.compression import COMPRESSED_SUFFIXES, require_regular_file
+from sfmcpp.io.failures import failures_named
+from sfmcpp.io.registry import format_of
+from sfmcpp.model import Problem
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Where a solve writes: the problem, the report and the picture; None is not wanted."""
+
+    problem: Path | None = None
+    report: Path | None = None
+    picture: Path | None = None
+
+    def __iter__(self) -> Iterator[Path]:
+        return (path for path in (self.problem, self.report, self.picture) if path is not None)
+
+    def check(self, source: Path) -> None:
+        """Raise a DatasetError if one of them could not be written, or would overwrite another."""
+        if self.problem is not None:
+            require_writable_problem(self.problem)
+        for path in (self.report, self.picture):
+            if path is not None:
+                _require_writable_file(path)
+        if self.picture is not None:
+            _require_picture(self.picture)
+        _require_distinct(self, source)
+
+    def check_fits(self, problem: Problem) -> None:
+        """Raise a DatasetError if the format of the result cannot hold `problem`."""
+        if self.problem is None or format_of(self.problem).name == problem.metadata.source_format:
+            return
+        with _scratch_beside(self.problem) as folder:
+            _try_to_write(problem, self.problem, Path(folder))
+
+
+def require_writable_problem(path: Path) -> None:
+    """Raise a DatasetError unless a problem could be written to `path`."""
+    chosen = format_of(path)
+    if not chosen.writable:
+        raise DatasetError(path, f"format {chosen.name} can be read but not written")
+    if chosen.suffixes:
+        _require_writable_file(path)
+    else:
+        _require_writable_folder(path, path if path.is_dir() else path.parent)
+
+
+def _require_writable_file(path: Path) -> None:
+    with failures_named(path):
+        require_regular_file(path)
+    _require_writable_folder(path, path.parent)
+
+
+def _require_writable_folder(path: Path, folder: Path) -> None:
+    if not folder.is_dir():
+        raise DatasetError(path, f"the folder {str(folder)!r} does not exist")
+    with failures_named(path), tempfile.TemporaryFile(dir=folder):
+        pass
+
+
+def _require_picture(path: Path) -> None:
+    try:
+        from sfmcpp.plotting import FIGURE_SUFFIXES
+    except ModuleNotFoundError as error:
+        raise DatasetError(path, f"pictures need {error.name}: pip install 'sfmcpp[plot]'") from None
+    if path.suffix.lower() not in FIGURE_SUFFIXES:
+        raise DatasetError(path, f"the name of a picture must end in {', '.join(FIGURE_SUFFIXES)}")
+
+
+def _require_distinct(targets: Targets, source: Path) -> None:
+    """Let the result replace the input, and nothing else replace anything of the same run."""
+    taken: list[Path] = []
+    for path in targets:
+        resolved = path.resolve()
+        if resolved in taken or (path != targets.problem and resolved == source.resolve()):
+            raise DatasetError(path, "is named twice: input, output, report and picture must differ")
+        taken.append(resolved)
+
+
+def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
+    with failures_named(path):
+        return tempfile.TemporaryDirectory(prefix=".sfmcpp-", dir=path.parent)
+
+
+def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:
+    name = path.name
+    for suffix in COMPRESSED_SUFFIXES:
+        name = name.removesuffix(suffix)
+    try:
+        write(problem, folder / name)
+    except DatasetError as error:
+        raise DatasetError(path, error.reason) from error

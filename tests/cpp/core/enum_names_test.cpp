@@ -1,0 +1,70 @@
+#include "sfmcpp/core/enum_names.hpp"
+
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/ba/mask.hpp"
+#include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/optim/options.hpp"
+#include "sfmcpp/optim/summary.hpp"
+#include "sfmcpp/residuals/loss.hpp"
+
+namespace sfmcpp {
+namespace {
+
+template <class E>
+class EveryEnum : public testing::Test {};
+
+using Enums = testing::Types<CameraModelId,
+                             LossKind,
+                             ba::Gauge,
+                             linear::LinearSolverKind,
+                             linear::DampingMatrix,
+                             optim::Method,
+                             optim::Termination>;
+TYPED_TEST_SUITE(EveryEnum, Enums);
+
+TYPED_TEST(EveryEnum, NamesGoToValuesAndBack) {
+  std::set<std::string_view> names;
+  for (const auto& [value, name] : EnumNames<TypeParam>::kTable) {
+    EXPECT_EQ(parse_enum<TypeParam>(enum_name(value)), value);
+    names.insert(enum_name(value));
+  }
+  EXPECT_EQ(names.size(), EnumNames<TypeParam>::kTable.size()) << "two values share a name";
+}
+
+TYPED_TEST(EveryEnum, TableNamesEveryValueFromZeroWithoutGap) {
+  for (std::size_t k = 0; k < EnumNames<TypeParam>::kTable.size(); ++k) {
+    EXPECT_EQ(static_cast<std::size_t>(EnumNames<TypeParam>::kTable[k].first), k);
+  }
+  const auto beyond = static_cast<TypeParam>(EnumNames<TypeParam>::kTable.size());
+  EXPECT_EQ(enum_name(beyond), "unknown");
+}
+
+template <class E>
+std::string message_for(std::string_view text) {
+  try {
+    parse_enum<E>(text);
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(ParseEnum, ErrorNamesTheArgumentTheValueAndEveryChoice) {
+  EXPECT_EQ(message_for<LossKind>("hubert"),
+            "loss = 'hubert': must be one of squared, huber, cauchy, tukey");
+  EXPECT_EQ(message_for<linear::LinearSolverKind>(""),
+            "linear_solver = '': must be one of auto, dense, sparse, iterative");
+}
+
+TEST(ParseEnum, DoesNotTakePrefixesOrOtherCases) {
+  EXPECT_THROW(parse_enum<optim::Method>("lm-"), InvalidArgument);
+  EXPECT_THROW(parse_enum<optim::Method>("LM"), InvalidArgument);
+  EXPECT_EQ(parse_enum<optim::Method>("lm"), optim::Method::kLevenbergMarquardt);
+}
+
+}  // namespace
+}  // namespace sfmcpp

@@ -1,0 +1,230 @@
+// The kernels of every instruction set against the double-typed camera templates, for batches of
+// every length around the width of a pack.
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <ostream>
+
+#include <Eigen/Core>
+#include <gtest/gtest.h>
+
+#include "support/camera_dispatch.hpp"
+#include "support/instruction_sets.hpp"
+#include "support/random_views.hpp"
+
+namespace sfmcpp {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using residuals::JacobianOutput;
+using residuals::kReadAhead;
+using residuals::ObservationBatch;
+using residuals::ReprojectionKernels;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// `count` observations of one camera, of points in scrambled order, every third one behind it.
+struct Batch {
+  Batch(CameraModelId model_id, int size) : model(model_id), count(size) {
+    const support::View view = support::random_view(model, 11);
+    camera = view.camera();
+    intrinsics = view.intrinsics;
+    const int num_points = count + 3;
+    for (int p = 0; p < num_points; ++p) {
+      const Eigen::Vector3d in_camera(0.1 * p - 0.7, 0.5 - 0.07 * p, 1.0);
+      const double depth = p % 3 == 0 ? -2.0 - p : 2.0 + p;
+      const Eigen::Vector3d x = view.centre + view.rotation * (depth * in_camera);
+      points.insert(points.end(), x.begin(), x.end());
+    }
+    point.assign(count + kReadAhead, 0);
+    for (int k = 0; k < count; ++k) point[k] = (k * 7 + 2) % num_points;
+    for (auto* values : {&u, &v, &inverse_sigma}) values->assign(count + kReadAhead, 1.0);
+    for (int k = 0; k < count; ++k) {
+      u[k] = 100.0 + 13.0 * k;
+      v[k] = 200.0 - 9.0 * k;
+      inverse_sigma[k] = 1.0 / (0.5 + 0.25 * k);
+    }
+  }
+
+  ObservationBatch view() const {
+    return {camera.data(),
+            intrinsics.data(),
+            points.data(),
+            point.data(),
+            u.data(),
+            v.data(),
+            inverse_sigma.data(),
+            count};
+  }
+  ImagePoint<double> image(int k) const {
+    return support::project(model, camera.data(), intrinsics.data(), points.data() + 3L * point[k]);
+  }
+
+  CameraModelId model;
+  int count;
+  std::array<double, kCameraStorage> camera;
+  std::vector<double> intrinsics, points, u, v, inverse_sigma;
+  std::vector<int> point;
+};
+
+struct Case {
+  CameraModelId model;
+  support::InstructionSet isa;
+  ReprojectionKernels kernels() const { return isa.reprojection(model); }
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << enum_name(c.model) << " " << c.isa.name; }
+
+std::vector<Case> all_cases() {
+  std::vector<Case> cases;
+  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
+    for (const auto& isa : support::instruction_sets()) cases.push_back({model, isa});
+  }
+  return cases;
+}
+
+class ReprojectionKernel : public testing::TestWithParam<Case> {};
+
+TEST_P(ReprojectionKernel, ResidualsAreObservedMinusProjectedOverSigma) {
+  for (int count = 1; count <= 20; ++count) {
+    const Batch batch(GetParam().model, count);
+    std::vector<double> ru(count + kReadAhead, kNaN), rv(count + kReadAhead, kNaN);
+    GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
+    for (int k = 0; k < count; ++k) {
+      const ImagePoint<double> image = batch.image(k);
+      const double scale = 1e-12 * batch.inverse_sigma[k];
+      EXPECT_NEAR(ru[k],
+                  (batch.u[k] - image.u) * batch.inverse_sigma[k],
+                  scale * (1000 + std::abs(image.u)));
+      EXPECT_NEAR(rv[k],
+                  (batch.v[k] - image.v) * batch.inverse_sigma[k],
+                  scale * (1000 + std::abs(image.v)));
+    }
+  }
+}
+
+TEST_P(ReprojectionKernel, CountsThePointsNotInFrontOfTheCamera) {
+  for (int count = 1; count <= 20; ++count) {
+    const Batch batch(GetParam().model, count);
+    int behind = 0;
+    for (int k = 0; k < count; ++k) behind += batch.image(k).depth <= 0.0;
+    std::vector<double> ru(count + kReadAhead), rv(count + kReadAhead);
+    EXPECT_EQ(GetParam().kernels().residuals(batch.view(), ru.data(), rv.data()), behind);
+  }
+}
+
+// Which intrinsic parameters have a column, and how wide a camera block is.
+struct Layout {
+  std::vector<int> free;
+  int camera_size;
+};
+
+std::vector<Layout> layouts(CameraModelId model) {
+  if (model == CameraModelId::kCalibrated) return {{{}, 6}};
+  if (model == CameraModelId::kBal) return {{{}, 6}, {{0}, 9}, {{0, 2}, 9}, {{0, 1, 2}, 9}};
+  std::vector<int> all(12);
+  std::iota(all.begin(), all.end(), 0);
+  return {{{}, 6}, {{0, 5, 11}, 9}, {{0, 2, 3, 5, 6}, 12}, {all, 18}};
+}
+
+// 2 × camera_size and 2 × 4 of one observation, by the double-typed template.
+template <class Camera>
+std::pair<MatrixXd, MatrixXd> expected_of(const Batch& batch, const Layout& layout, int k) {
+  LinearizedImagePoint<double, 6, Camera::kIntrinsics> lin{};
+  Camera::linearize(
+      batch.camera.data(), batch.intrinsics.data(), batch.points.data() + 3L * batch.point[k], lin);
+  MatrixXd camera = MatrixXd::Zero(2, layout.camera_size), point(2, 4);
+  const double observed[2] = {batch.u[k], batch.v[k]}, projected[2] = {lin.image.u, lin.image.v};
+  for (int row = 0; row < 2; ++row) {
+    for (int c = 0; c < 6; ++c) camera(row, c) = lin.camera[row][c];
+    for (std::size_t c = 0; c < layout.free.size(); ++c) {
+      camera(row, 6 + c) = lin.intrinsics[row][layout.free[c]];
+    }
+    for (int c = 0; c < 3; ++c) point(row, c) = lin.point[row][c];
+    point(row, 3) = observed[row] - projected[row];
+  }
+  return {camera * batch.inverse_sigma[k], point * batch.inverse_sigma[k]};
+}
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+double relative_error(const MatrixXd& actual, const MatrixXd& expected) {
+  const double error = (actual - expected).cwiseAbs().maxCoeff() / expected.cwiseAbs().maxCoeff();
+  return actual.allFinite() ? error : std::numeric_limits<double>::infinity();
+}
+
+TEST_P(ReprojectionKernel, JacobiansAreThoseOfTheCameraModelOverSigma) {
+  for (const Layout& layout : layouts(GetParam().model)) {
+    for (int count = 1; count <= 20; ++count) {
+      const Batch batch(GetParam().model, count);
+      const int size = layout.camera_size;
+      std::vector<double> camera(2L * count * size, kNaN), point(8L * count, kNaN);
+      const int num_free = static_cast<int>(layout.free.size());
+      GetParam().kernels().linearize(
+          batch.view(), {layout.free.data(), num_free, size, camera.data(), point.data()});
+      for (int k = 0; k < count; ++k) {
+        const auto [camera_expected, point_expected] = support::visit_camera(
+            batch.model, [&](auto type) { return expected_of<decltype(type)>(batch, layout, k); });
+        const Eigen::Map<const RowMajor> camera_actual(camera.data() + 2L * k * size, 2, size);
+        const Eigen::Map<const RowMajor> point_actual(point.data() + 8L * k, 2, 4);
+        EXPECT_LT(relative_error(camera_actual, camera_expected), 1e-12);
+        EXPECT_LT(relative_error(point_actual, point_expected), 1e-12);
+      }
+    }
+  }
+}
+
+TEST_P(ReprojectionKernel, WritesNothingBeyondTheRecordsOfTheBatch) {
+  for (const Layout& layout : layouts(GetParam().model)) {
+    for (int count = 1; count <= 20; ++count) {
+      const Batch batch(GetParam().model, count);
+      const long size = 2L * count * layout.camera_size;
+      constexpr int kGuard = 64;
+      std::vector<double> camera(size + 2 * kGuard, 42.0), point(8L * count + 2 * kGuard, 42.0);
+      GetParam().kernels().linearize(batch.view(),
+                                     {layout.free.data(),
+                                      static_cast<int>(layout.free.size()),
+                                      layout.camera_size,
+                                      camera.data() + kGuard,
+                                      point.data() + kGuard});
+      for (int k = 0; k < kGuard; ++k) {
+        ASSERT_EQ(camera[k] + point[k], 84.0) << "before the records, " << count << " observations";
+        ASSERT_EQ(camera[camera.size() - 1 - k] + point[point.size() - 1 - k], 84.0)
+            << "beyond the records, " << count << " observations";
+      }
+    }
+  }
+}
+
+TEST_P(ReprojectionKernel, ResidualsGoAtMostReadAheadBeyondTheBatch) {
+  for (int count = 1; count <= 20; ++count) {
+    const Batch batch(GetParam().model, count);
+    std::vector<double> ru(count + kReadAhead + 8, 42.0), rv = ru;
+    GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
+    for (std::size_t k = count + kReadAhead; k < ru.size(); ++k) ASSERT_EQ(ru[k] + rv[k], 84.0);
+  }
+}
+
+// What a lane computes must not depend on its neighbours: a solve cuts batches as it likes.
+TEST_P(ReprojectionKernel, AnObservationHasTheSameBitsInEveryBatch) {
+  const Batch whole(GetParam().model, 20);
+  std::vector<double> ru(20 + kReadAhead), rv(20 + kReadAhead), one_u(1 + kReadAhead),
+      one_v(1 + kReadAhead);
+  GetParam().kernels().residuals(whole.view(), ru.data(), rv.data());
+  for (int k = 0; k < 12; ++k) {
+    ObservationBatch one = whole.view();
+    one.point += k;
+    one.u += k;
+    one.v += k;
+    one.inverse_sigma += k;
+    one.count = 1;
+    GetParam().kernels().residuals(one, one_u.data(), one_v.data());
+    EXPECT_EQ(one_u[0], ru[k]);
+    EXPECT_EQ(one_v[0], rv[k]);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernels, ReprojectionKernel, testing::ValuesIn(all_cases()));
+
+}  // namespace
+}  // namespace sfmcpp

@@ -1,0 +1,122 @@
+#include "support/dense_reference.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/QR>
+
+#include "support/camera_dispatch.hpp"
+
+namespace sfmcpp::support {
+namespace {
+
+class DenseAssembler {
+ public:
+  DenseAssembler(const LinearizedProblem& linearized, const Loss& loss)
+      : in_(linearized), loss_(loss) {
+    number_columns();
+  }
+
+  DenseSystem assemble() {
+    for (int k = 0; k < in_.problem.num_observations(); ++k) {
+      visit_camera(in_.problem.camera_model, [&](auto camera) { add<decltype(camera)>(k); });
+    }
+    return std::move(out_);
+  }
+
+ private:
+  void number_columns() {
+    out_.camera_columns = in_.map.num_columns;
+    int next = in_.map.num_columns;
+    for (char free : in_.map.free_point) {
+      out_.point_column.push_back(free ? next : -1);
+      if (free) next += 3;
+    }
+    out_.jacobian.setZero(2 * in_.problem.num_observations(), next);
+    out_.residual.setZero(2 * in_.problem.num_observations());
+  }
+
+  template <class Camera>
+  void add(int k) {
+    const ba::Problem& problem = in_.problem;
+    const int i = problem.camera_index[k], p = problem.point_index[k];
+    const int group = problem.intrinsics_index[i] * problem.num_intrinsics();
+    LinearizedImagePoint<double, Camera::kTangent, Camera::kIntrinsics> lin{};
+    Camera::linearize(in_.state.cameras.data() + kCameraStorage * i,
+                      in_.state.intrinsics.data() + group,
+                      in_.state.points.data() + 3L * p,
+                      lin);
+    const double over_sigma = problem.sigma_px.empty() ? 1.0 : 1.0 / problem.sigma_px[k];
+    const double ru = (problem.pixels[2 * k] - lin.image.u) * over_sigma;
+    const double rv = (problem.pixels[2 * k + 1] - lin.image.v) * over_sigma;
+    const double weight = std::sqrt(loss_.derivative(ru * ru + rv * rv));
+    out_.residual.segment<2>(2 * k) = weight * Eigen::Vector2d(ru, rv);
+    for (int row = 0; row < 2; ++row) add_row(lin, row, 2 * k + row, i, p, weight * over_sigma);
+  }
+
+  template <class Linearized>
+  void add_row(const Linearized& lin, int row, int target, int i, int p, double weight) {
+    const int* columns = in_.map.columns_of(i);
+    for (int c = 0; c < kPoseTangent; ++c) set(target, columns[c], weight * lin.camera[row][c]);
+    for (std::size_t c = 0; c < in_.free_intrinsics.size(); ++c) {
+      const double value = weight * lin.intrinsics[row][in_.free_intrinsics[c]];
+      set(target, columns[kPoseTangent + c], value);
+    }
+    if (out_.point_column[p] < 0) return;
+    for (int c = 0; c < 3; ++c) set(target, out_.point_column[p] + c, weight * lin.point[row][c]);
+  }
+
+  void set(int row, int column, double value) {
+    if (column >= 0) out_.jacobian(row, column) = value;
+  }
+
+  const LinearizedProblem& in_;
+  Loss loss_;
+  DenseSystem out_;
+};
+
+}  // namespace
+
+DenseSystem make_dense_system(const LinearizedProblem& linearized, const Loss& loss) {
+  return DenseAssembler(linearized, loss).assemble();
+}
+
+Eigen::VectorXd damping_diagonal(const DenseSystem& system, const linear::Damping& damping) {
+  const Eigen::Index n = system.jacobian.cols();
+  if (damping.matrix == linear::DampingMatrix::kIdentity) {
+    return Eigen::VectorXd::Constant(n, damping.lambda);
+  }
+  const Eigen::VectorXd diagonal = system.jacobian.colwise().squaredNorm();
+  return damping.lambda * diagonal.cwiseMax(1e-6).cwiseMin(1e32);
+}
+
+Eigen::VectorXd solve_by_qr(const DenseSystem& system, const linear::Damping& damping) {
+  const Eigen::Index m = system.jacobian.rows(), n = system.jacobian.cols();
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(m + n, n);
+  a.topRows(m) = system.jacobian;
+  a.bottomRows(n).diagonal() = damping_diagonal(system, damping).cwiseSqrt();
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(m + n);
+  b.head(m) = system.residual;
+  // Columns of length one: radians, metres and distortion coefficients differ by many powers of
+  // ten.
+  const Eigen::VectorXd scale = a.colwise().norm().cwiseInverse();
+  return scale.cwiseProduct((a * scale.asDiagonal()).householderQr().solve(b));
+}
+
+double model_decrease(const DenseSystem& system, const Eigen::VectorXd& step) {
+  const Eigen::VectorXd after = system.residual - system.jacobian * step;
+  return 0.5 * (system.residual.squaredNorm() - after.squaredNorm());
+}
+
+Eigen::VectorXd flatten(const DenseSystem& system, const linear::Step& step) {
+  Eigen::VectorXd flat(system.jacobian.cols());
+  for (int k = 0; k < system.camera_columns; ++k) flat[k] = step.camera[k];
+  for (std::size_t p = 0; p < system.point_column.size(); ++p) {
+    for (int k = 0; k < 3; ++k) {
+      if (system.point_column[p] >= 0) flat[system.point_column[p] + k] = step.point[3 * p + k];
+    }
+  }
+  return flat;
+}
+
+}  // namespace sfmcpp::support

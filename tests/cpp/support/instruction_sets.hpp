@@ -1,0 +1,32 @@
+// The kernels of every instruction set that this machine has.
+#pragma once
+
+#include <string_view>
+#include <vector>
+
+#include "sfmcpp/linear/schur_isa.hpp"
+#include "sfmcpp/residuals/reprojection_isa.hpp"
+
+namespace sfmcpp::support {
+
+struct InstructionSet {
+  std::string_view name;
+  residuals::ReprojectionKernels (*reprojection)(CameraModelId);
+  linear::SchurKernels (*schur)(int camera_size);
+};
+
+inline std::vector<InstructionSet> instruction_sets() {
+  std::vector<InstructionSet> sets{
+      {"baseline", &residuals::baseline::kernels_for, &linear::baseline::kernels_for}};
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("x86-64-v3")) {
+    sets.push_back({"avx2", &residuals::avx2::kernels_for, &linear::avx2::kernels_for});
+  }
+  if (__builtin_cpu_supports("x86-64-v4")) {
+    sets.push_back({"avx512", &residuals::avx512::kernels_for, &linear::avx512::kernels_for});
+  }
+#endif
+  return sets;
+}
+
+}  // namespace sfmcpp::support

@@ -1,0 +1,187 @@
+#include "support/small_scenes.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include <Eigen/Core>
+
+#include "sfmcpp/math/so3.hpp"
+#include "support/camera_dispatch.hpp"
+
+namespace sfmcpp::support {
+namespace {
+
+constexpr double kRadius = 10.0;
+constexpr double kHalfCube = 3.0;
+constexpr std::array<double, 3> kSigmas{0.5, 1.0, 2.0};
+
+std::vector<double> true_intrinsics(CameraModelId model) {
+  switch (model) {
+    case CameraModelId::kPerspective:
+      return {800, 1.02, 320, 240, 0.5, -0.12, 0.05, 0.01, -0.004, 0.002, 1e-3, -5e-4};
+    case CameraModelId::kBal:
+      return {800, -0.12, 0.05};
+    case CameraModelId::kCalibrated:
+      break;
+  }
+  return {800, 1.02, 320, 240, 0.5};
+}
+
+std::vector<int> free_by_default(CameraModelId model) {
+  if (model == CameraModelId::kBal) return {0, 1, 2};
+  if (model == CameraModelId::kPerspective) return {0};
+  return {};
+}
+
+class CircleScene {
+ public:
+  explicit CircleScene(const SceneOptions& options) : options_(options), random_(options.seed) {
+    scene_.camera_model = options.camera_model;
+  }
+
+  OwnedProblem make() {
+    place_points();
+    for (int i = 0; i < options_.num_cameras; ++i) place_camera(i);
+    set_intrinsics();
+    scene_.fixed_cameras.assign(options_.num_cameras, 0);
+    scene_.fixed_points.assign(options_.num_points, 0);
+    scene_.truth = ba::state_of(scene_.view());
+    for (int p = 0; p < options_.num_points; ++p) observe_point(p);
+    perturb();
+    return std::move(scene_);
+  }
+
+ private:
+  double normal() { return normal_(random_); }
+
+  void place_points() {
+    std::uniform_real_distribution<double> side(-kHalfCube, kHalfCube);
+    for (int k = 0; k < 3 * options_.num_points; ++k) scene_.points.push_back(side(random_));
+  }
+
+  // Looks at the origin, y down the world's z axis, and is turned a little about its axis.
+  void place_camera(int i) {
+    const double angle = 2.0 * std::numbers::pi * i / options_.num_cameras;
+    const Eigen::Vector3d centre(
+        kRadius * std::cos(angle), kRadius * std::sin(angle), std::sin(3.0 * angle));
+    Eigen::Matrix3d r;
+    r.col(2) = -centre.normalized();
+    r.col(0) = r.col(2).cross(Eigen::Vector3d::UnitZ()).normalized();
+    r.col(1) = r.col(2).cross(r.col(0));
+    r = r * exp_so3(Eigen::Vector3d(0, 0, 0.3 * normal()));
+    for (int row = 0; row < 3; ++row) {
+      for (int k = 0; k < 3; ++k) scene_.cameras.push_back(r(row, k));
+      scene_.cameras.push_back(centre[row]);
+    }
+  }
+
+  void set_intrinsics() {
+    const int groups = options_.num_groups > 0 ? options_.num_groups : options_.num_cameras;
+    const std::vector<double> row = true_intrinsics(options_.camera_model);
+    std::vector<std::uint8_t> fixed(row.size(), 1);
+    for (int k : options_.free_intrinsics.value_or(free_by_default(options_.camera_model)))
+      fixed[k] = 0;
+    for (int g = 0; g < groups; ++g) {
+      const std::size_t first = scene_.intrinsics.size();
+      scene_.intrinsics.insert(scene_.intrinsics.end(), row.begin(), row.end());
+      scene_.intrinsics[first] *= 1.0 + 0.01 * g;
+      scene_.fixed_intrinsics.insert(scene_.fixed_intrinsics.end(), fixed.begin(), fixed.end());
+    }
+    for (int i = 0; i < options_.num_cameras; ++i) scene_.intrinsics_index.push_back(i % groups);
+  }
+
+  void observe_point(int p) {
+    const bool all = options_.window <= 0 || options_.window >= options_.num_cameras;
+    const int first =
+        static_cast<int>(static_cast<long>(p) * options_.num_cameras / options_.num_points);
+    for (int k = 0; k < (all ? options_.num_cameras : options_.window); ++k) {
+      observe((all ? k : first + k) % options_.num_cameras, p);
+    }
+  }
+
+  void observe(int camera, int p) {
+    const int row = scene_.intrinsics_index[camera] * scene_.view().num_intrinsics();
+    const ImagePoint<double> image = project(options_.camera_model,
+                                             scene_.cameras.data() + kCameraStorage * camera,
+                                             scene_.intrinsics.data() + row,
+                                             scene_.points.data() + 3L * p);
+    double noise = options_.noise_px;
+    if (options_.varied_sigma) {
+      scene_.sigma_px.push_back(kSigmas[scene_.sigma_px.size() % kSigmas.size()]);
+      noise *= scene_.sigma_px.back();
+    }
+    const double du = noise * normal();
+    scene_.observe(camera, p, image.u + du, image.v + noise * normal());
+  }
+
+  void perturb() {
+    for (int i = 0; i < options_.num_cameras; ++i) {
+      std::array<double, kPoseTangent> delta;
+      for (int k = 0; k < kPoseTangent; ++k) {
+        delta[k] = normal() * (k < 3 ? options_.rotation_error_rad : options_.centre_error_m);
+      }
+      double* camera = scene_.cameras.data() + kCameraStorage * i;
+      if (options_.rotation_error_rad + options_.centre_error_m > 0) {
+        plus_pose(camera, delta.data(), camera);
+      }
+    }
+    for (double& x : scene_.points) x += options_.point_error_m * normal();
+    for (std::size_t k = 0; k < scene_.intrinsics.size(); ++k) {
+      const double error = options_.intrinsics_error * normal();
+      if (!scene_.fixed_intrinsics[k]) scene_.intrinsics[k] *= 1.0 + error;
+    }
+  }
+
+  SceneOptions options_;
+  std::mt19937 random_;
+  std::normal_distribution<double> normal_;
+  OwnedProblem scene_;
+};
+
+}  // namespace
+
+ba::Problem OwnedProblem::view() const {
+  return {.camera_model = camera_model,
+          .cameras = cameras,
+          .intrinsics = intrinsics,
+          .points = points,
+          .intrinsics_index = intrinsics_index,
+          .camera_index = camera_index,
+          .point_index = point_index,
+          .pixels = pixels,
+          .sigma_px = sigma_px,
+          .fixed_cameras = fixed_cameras,
+          .fixed_points = fixed_points,
+          .fixed_intrinsics = fixed_intrinsics};
+}
+
+void OwnedProblem::start_from(const optim::State& state) {
+  cameras = state.cameras;
+  intrinsics = state.intrinsics;
+  points = state.points;
+}
+
+void OwnedProblem::observe(int camera, int point, double u, double v) {
+  camera_index.push_back(camera);
+  point_index.push_back(point);
+  pixels.push_back(u);
+  pixels.push_back(v);
+}
+
+OwnedProblem make_circle_scene(const SceneOptions& options) { return CircleScene(options).make(); }
+
+SceneOptions perturbed(CameraModelId model) {
+  SceneOptions options;
+  options.camera_model = model;
+  options.noise_px = 0.5;
+  options.rotation_error_rad = 0.01;
+  options.centre_error_m = 0.1;
+  options.point_error_m = 0.1;
+  options.intrinsics_error = 0.02;
+  return options;
+}
+
+}  // namespace sfmcpp::support

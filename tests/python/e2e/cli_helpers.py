@@ -1,0 +1,50 @@
+"""Running the command line the way a user does."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import sfmcpp
+from sfmcpp.synthetic import circle_scene, perturb
+
+COMMAND = (sys.executable, "-m", "sfmcpp")
+TIMEOUT_S = 120
+
+
+def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run `sfmcpp` to its end, with its output captured."""
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, cwd=cwd)
+
+
+def noisy_circle(num_cameras: int = 6, num_points: int = 60, **options: Any) -> sfmcpp.Problem:
+    """Make a small scene with a start away from its solution."""
+    scene = circle_scene(num_cameras, num_points, seed=3, **options)
+    return perturb(scene, point_sigma_m=0.3, position_sigma_m=0.3, rotation_sigma_deg=3.0, seed=3)
+
+
+def write_noisy_circle(folder: Path, **options: Any) -> Path:
+    """Write the small scene to a file."""
+    path = folder / "start.npz"
+    sfmcpp.write(noisy_circle(**options), path)
+    return path
+
+
+def strict_json(path: Path) -> dict[str, Any]:
+    """Load JSON, refusing NaN and Infinity, which are not JSON."""
+
+    def refuse(constant: str) -> float:
+        raise ValueError(f"{path}: {constant} is not JSON")
+
+    content: dict[str, Any] = json.loads(path.read_text(), parse_constant=refuse)
+    return content
+
+
+def is_one_error_line(result: subprocess.CompletedProcess[str]) -> bool:
+    """Whether the command failed with exactly one line, on stderr."""
+    lines = result.stderr.splitlines()
+    return result.stdout == "" and len(lines) == 1 and lines[0].startswith("sfmcpp: error: ")

@@ -1,0 +1,97 @@
+"""`sfmcpp demo`, `sfmcpp convert`, `--help` and `--version`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_helpers import is_one_error_line, run, strict_json, write_noisy_circle
+
+import sfmcpp
+from sfmcpp.synthetic import circle_scene, perturb
+
+
+def test_the_demo_solves_the_thesis_scene_down_to_its_noise(tmp_path: Path) -> None:
+    result = run("demo", "-o", "nested/demo", cwd=tmp_path)
+    folder = tmp_path / "nested/demo"
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.splitlines()[-1] == f"The demo is in {folder}"
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == ["convergence.png", "problem.npz", "report.json", "result.ply"]
+    content = strict_json(folder / "report.json")
+    assert content["input"] == {
+        "path": "nested/demo/problem.npz",
+        "cameras": 30,
+        "points": 500,
+        "observations": 15_000,
+    }
+    # 30,000 residuals of variance 1 less 1,673 free unknowns; two-sided at four standard errors.
+    freedom = 2 * 15_000 - (6 * 30 + 3 * 500 - 7)
+    assert 2 * content["final_cost"] == pytest.approx(freedom, abs=4 * np.sqrt(2 * freedom))
+
+
+def test_the_demo_keeps_the_noisy_start_it_was_asked_for(tmp_path: Path) -> None:
+    assert run("demo", "-o", tmp_path, "--seed", "5").returncode == 0
+    start = sfmcpp.read(tmp_path / "problem.npz")
+    expected = perturb(
+        circle_scene(seed=5), point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=5
+    )
+    np.testing.assert_array_equal(start.points, expected.points)
+    np.testing.assert_array_equal(start.cameras, expected.cameras)
+    np.testing.assert_array_equal(start.pixels, expected.pixels)
+
+
+def test_a_demo_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    result = run("demo", "-o", tmp_path / "file")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{tmp_path / 'file'}: " in result.stderr
+
+
+@pytest.mark.parametrize("name", ["copy.txt", "copy.txt.gz", "copy.out", "model"])
+def test_convert_keeps_the_cost(tmp_path: Path, name: str) -> None:
+    source = write_noisy_circle(tmp_path)
+    result = run("convert", source, tmp_path / name)
+    assert (result.returncode, result.stderr) == (0, "")
+    converted = sfmcpp.cost(sfmcpp.read(tmp_path / name))
+    assert converted == pytest.approx(sfmcpp.cost(sfmcpp.read(source)), rel=1e-9)
+
+
+def test_a_failed_conversion_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
+    source = tmp_path / "bad.txt"
+    source.write_text("1 1\n")
+    result = run("convert", source, tmp_path / "out.npz")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{source}:" in result.stderr
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    result = run("--version")
+    assert (result.returncode, result.stdout) == (0, f"sfmcpp {sfmcpp.__version__}\n")
+    try:
+        assert version("sfmcpp") == sfmcpp.__version__
+    except PackageNotFoundError:
+        pytest.skip("the package is not installed")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["solve", "--help"], ["--version"]])
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys; from sfmcpp.cli.main import main; code = main(sys.argv[1:]);"
+        "heavy = {'matplotlib', 'rich', 'scipy'} & set(sys.modules);"
+        "sys.exit(f'{code} {heavy}' if code or heavy else 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("option", ["--method", "--linear-solver", "--loss", "--gauge", "--max-seconds"])
+def test_help_tells_every_option(option: str) -> None:
+    assert option in run("solve", "--help").stdout

@@ -1,0 +1,171 @@
+"""What goes wrong: one line, the right exit code, nothing half done, and nothing found out too late."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from cli_helpers import (
+    COMMAND,
+    TIMEOUT_S,
+    is_one_error_line,
+    noisy_circle,
+    run,
+    strict_json,
+    write_noisy_circle,
+)
+
+import sfmcpp
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ([], "Missing command"),
+        (["frobnicate"], "'frobnicate'"),
+        (["solve"], "INPUT"),
+        (["solve", "a.txt", "--frobnicate"], "--frobnicate"),
+        (["solve", "a.txt", "--method", "dog-leg"], "'dog-leg' is not available yet"),
+        (["solve", "a.txt", "--method", "newton"], "'newton' is unknown; choose one of lm"),
+        (["solve", "a.txt", "--line-search", "g-als"], "'g-als' is not available yet"),
+        (["solve", "a.txt", "--linear-solver", "qr"], "'qr' is unknown; choose one of auto"),
+        (["solve", "a.txt", "--loss", "l1"], "'l1' is unknown; choose one of squared"),
+        (["solve", "a.txt", "--gauge", "loose"], "'loose' is unknown"),
+        (["solve", "a.txt", "--loss-scale-px", "wide"], "'wide' is neither a number"),
+        (["solve", "a.txt", "--max-iterations", "many"], "--max-iterations"),
+        (["solve", "a.txt", "--max-iterations", "-3"], "max_iterations = -3"),
+        (["solve", "a.txt", "--max-seconds", "nan"], "max_seconds = nan"),
+        (["solve", "a.txt", "--refine", "f,"], "'f,' holds an empty name"),
+        (["convert", "a.txt"], "OUT"),
+    ],
+)
+def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str], told: str) -> None:
+    result = run(*arguments)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert told in result.stderr
+
+
+def test_the_file_and_the_line_at_fault_are_named(tmp_path: Path) -> None:
+    source = tmp_path / "bad.txt"
+    source.write_text("1 1 1\n0 0 1.0 2.0\n" + "0\n" * 8 + "x\n" + "0\n" * 3)
+    result = run("solve", source, "-o", tmp_path / "out.txt")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert result.stderr.startswith(f"sfmcpp: error: {source}:11: ")
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_a_missing_input_is_named(tmp_path: Path) -> None:
+    result = run("solve", tmp_path / "absent.txt")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{tmp_path / 'absent.txt'}: " in result.stderr
+
+
+def test_a_problem_that_cannot_be_solved_is_named_with_its_file(tmp_path: Path) -> None:
+    problem = noisy_circle()
+    for name in ("camera_index", "point_index", "pixels"):
+        setattr(problem, name, getattr(problem, name)[:4])
+    source = tmp_path / "few.npz"
+    sfmcpp.write(problem, source)
+    result = run("solve", source, "-o", tmp_path / "out.npz", "--report", tmp_path / "report.json")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert result.stderr.startswith(f"sfmcpp: error: {source}: ")
+    assert list(tmp_path.iterdir()) == [source]
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "told"),
+    [
+        ("-o", "out.unknown", "no format"),
+        ("-o", "absent/out.npz", "does not exist"),
+        ("-o", "folder.npz", "is a directory"),
+        ("--report", "absent/report.json", "does not exist"),
+        ("--report", "folder.npz", "is a directory"),
+        ("--report", "start.npz", "named twice"),
+        ("--plot", "out.gif", ".png, .svg, .pdf"),
+        ("--plot", "absent/out.png", "does not exist"),
+    ],
+)
+def test_a_target_that_cannot_be_written_is_refused_before_the_input_is_read(
+    tmp_path: Path, option: str, name: str, told: str
+) -> None:
+    source = tmp_path / "start.npz"
+    source.write_bytes(b"not a problem: reading it would fail with another message")
+    (tmp_path / "folder.npz").mkdir()
+    result = run("solve", source, option, tmp_path / name)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert result.stderr.startswith(f"sfmcpp: error: {tmp_path / name}: ")
+    assert told in result.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "start.npz"]
+
+
+def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_path: Path) -> None:
+    problem = noisy_circle(camera_model="perspective")
+    problem.intrinsics[:, problem.intrinsic_names.index("k5")] = 1e-9
+    source, report = tmp_path / "start.npz", tmp_path / "report.json"
+    sfmcpp.write(problem, source)
+    result = run("solve", source, "-o", tmp_path / "out.txt", "--report", report)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{tmp_path / 'out.txt'}: " in result.stderr
+    assert "k5" in result.stderr
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_a_wish_that_the_camera_model_does_not_have_names_the_file(tmp_path: Path) -> None:
+    source = write_noisy_circle(tmp_path, camera_model="bal")
+    result = run("solve", source, "--refine", "k9")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{source}: " in result.stderr
+    assert "'k9'" in result.stderr
+
+
+def test_a_numerical_failure_still_writes_a_strict_report_and_the_state(tmp_path: Path) -> None:
+    problem = noisy_circle()
+    problem.points[0] = problem.centres[problem.camera_index[problem.point_index == 0][0]]
+    source, output, report = (tmp_path / name for name in ("start.npz", "out.npz", "report.json"))
+    sfmcpp.write(problem, source)
+    result = run("solve", source, "-o", output, "--report", report, "--quiet")
+    assert result.returncode == 3
+    assert is_one_error_line(result)
+    content = strict_json(report)
+    assert (content["termination"], content["final_cost"]) == ("numerical_failure", None)
+    assert (sfmcpp.read(output).points == problem.points).all()
+
+
+def test_a_closed_stdout_or_stderr_does_not_stop_a_solve(tmp_path: Path) -> None:
+    source = write_noisy_circle(tmp_path)
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        output = tmp_path / "out.npz"
+        script = f'"$0" -m sfmcpp solve "$1" -o "$2" {closed}'
+        done = subprocess.run(
+            ["bash", "-c", script, COMMAND[0], source, output], capture_output=True, timeout=TIMEOUT_S
+        )
+        assert (done.returncode, done.stderr) == (0, b""), closed
+        assert sfmcpp.cost(sfmcpp.read(output)) < sfmcpp.cost(sfmcpp.read(source)) / 100
+        output.unlink()
+
+
+def test_a_reader_that_leaves_does_not_make_noise(tmp_path: Path) -> None:
+    source, output = write_noisy_circle(tmp_path), tmp_path / "out.npz"
+    script = 'set -o pipefail; "$0" -m sfmcpp solve "$1" -o "$2" | sleep 0'
+    done = subprocess.run(
+        ["bash", "-c", script, COMMAND[0], source, output], capture_output=True, timeout=TIMEOUT_S
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert output.exists()
+
+
+def test_an_encoding_without_the_table_s_characters_does_not_stop_a_solve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    result = run("solve", write_noisy_circle(tmp_path))
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "converged" in result.stdout

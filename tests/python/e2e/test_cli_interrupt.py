@@ -1,0 +1,85 @@
+"""Ctrl-C on a long solve, at a terminal."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, strict_json
+
+import sfmcpp
+
+# A row of the progress display after the start: the solve is then between two of its steps.
+FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
+
+
+@pytest.fixture(scope="module")
+def long_problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("long") / "start.npz"
+    sfmcpp.write(noisy_circle(120, 4000, camera_model="bal"), path)
+    return path
+
+
+def interrupt_after_the_first_step(arguments: list[str | Path]) -> tuple[int, str]:
+    """Exit code, and all that was shown on a terminal, of a solve interrupted once it runs."""
+    ours, theirs = pty.openpty()
+    command = [*COMMAND, "solve", *map(str, arguments), "--function-tolerance", "0"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+        os.close(theirs)
+        shown, interrupted, deadline = b"", False, time.monotonic() + TIMEOUT_S
+        while (more := read_terminal(ours)) and time.monotonic() < deadline:
+            shown += more
+            if not interrupted and FIRST_STEP.search(shown):
+                process.send_signal(signal.SIGINT)
+                interrupted = True
+        process.kill()
+    os.close(ours)
+    assert interrupted, shown
+    return process.returncode, shown.decode()
+
+
+def read_terminal(terminal: int) -> bytes:
+    """Read what comes next; nothing once the other end is closed."""
+    try:
+        return os.read(terminal, 65536)
+    except OSError:
+        return b""
+
+
+def test_an_interrupted_solve_writes_its_best_state_and_report_and_says_so(
+    long_problem: Path, tmp_path: Path
+) -> None:
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    code, shown = interrupt_after_the_first_step([long_problem, "-o", output, "--report", report])
+    assert code == 130
+    assert f"the best state so far is in {output}" in shown
+    assert "Traceback" not in shown
+    content = strict_json(report)
+    assert content["termination"] == "interrupted"
+    assert content["final_cost"] < content["initial_cost"]
+    assert sfmcpp.cost(sfmcpp.read(output)) == pytest.approx(content["final_cost"], rel=1e-9)
+
+
+def test_an_interrupted_solve_without_an_output_says_that_nothing_is_kept(
+    long_problem: Path, tmp_path: Path
+) -> None:
+    code, shown = interrupt_after_the_first_step([long_problem])
+    assert code == 130
+    assert "not kept" in shown
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_time_limit_on_a_long_solve_stops_it_early(long_problem: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    limit = ("--max-seconds", "0.2", "--function-tolerance", "0")
+    assert run("solve", long_problem, "--report", report, *limit).returncode == 0
+    content = strict_json(report)
+    assert content["termination"] == "max_seconds"
+    # Nothing starts after the limit: all but the last iteration ended before it.
+    assert all(iteration["seconds"] < 0.2 for iteration in content["iterations"][:-1])
