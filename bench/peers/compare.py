@@ -63,7 +63,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("peers-results"), help="folder of JSON and pictures")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--tuning-repeats", type=int, default=3, help="0: each peer's first variant, untuned")
+    parser.add_argument("--tuning-repeats", type=int, default=2, help="per round; 0: first variants")
     parser.add_argument("--only", default="", help="names of peers, separated by commas")
     parser.add_argument("--best", type=float, nargs="*", default=[], metavar="COST", help="one per file")
     parser.add_argument("--max-seconds", type=float, default=120.0, help="limit of a single run")

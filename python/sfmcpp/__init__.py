@@ -5,6 +5,7 @@ from sfmcpp.ba import Iteration, Summary, check, check_jacobians, cost, residual
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.io import convert, formats, read, write
 from sfmcpp.model import CAMERA_MODELS, CameraModel, Metadata, Problem
+from sfmcpp.synthetic import circle_scene, perturb
 
 __all__ = [
     "CAMERA_MODELS",
@@ -20,9 +21,11 @@ __all__ = [
     "__version__",
     "check",
     "check_jacobians",
+    "circle_scene",
     "convert",
     "cost",
     "formats",
+    "perturb",
     "read",
     "residuals",
     "solve",

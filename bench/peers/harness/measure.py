@@ -100,7 +100,7 @@ def _execute(entrant: Entrant, job: Job) -> None:
 def tune(
     peer: Peer, job: Job, problem: BalProblem, repeats: int, best: float | None, say: Callable[[str], None]
 ) -> tuple[list[Entrant], list[Run], dict[str, str]]:
-    """For each label of a peer, the variant that is fastest to 1e-3 of the best cost.
+    """For each label of a peer, the variant that is fastest to 1e-3 of the best cost, by knock-out.
 
     Returns
     -------
@@ -120,14 +120,29 @@ def tune(
         if len(rivals) == 1 or repeats == 0:
             entrants.append(rivals[0])
             continue
-        trials, reasons = _try_all(rivals * repeats, job, problem)
+        trials, reasons = _knock_out(rivals, job, problem, repeats, best)
         runs += trials
         if trials:
-            entrants.append(fastest(trials, best).entrant)
+            entrants.append(ranking(trials, best)[0])
             say(f"  {entrants[-1].title}: {entrants[-1].variant.describe()}")
         else:
             failures[rivals[0].title] = reasons[-1]
     return entrants, runs, failures
+
+
+def _knock_out(
+    rivals: list[Entrant], job: Job, problem: BalProblem, repeats: int, best: float | None
+) -> tuple[list[Run], list[str]]:
+    """Rounds of `repeats` runs each; the better half goes on, so that close rivals meet most often."""
+    runs: list[Run] = []
+    reasons: list[str] = []
+    while len(rivals) > 1:
+        finished, failed = _try_all(rivals * repeats, job, problem)
+        runs += finished
+        reasons += failed
+        standing = [entrant for entrant in ranking(runs, best) if entrant in rivals]
+        rivals = standing[: (len(standing) + 1) // 2]
+    return runs, reasons
 
 
 def _try_all(entrants: list[Entrant], job: Job, problem: BalProblem) -> tuple[list[Run], list[str]]:
@@ -140,12 +155,15 @@ def _try_all(entrants: list[Entrant], job: Job, problem: BalProblem) -> tuple[li
     return runs, reasons
 
 
-def fastest(runs: list[Run], best: float | None) -> Run:
-    """The run first at 1e-3 of the best cost; of those that never are, the one with the lowest cost."""
+def ranking(runs: list[Run], best: float | None) -> list[Entrant]:
+    """Entrants by their least seconds to 1e-3 of the best cost; those that never get there by their cost."""
+    if not runs:
+        return []
     lowest = min(run.outcome.own_cost for run in runs)
     known = best if best is not None and runs[0].entrant.peer.objective is Objective.ALL else lowest
     target = known * (1.0 + TUNING_TARGET)
-    return min(runs, key=lambda run: (seconds_to(run.outcome.trace, target), run.outcome.own_cost))
+    ordered = sorted(runs, key=lambda run: (seconds_to(run.outcome.trace, target), run.outcome.own_cost))
+    return list({id(run.entrant.variant): run.entrant for run in ordered}.values())
 
 
 def repeat_in_turn(

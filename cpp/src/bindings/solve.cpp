@@ -38,6 +38,11 @@ class Listener {
     try {
       if (interrupted()) return optim::Signal::kInterrupt;
       return f();
+    } catch (const py::error_already_set& e) {
+      // Ctrl-C while the callback runs is raised inside it.
+      if (e.matches(PyExc_KeyboardInterrupt)) return optim::Signal::kInterrupt;
+      error_ = std::current_exception();
+      return optim::Signal::kStop;
     } catch (...) {
       error_ = std::current_exception();
       return optim::Signal::kStop;

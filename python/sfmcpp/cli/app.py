@@ -18,6 +18,7 @@ DEFAULT = {name: given.default for name, given in signature(sfmcpp.solve).parame
 
 app = typer.Typer(
     add_completion=False,
+    pretty_exceptions_enable=False,
     # Plain help: the rich one takes longer to import than the rest of the command line.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},

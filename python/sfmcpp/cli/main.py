@@ -23,12 +23,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted.
     """
     _replace_what_cannot_be_encoded()
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # An empty path would mean the current folder to all that follows: an unset variable of a script.
+    empty = next((a for a in given if a == "" or (a.startswith("--") and a.endswith("="))), None)
+    if empty is not None:
+        return tell_error(f"argument {empty!r}: its value is empty")
     try:
-        import typer
-
-        from sfmcpp.cli.app import app
+        return _dispatch(given)
     except ModuleNotFoundError as error:
         return tell_error(f"the command line needs {error.name}: pip install 'sfmcpp[cli]'")
+    except OSError as error:
+        return tell_error(error)
+
+
+def _dispatch(arguments: list[str]) -> int:
+    import typer
+
+    from sfmcpp.cli.app import app
+
     # Typer may bring its own click; the base of all usage errors is reached without naming either.
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]
     try:

@@ -34,7 +34,7 @@ class ImageGeometry:
     def __post_init__(self) -> None:
         camera_model(self.camera_model)
         require_positive("focal_px", self.focal_px)
-        if len(self.image_size) != 2 or min(self.image_size) < 1:
+        if np.shape(self.image_size) != (2,) or min(self.image_size) < 1:
             raise InvalidArgument(f"image_size = {self.image_size}: must be two positive numbers of pixels")
 
     @property

@@ -78,7 +78,10 @@ TYPED_TEST(CameraLaws, AnalyticJacobianIsTheNumericOne) {
     const View v = this->view(seed);
     const MatrixXd analytic = this->analytic(v);
     const auto f = [&](const VectorXd& delta) { return this->moved_pixel(v, delta); };
-    const MatrixXd numeric = numeric_jacobian(f, VectorXd::Constant(analytic.cols(), 1e-3));
+    VectorXd steps = VectorXd::Constant(analytic.cols(), 1e-3);
+    // The projection is linear in each intrinsic parameter alone: a long step costs nothing.
+    steps.segment(6, this->kIntrinsics).setOnes();
+    const MatrixXd numeric = numeric_jacobian(f, steps);
     for (int k = 0; k < analytic.cols(); ++k) {
       const double error = (analytic.col(k) - numeric.col(k)).norm();
       EXPECT_LT(error, 1e-7 * numeric.col(k).norm()) << "column " << k << ", seed " << seed;

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "sfmcpp/math/so3.hpp"
 #include "support/camera_dispatch.hpp"

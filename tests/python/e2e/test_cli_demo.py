@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_helpers import is_one_error_line, run, strict_json, write_noisy_circle
 
 import sfmcpp
+from cli_helpers import is_one_error_line, run, strict_json, write_noisy_circle
 from sfmcpp.synthetic import circle_scene, perturb
 
 

@@ -6,6 +6,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
+import sfmcpp
 from cli_helpers import (
     COMMAND,
     TIMEOUT_S,
@@ -15,8 +17,6 @@ from cli_helpers import (
     strict_json,
     write_noisy_circle,
 )
-
-import sfmcpp
 
 
 @pytest.mark.parametrize(
@@ -38,6 +38,8 @@ import sfmcpp
         (["solve", "a.txt", "--max-seconds", "nan"], "max_seconds = nan"),
         (["solve", "a.txt", "--refine", "f,"], "'f,' holds an empty name"),
         (["convert", "a.txt"], "OUT"),
+        (["solve", ""], "''"),
+        (["solve", "a.txt", "--output="], "'--output='"),
     ],
 )
 def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str], told: str) -> None:
@@ -160,6 +162,17 @@ def test_a_reader_that_leaves_does_not_make_noise(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, b"")
     assert output.exists()
+
+
+@pytest.mark.parametrize("arguments", ["--help", "--version", "demo -o $0"])
+def test_a_full_disk_under_stdout_is_one_line(tmp_path: Path, arguments: str) -> None:
+    script = f'"$1" -m sfmcpp {arguments} >/dev/full'
+    done = subprocess.run(
+        ["bash", "-c", script, tmp_path, COMMAND[0]], capture_output=True, text=True, timeout=TIMEOUT_S
+    )
+    assert done.returncode == 2
+    assert is_one_error_line(done)
+    assert "No space left" in done.stderr
 
 
 def test_an_encoding_without_the_table_s_characters_does_not_stop_a_solve(

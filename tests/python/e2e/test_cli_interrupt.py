@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, strict_json
 
 import sfmcpp
+from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, strict_json
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_helpers import noisy_circle, run, strict_json, write_noisy_circle
 
 import sfmcpp
+from cli_helpers import noisy_circle, run, strict_json, write_noisy_circle
 
 REPORT_FIELDS: dict[str, type | tuple[type, ...]] = {
     "input": dict,

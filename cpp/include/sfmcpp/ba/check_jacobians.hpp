@@ -9,7 +9,7 @@ namespace sfmcpp::ba {
 
 struct JacobianCheck {
   long entries = 0;              // derivatives compared
-  double worst_error = 0.0;      // |analytic − numeric|, relative to the largest derivative of its block
+  double worst_error = 0.0;      // |analytic − numeric|, relative to the size of the derivative
   int worst_observation = -1;    // in the caller's order
   std::string worst_parameter;   // for example "rotation y", "centre x", "f", "point z"
 };

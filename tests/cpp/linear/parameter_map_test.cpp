@@ -1,0 +1,105 @@
+#include "sfmcpp/linear/parameter_map.hpp"
+
+#include <random>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/linear/panel_layout.hpp"
+#include "support/linearized_problem.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+std::vector<double> random_numbers(int count, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  std::vector<double> numbers(count);
+  for (double& x : numbers) x = normal(random);
+  return numbers;
+}
+
+double dot(const std::vector<double>& a, const std::vector<double>& b) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < a.size(); ++k) sum += a[k] * b[k];
+  return sum;
+}
+
+ParameterMap map_with_shared_and_fixed() {
+  support::SceneOptions options;
+  options.camera_model = CameraModelId::kPerspective;
+  options.num_cameras = 7;
+  options.num_groups = 3;
+  options.free_intrinsics = std::vector<int>{0, 2, 5, 6};
+  support::OwnedProblem scene = support::make_circle_scene(options);
+  scene.fixed_cameras[2] = 1;
+  return support::LinearizedProblem(scene, true).map;
+}
+
+// ⟨P x, y⟩ = ⟨x, Pᵀ y⟩ over all cameras.
+TEST(ParameterMap, ExpandAndFoldAreAdjoint) {
+  const ParameterMap map = map_with_shared_and_fixed();
+  const std::vector<double> x = random_numbers(map.num_columns, 1);
+  const int size = map.camera_size;
+  std::vector<double> y = random_numbers(7 * size, 2), expanded(7 * size),
+                      folded(map.num_columns, 0.0);
+  for (int i = 0; i < 7; ++i) {
+    map.expand(x.data(), i, expanded.data() + i * size);
+    map.fold(y.data() + i * size, i, folded.data());
+  }
+  EXPECT_NEAR(dot(expanded, y), dot(x, folded), 1e-12);
+}
+
+TEST(ParameterMap, ExpandCopiesWhereThereIsAColumnAndIsZeroElsewhere) {
+  const ParameterMap map = map_with_shared_and_fixed();
+  const std::vector<double> x = random_numbers(map.num_columns, 3);
+  std::vector<double> block(map.camera_size);
+  for (int i = 0; i < 7; ++i) {
+    map.expand(x.data(), i, block.data());
+    for (int k = 0; k < map.camera_size; ++k) {
+      const int column = map.columns_of(i)[k];
+      EXPECT_EQ(block[k], column == kNoColumn ? 0.0 : x[column]);
+    }
+  }
+}
+
+TEST(ParameterMap, BlocksCutTheReducedColumnsWithoutGap) {
+  const ParameterMap map = map_with_shared_and_fixed();
+  ASSERT_EQ(map.block_begin.front(), 0);
+  ASSERT_EQ(map.block_begin.back(), map.num_columns);
+  for (int b = 0; b < map.num_blocks(); ++b) {
+    EXPECT_LT(map.block_begin[b], map.block_begin[b + 1]);
+    for (int c = map.block_begin[b]; c < map.block_begin[b + 1]; ++c) EXPECT_EQ(map.block_of[c], b);
+  }
+}
+
+TEST(PaddedCameraSize, IsTheNextSizeThatKernelsAreCompiledFor) {
+  const std::set<int> compiled{6, 9, 12, 18};
+  for (int free = 6; free <= 18; ++free)
+    EXPECT_EQ(padded_camera_size(free), *compiled.lower_bound(free));
+}
+
+TEST(PanelIndex, NumbersTheEntriesOfABlockOneToOne) {
+  for (int size : {6, 9, 12, 18}) {
+    std::set<int> places;
+    for (int row = 0; row < size; ++row) {
+      for (int column = 0; column < size; ++column) places.insert(panel_index(size, row, column));
+    }
+    EXPECT_EQ(static_cast<int>(places.size()), size * size);
+    EXPECT_EQ(*places.begin(), 0);
+    EXPECT_EQ(*places.rbegin(), size * size - 1);
+  }
+}
+
+TEST(PanelIndex, ColumnsOfAPanelAreContiguous) {
+  for (int size : {6, 9, 12, 18}) {
+    for (int first = 0; first < size; first += panel_width(size - first)) {
+      for (int row = first + 1; row < first + panel_width(size - first); ++row) {
+        EXPECT_EQ(panel_index(size, row, 2), panel_index(size, row - 1, 2) + 1);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear

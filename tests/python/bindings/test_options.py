@@ -1,0 +1,103 @@
+"""Options: every one takes effect, and a wrong one is refused by name."""
+
+from __future__ import annotations
+
+import pytest
+
+import sfmcpp
+from sfmcpp import InvalidArgument, Problem
+
+
+@pytest.fixture
+def problem() -> Problem:
+    truth = sfmcpp.circle_scene(6, 40, seed=2)
+    return sfmcpp.perturb(truth, point_sigma_m=0.3, position_sigma_m=0.3, rotation_sigma_deg=3.0, seed=3)
+
+
+def test_unknown_keyword_is_refused(problem: Problem) -> None:
+    with pytest.raises(TypeError, match="unexpected keyword argument 'max_iteration'"):
+        sfmcpp.solve(problem, max_iteration=3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("method", "newton", "method = 'newton': must be one of lm, lm-nielsen, gauss-newton"),
+        ("linear_solver", "qr", "linear_solver = 'qr': must be one of auto, dense, sparse, iterative"),
+        ("loss", "l1", "loss = 'l1': must be one of squared, huber, cauchy, tukey"),
+        ("gauge", "none", "gauge = 'none': must be one of auto, free, fixed"),
+        ("max_iterations", -1, "max_iterations = -1: must be at least 0"),
+        ("function_tolerance", -1e-3, "function_tolerance = -0.001: must be at least 0"),
+        ("loss_scale_px", 0.0, "loss_scale_px = 0: must be positive and finite"),
+        ("loss_scale_px", "wide", "loss_scale_px = 'wide': must be a number of pixels or 'auto'"),
+        ("max_seconds", 0.0, "max_seconds = 0: must be positive"),
+        ("max_iterations", "many", "max_iterations = 'many': wrong type str"),
+        ("threads", -2, r"threads = -2: must be in \[0, 1024\]"),
+        ("pcg_tolerance", 2.0, r"pcg_tolerance = 2: must be in \(0, 1\)"),
+    ],
+)
+def test_value_out_of_range_is_refused_by_name(problem: Problem, name: str, value: object, message: str) -> None:
+    with pytest.raises(InvalidArgument, match=message):
+        sfmcpp.solve(problem, **{name: value})
+
+
+def test_all_violations_are_named_at_once(problem: Problem) -> None:
+    with pytest.raises(InvalidArgument, match="max_iterations = -1.*; threads = -2"):
+        sfmcpp.solve(problem, max_iterations=-1, threads=-2)
+
+
+def test_gauss_newton_refuses_a_free_gauge(problem: Problem) -> None:
+    with pytest.raises(InvalidArgument, match="gauge = 'free' with method = 'gauss-newton'"):
+        sfmcpp.solve(problem, method="gauss-newton", gauge="free")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"method": "lm"},
+        {"method": "gauss-newton"},
+        {"linear_solver": "iterative"},
+        {"loss": "huber"},
+        {"gauge": "fixed"},
+        {"initial_damping": 1.0},
+        {"damping_matrix": "identity"},
+        {"max_iterations": 2},
+        {"function_tolerance": 0.5},
+        {"gradient_tolerance": 1e9},
+        {"parameter_tolerance": 1.0},
+        {"max_seconds": 1e-9},
+    ],
+    ids=str,
+)
+def test_every_option_changes_the_run(problem: Problem, change: dict[str, object]) -> None:
+    def trace(**options: object) -> list[tuple[float, float]]:
+        summary = sfmcpp.solve(problem.copy(), **options)
+        return [(i.cost, i.damping) for i in summary.iterations]
+
+    assert trace(**change) != trace()
+
+
+def test_loss_scale_and_pcg_options_change_the_run(problem: Problem) -> None:
+    def final(**options: object) -> float:
+        return sfmcpp.solve(problem.copy(), **options).final_cost
+
+    assert final(loss="huber", loss_scale_px=0.5) != final(loss="huber", loss_scale_px=2.0)
+    tight = {"linear_solver": "iterative", "max_iterations": 3}
+    assert final(**tight, pcg_tolerance=1e-9) != final(**tight, pcg_tolerance=0.5)
+    assert final(**tight, pcg_max_iterations=1) != final(**tight)
+
+
+def test_automatic_loss_scale_is_reported(problem: Problem) -> None:
+    truth = sfmcpp.circle_scene(10, 300, pixel_sigma_px=1.5, seed=6)
+    summary = sfmcpp.solve(truth, loss="tukey", loss_scale_px="auto")
+    assert summary.loss_scale_px == pytest.approx(4.6851 * 1.5, rel=0.1)
+
+
+def test_options_read_back_what_was_set() -> None:
+    options = sfmcpp.SolveOptions()
+    assert options.method == "lm-nielsen"
+    options.loss_scale_px = "auto"
+    assert options.loss_scale_px == "auto"
+    options.loss_scale_px = 2.5
+    assert options.loss_scale_px == 2.5
+    assert options.max_seconds is None

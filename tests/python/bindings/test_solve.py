@@ -1,0 +1,195 @@
+"""The solve as Python sees it, against NumPy and SciPy."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from projection import reference_residuals
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import sfmcpp
+from sfmcpp import InvalidArgument, Problem
+
+MODELS = ("calibrated", "perspective", "bal")
+
+
+def scene(camera_model: str = "calibrated", cameras: int = 6, points: int = 30, seed: int = 1) -> Problem:
+    truth = sfmcpp.circle_scene(cameras, points, camera_model=camera_model, seed=seed)
+    return sfmcpp.perturb(
+        truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=seed + 1
+    )
+
+
+def arrays_of(problem: Problem) -> tuple[np.ndarray, ...]:
+    return problem.cameras.copy(), problem.intrinsics.copy(), problem.points.copy()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_residuals_equal_an_independent_projection(model: str) -> None:
+    problem = scene(model)
+    rng = np.random.default_rng(3)
+    problem.sigma_px = rng.uniform(0.5, 2.0, problem.num_observations)
+    if model != "calibrated":
+        names = problem.intrinsic_names
+        distortion = [names.index(n) for n in names if n[0] in "kp"]
+        problem.intrinsics[:, distortion] = rng.normal(0, 0.05, (problem.num_cameras, len(distortion)))
+    np.testing.assert_allclose(sfmcpp.residuals(problem), reference_residuals(problem), rtol=1e-12, atol=1e-10)
+
+
+def test_minimum_equals_that_of_scipy() -> None:
+    problem = scene()
+    start = problem.copy()
+
+    def residuals_at(x: np.ndarray) -> np.ndarray:
+        moved = start.copy()
+        steps = x[: 6 * start.num_cameras].reshape(-1, 6)
+        moved.rotations[:] = start.rotations @ Rotation.from_rotvec(steps[:, :3]).as_matrix()
+        moved.centres[:] = start.centres + steps[:, 3:]
+        moved.points[:] = start.points + x[6 * start.num_cameras :].reshape(-1, 3)
+        return reference_residuals(moved).ravel()
+
+    unknowns = 6 * start.num_cameras + 3 * start.num_points
+    reference = least_squares(residuals_at, np.zeros(unknowns), x_scale="jac", ftol=1e-12)
+    summary = sfmcpp.solve(problem, function_tolerance=1e-12)
+    assert summary.converged
+    assert summary.final_cost == pytest.approx(reference.cost, rel=1e-8)
+    assert summary.final_cost == pytest.approx(0.5 * np.sum(reference_residuals(problem) ** 2), rel=1e-12)
+
+
+@pytest.mark.parametrize("linear_solver", ["dense", "sparse", "iterative"])
+def test_result_has_the_same_bits_for_every_number_of_threads(linear_solver: str) -> None:
+    results = []
+    for threads in (1, 2, 3, 2):
+        problem = scene("bal", cameras=12, points=300)
+        sfmcpp.solve(problem, threads=threads, linear_solver=linear_solver, max_iterations=8)
+        results.append(arrays_of(problem))
+    for other in results[1:]:
+        for a, b in zip(results[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_other_threads_run_while_it_solves() -> None:
+    problem = scene(cameras=40, points=2000)
+    ticks: list[float] = []
+    done = threading.Event()
+
+    def tick() -> None:
+        while not done.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    begin = time.perf_counter()
+    sfmcpp.solve(problem, max_iterations=20, function_tolerance=0.0, threads=1)
+    end = time.perf_counter()
+    done.set()
+    thread.join()
+    inside = [t for t in ticks if begin < t < end]
+    assert len(inside) >= (end - begin) / 0.02
+
+
+def test_callback_sees_every_iteration_and_can_stop() -> None:
+    seen: list[sfmcpp.Iteration] = []
+
+    def stop_after_three(iteration: sfmcpp.Iteration) -> bool | None:
+        seen.append(iteration)
+        return False if iteration.iteration == 3 else None
+
+    summary = sfmcpp.solve(scene(), callback=stop_after_three, function_tolerance=0.0)
+    assert summary.termination == "stopped_by_callback"
+    assert seen == summary.iterations
+    assert [i.iteration for i in seen] == [0, 1, 2, 3]
+
+
+def test_exception_of_the_callback_is_raised_and_the_best_state_is_kept() -> None:
+    problem = scene()
+    start = sfmcpp.cost(problem)
+
+    def fail(iteration: sfmcpp.Iteration) -> None:
+        if iteration.iteration == 2:
+            raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        sfmcpp.solve(problem, callback=fail)
+    assert sfmcpp.cost(problem) < 0.1 * start
+
+
+def test_interrupt_returns_the_best_state() -> None:
+    problem = scene()
+
+    def press_ctrl_c(iteration: sfmcpp.Iteration) -> None:
+        if iteration.iteration == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    start = sfmcpp.cost(problem)
+    summary = sfmcpp.solve(problem, callback=press_ctrl_c, function_tolerance=0.0)
+    assert summary.termination == "interrupted"
+    assert summary.final_cost == pytest.approx(sfmcpp.cost(problem), rel=1e-12)
+    assert summary.final_cost < 0.1 * start
+
+
+def test_time_limit_returns_the_best_state() -> None:
+    problem = scene(cameras=40, points=2000)
+    summary = sfmcpp.solve(problem, max_seconds=1e-9)
+    assert summary.termination == "max_seconds"
+    assert summary.final_cost == pytest.approx(sfmcpp.cost(problem), rel=1e-12)
+
+
+def test_broken_contract_leaves_the_problem_untouched() -> None:
+    problem = scene()
+    problem.point_index[5] = problem.num_points
+    before = arrays_of(problem)
+    with pytest.raises(InvalidArgument, match=r"point_index\[5\] = 30: must be in \[0, 30\)"):
+        sfmcpp.solve(problem)
+    for a, b in zip(before, arrays_of(problem), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_shared_intrinsics_stay_shared_and_find_the_focal_length() -> None:
+    truth = sfmcpp.circle_scene(8, 80, camera_model="perspective", seed=4, pixel_sigma_px=0.1)
+    start = sfmcpp.perturb(truth, point_sigma_m=0.05, position_sigma_m=0.05, rotation_sigma_deg=0.5, seed=5)
+    problem = Problem(
+        "perspective",
+        start.cameras,
+        start.intrinsics[:1] * 1.0,
+        start.points,
+        start.camera_index,
+        start.point_index,
+        start.pixels,
+        intrinsics_index=np.zeros(8, dtype=np.int32),
+    )
+    problem.intrinsics[0, 0] *= 1.05
+    summary = sfmcpp.solve(problem, max_iterations=100)
+    assert summary.converged
+    assert problem.intrinsics[0, 0] == pytest.approx(truth.intrinsics[0, 0], rel=5e-3)
+    np.testing.assert_array_equal(problem.intrinsics[0, 1:], start.intrinsics[0, 1:])
+
+
+def test_jacobian_check_finds_nothing_wrong() -> None:
+    for model in MODELS:
+        report = sfmcpp.check_jacobians(scene(model))
+        assert report.entries > 1000
+        assert report.worst_error < 1e-6
+
+
+def test_check_names_what_is_isolated() -> None:
+    problem = scene()
+    keep = (problem.camera_index != 2) & (problem.point_index != 7)
+    problem.camera_index = problem.camera_index[keep]
+    problem.point_index = problem.point_index[keep]
+    problem.pixels = np.ascontiguousarray(problem.pixels[keep])
+    warnings = sfmcpp.check(problem)
+    assert any(w.startswith("camera 2: no observations") for w in warnings)
+    assert any(w.startswith("point 7: no observations") for w in warnings)
+    before = problem.copy()
+    summary = sfmcpp.solve(problem)
+    assert warnings[0] in summary.warnings
+    np.testing.assert_array_equal(problem.cameras[2], before.cameras[2])
+    np.testing.assert_array_equal(problem.points[7], before.points[7])
