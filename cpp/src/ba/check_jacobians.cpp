@@ -101,7 +101,7 @@ class SingleObservation {
     Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
     steps.head<3>().setConstant(kRelative);
     // The projection is linear in each intrinsic parameter alone: a large step costs no accuracy.
-    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = 1e-2 * std::max(1.0, std::abs(intrinsics_[k]));
+    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 
