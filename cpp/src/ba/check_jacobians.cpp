@@ -123,7 +123,7 @@ struct Comparison {
 // A derivative that happens to vanish in one observation is judged by the size it has in others:
 // against rounding in the numeric difference, relative accuracy means nothing there.
 void judge(const Problem& problem, const std::vector<Comparison>& comparisons, JacobianCheck& check) {
-  constexpr double kSmall = 1e-3;
+  constexpr double kSmall = 1e-2;
   if (comparisons.empty()) return;
   Eigen::RowVectorXd largest = Eigen::RowVectorXd::Constant(comparisons[0].numeric.cols(), 1e-300);
   for (const Comparison& c : comparisons) largest = largest.cwiseMax(c.numeric.cwiseAbs().colwise().maxCoeff());

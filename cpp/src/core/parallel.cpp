@@ -2,10 +2,13 @@
 
 #include <algorithm>
 
+#include "sfmcpp/core/stopwatch.hpp"
+
 namespace sfmcpp {
 namespace {
 
-constexpr int kSpins = 20000;
+constexpr double kSpinSeconds = 1e-4;
+constexpr int kSpinsBetweenLooks = 32;  // at the clock, or before giving the processor away
 constexpr long kObservationsWorthAThread = 4000;
 
 inline void relax() {
@@ -34,13 +37,20 @@ void ThreadPool::run(const Job& job) {
     for (int task = 0; task < job.count; ++task) job.call(job.function, task, 0);
     return;
   }
+  // No worker is joined here: the last job was closed and left before it returned.
   job_ = job;
   next_task_ = 0;
-  busy_workers_ = static_cast<int>(workers_.size());
+  open_ = true;
   ++generation_;
   generation_.notify_all();
   work(0);
-  while (busy_workers_.load(std::memory_order_acquire) > 0) relax();
+  open_ = false;
+  // A worker that reads `open_` after this line does not touch the job; one that read it before has
+  // announced itself first.
+  for (int spin = 1; joined_ > 0; ++spin) {
+    relax();
+    if (spin % kSpinsBetweenLooks == 0) std::this_thread::yield();
+  }
 }
 
 void ThreadPool::work(int worker) {
@@ -49,17 +59,23 @@ void ThreadPool::work(int worker) {
   }
 }
 
+// The number of the job that follows `seen`.
+unsigned ThreadPool::wait_for_job(unsigned seen) const {
+  const Stopwatch watch;
+  unsigned generation;
+  for (int spin = 1; (generation = generation_) == seen; ++spin) {
+    relax();
+    if (spin % kSpinsBetweenLooks == 0 && watch.seconds() > kSpinSeconds) generation_.wait(seen);
+  }
+  return generation;
+}
+
 void ThreadPool::worker_main(int worker) {
-  unsigned seen = 0;
-  while (true) {
-    for (int spin = 0; spin < kSpins && generation_.load(std::memory_order_acquire) == seen; ++spin) {
-      relax();
-    }
-    generation_.wait(seen);
-    ++seen;
-    if (stopping_) return;
-    work(worker);
-    busy_workers_.fetch_sub(1, std::memory_order_release);
+  for (unsigned seen = 0; !stopping_;) {
+    seen = wait_for_job(seen);
+    ++joined_;
+    if (open_) work(worker);
+    --joined_;
   }
 }
 

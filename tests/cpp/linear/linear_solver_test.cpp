@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/optim/options.hpp"
 #include "support/dense_reference.hpp"
 
 namespace sfmcpp::linear {

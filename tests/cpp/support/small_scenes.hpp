@@ -17,8 +17,8 @@ struct SceneOptions {
   int window = 0;  // neighbouring cameras that see a point; 0: every camera sees every point
   int num_groups =
       0;  // rows of intrinsics that the cameras share in turn; 0: a row for each camera
-  std::optional<std::vector<int>> free_intrinsics;  // none: those a user gets by default
-  double noise_px = 0.0;                            // of the pixels, where sigma_px is 1
+  std::optional<std::vector<int>> free_intrinsics{};  // none: those a user gets by default
+  double noise_px = 0.0;                              // of the pixels, where sigma_px is 1
   bool varied_sigma = false;        // sigma_px of 0.5, 1 and 2 px in turn, the noise with it
   double rotation_error_rad = 0.0;  // of the start, standard deviation per coordinate
   double centre_error_m = 0.0;

@@ -4,8 +4,9 @@
 // each task writes only its own output; sums over tasks are taken in the order of the tasks. Hence
 // the same bits for every number of threads.
 //
-// Workers spin for a while before they sleep: a parallel region is entered about ten times an
-// iteration, and waking a sleeping thread costs as much as the work of a small region.
+// Workers spin for a moment before they sleep: a parallel region is entered dozens of times an
+// iteration, and waking a sleeping thread costs as much as the work of a small region. A region never
+// waits for a worker that has not come: on a busy machine the calling thread does the work alone.
 #pragma once
 
 #include <atomic>
@@ -60,11 +61,13 @@ class ThreadPool {
   void run(const Job& job);
   void work(int worker);
   void worker_main(int worker);
+  unsigned wait_for_job(unsigned seen) const;
 
   Job job_;
   std::atomic<int> next_task_{0};
   std::atomic<unsigned> generation_{0};
-  std::atomic<int> busy_workers_{0};
+  std::atomic<bool> open_{false};  // may workers join the job?
+  std::atomic<int> joined_{0};     // workers that look at the job now
   std::atomic<bool> stopping_{false};
   std::vector<double> partial_sums_;
   std::vector<std::thread> workers_;

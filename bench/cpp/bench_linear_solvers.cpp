@@ -1,0 +1,61 @@
+// One damped solve of the normal equations, per linear solver, on a ring of cameras (a banded Schur
+// complement) and on cameras that all see each other's points (a full one).
+#include <benchmark/benchmark.h>
+
+#include "bench_scene.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
+#include "sfmcpp/linear/linear_solver.hpp"
+
+namespace sfmcpp::bench {
+namespace {
+
+using linear::LinearSolverKind;
+
+void solve(benchmark::State& state, LinearSolverKind kind, const support::OwnedProblem& scene) {
+  Bench bench(scene, static_cast<int>(state.range(0)));
+  bench.model.linearize(bench.state);
+  const auto solver = linear::make_linear_solver(bench.model.normal_equations(), {.kind = kind});
+  const linear::Damping damping{1e-4};
+  linear::Step step;
+  linear::LinearSolveResult result;
+  for (auto _ : state) result = solver->solve(damping, step, [] { return false; });
+  if (!result.success || bench.model.normal_equations().predicted_decrease(step, damping) <= 0.0) {
+    state.SkipWithError("the step does not promise a decrease");
+  }
+  state.counters["columns"] = bench.map.num_columns;
+  state.counters["cg"] = result.iterations;
+}
+
+void ring(benchmark::State& state, LinearSolverKind kind) {
+  solve(state, kind, make_scene(CameraModelId::kBal, 200, 20000, 4));
+}
+void full(benchmark::State& state, LinearSolverKind kind) { solve(state, kind, make_scene()); }
+
+void dense_cholesky(benchmark::State& state) {
+  const int n = static_cast<int>(state.range(0));
+  ThreadPool pool(static_cast<int>(state.range(1)));
+  std::vector<double> matrix, x;
+  bool ok = true;
+  for (auto _ : state) {
+    state.PauseTiming();
+    matrix.assign(static_cast<std::size_t>(n) * n, 1e-3);
+    for (int k = 0; k < n; ++k) matrix[static_cast<std::size_t>(k) * n + k] = n;
+    x.assign(n, 1.0);
+    state.ResumeTiming();
+    ok = linear::dense_cholesky_solve(n, matrix.data(), x, pool);
+  }
+  if (!ok) state.SkipWithError("a positive definite matrix was refused");
+  state.counters["flop/s"] =
+      benchmark::Counter(1.0 * n * n * n / 3, benchmark::Counter::kIsIterationInvariantRate);
+}
+
+BENCHMARK_CAPTURE(full, dense, LinearSolverKind::kDense)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(full, sparse, LinearSolverKind::kSparse)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(full, iterative, LinearSolverKind::kIterative)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, dense, LinearSolverKind::kDense)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, sparse, LinearSolverKind::kSparse)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, iterative, LinearSolverKind::kIterative)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK(dense_cholesky)->ArgsProduct({{450, 1800}, {1, 2}})->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace sfmcpp::bench

@@ -1,0 +1,164 @@
+// Rows and D×D blocks held in vector registers, by the panels of panel_layout.hpp. For *_kernels.cpp only:
+// everything lies in the namespace of the instruction set and has internal linkage (core/isa.hpp).
+#pragma once
+
+#include "sfmcpp/core/simd.hpp"
+#include "sfmcpp/linear/panel_layout.hpp"
+
+namespace sfmcpp::linear::SFMCPP_ISA {
+namespace {
+
+// A row of D numbers in vector registers of panel widths.
+template <int D, int kFirst = 0>
+struct Row {
+  static constexpr int kWidth = panel_width(D - kFirst);
+  Pack<kWidth> head;
+  Row<D, kFirst + kWidth> tail;
+};
+template <int D>
+struct Row<D, D> {};
+
+template <int D, int kFirst = 0>
+inline void load_row(const double* p, Row<D, kFirst>& row, double factor = 1.0) {
+  if constexpr (kFirst < D) {
+    row.head = load<Row<D, kFirst>::kWidth>(p + kFirst) * factor;
+    load_row(p, row.tail, factor);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline void store_row(double* p, const Row<D, kFirst>& row) {
+  if constexpr (kFirst < D) {
+    store(p + kFirst, row.head);
+    store_row(p, row.tail);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline void set_zero(Row<D, kFirst>& row) {
+  if constexpr (kFirst < D) {
+    row.head = Pack<Row<D, kFirst>::kWidth>(0.0);
+    set_zero(row.tail);
+  }
+}
+
+// row += x · s
+template <int D, int kFirst = 0>
+inline void add_scaled(Row<D, kFirst>& row, const Row<D, kFirst>& x, double s) {
+  if constexpr (kFirst < D) {
+    row.head += x.head * s;
+    add_scaled(row.tail, x.tail, s);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline void add_squares(Row<D, kFirst>& row, const Row<D, kFirst>& x) {
+  if constexpr (kFirst < D) {
+    row.head += x.head * x.head;
+    add_squares(row.tail, x.tail);
+  }
+}
+
+// block += Σ_k a_kᵀ b_k: the rows of a lie in registers, the numbers of b (rank × D) are broadcast.
+// A panel one row high is a plain row of the block: there b is what is loaded as vectors.
+template <int D, int kRank, int kFirst = 0>
+inline void rank_update(const Row<D, kFirst>* const (&a)[kRank], const double* b, double* block) {
+  if constexpr (kFirst < D) {
+    constexpr int kWidth = Row<D, kFirst>::kWidth;
+    double* panel = block + kFirst * D;
+    if constexpr (kWidth == 1) {
+      Row<D> sum;
+      load_row(panel, sum);
+      for (int k = 0; k < kRank; ++k) {
+        Row<D> row;
+        load_row(b + k * D, row);
+        add_scaled(sum, row, a[k]->head[0]);
+      }
+      store_row(panel, sum);
+    } else {
+      for (int c = 0; c < D; ++c) {
+        Pack<kWidth> sum = load<kWidth>(panel + c * kWidth);
+        for (int k = 0; k < kRank; ++k) sum += a[k]->head * b[k * D + c];
+        store(panel + c * kWidth, sum);
+      }
+    }
+    const Row<D, kFirst + kWidth>* rest[kRank];
+    for (int k = 0; k < kRank; ++k) rest[k] = &a[k]->tail;
+    rank_update<D, kRank>(rest, b, block);
+  }
+}
+
+// A whole block in registers, for sums over many observations; the same panels.
+template <int D, int kFirst = 0, int kWidth = panel_width(D - kFirst)>
+struct Block {
+  Pack<kWidth> columns[D];
+  Block<D, kFirst + kWidth> rest;
+};
+template <int D, int kFirst>
+struct Block<D, kFirst, 1> {
+  Row<D> row;
+};
+template <int D>
+struct Block<D, D, 1> {};
+
+// block += aᵀ b with one row each; `b` in memory.
+template <int D, int kFirst, int kWidth>
+inline void add_outer(Block<D, kFirst, kWidth>& block, const Row<D, kFirst>& a, const double* b) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      Row<D> row;
+      load_row(b, row);
+      add_scaled(block.row, row, a.head[0]);
+    } else {
+#pragma GCC unroll 18
+      for (int c = 0; c < D; ++c) block.columns[c] += a.head * b[c];
+      add_outer(block.rest, a.tail, b);
+    }
+  }
+}
+
+template <int D, int kFirst, int kWidth>
+inline void set_zero(Block<D, kFirst, kWidth>& block) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      set_zero(block.row);
+    } else {
+      for (int c = 0; c < D; ++c) block.columns[c] = Pack<kWidth>(0.0);
+      set_zero(block.rest);
+    }
+  }
+}
+
+template <int D, int kFirst, int kWidth>
+inline void store_block(const Block<D, kFirst, kWidth>& block, double* out) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      store_row(out + kFirst * D, block.row);
+    } else {
+      for (int c = 0; c < D; ++c) store(out + kFirst * D + c * kWidth, block.columns[c]);
+      store_block(block.rest, out);
+    }
+  }
+}
+
+// block += factor · aᵀ a with a of kRank rows.
+template <int D, int kRank>
+inline void add_square(const double* a, double factor, Block<D>& block) {
+  for (int k = 0; k < kRank; ++k) {
+    Row<D> row;
+    load_row(a + k * D, row, factor);
+    add_outer(block, row, a + k * D);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline double dot(const Row<D, kFirst>& a, const Row<D, kFirst>& b) {
+  if constexpr (kFirst < D) {
+    return sum_of_lanes(a.head * b.head) + dot(a.tail, b.tail);
+  } else {
+    return 0.0;
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear::SFMCPP_ISA

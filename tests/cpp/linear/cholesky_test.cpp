@@ -1,0 +1,149 @@
+#include <random>
+
+#include <Eigen/Cholesky>
+#include <Eigen/SparseCore>
+#include <gtest/gtest.h>
+
+#include "sfmcpp/linear/dense_cholesky.hpp"
+#include "sfmcpp/linear/sparse_cholesky.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+MatrixXd random_spd(int n, unsigned seed) {
+  std::srand(seed);
+  const MatrixXd a = MatrixXd::Random(n, n);
+  return a * a.transpose() + MatrixXd::Identity(n, n);
+}
+
+MatrixXd random_sparse_spd(int n, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  MatrixXd matrix = MatrixXd::Zero(n, n);
+  for (int k = 0; k < 3 * n; ++k) {
+    const int r = static_cast<int>(random() % n), c = static_cast<int>(random() % n);
+    if (r != c) matrix(r, c) = matrix(c, r) = unit(random);
+  }
+  for (int k = 0; k < n; ++k) matrix(k, k) = matrix.row(k).cwiseAbs().sum() + 0.5;
+  return matrix;
+}
+
+SparseLower lower_of(const MatrixXd& matrix) {
+  SparseLower lower;
+  lower.size = static_cast<int>(matrix.rows());
+  for (int c = 0; c < lower.size; ++c) {
+    lower.column_begin.push_back(static_cast<int>(lower.row.size()));
+    for (int r = c; r < lower.size; ++r) {
+      if (matrix(r, c) == 0.0) continue;
+      lower.row.push_back(r);
+      lower.value.push_back(matrix(r, c));
+    }
+  }
+  lower.column_begin.push_back(static_cast<int>(lower.row.size()));
+  return lower;
+}
+
+class DenseCholesky : public testing::TestWithParam<int> {};
+
+TEST_P(DenseCholesky, SolvesLikeEigen) {
+  const int n = GetParam();
+  ThreadPool pool(1);
+  const MatrixXd a = random_spd(n, 5);
+  const VectorXd b = VectorXd::LinSpaced(n, -1.0, 2.0), expected = a.llt().solve(b);
+  MatrixXd factor = a;
+  VectorXd x = b;
+  ASSERT_TRUE(
+      dense_cholesky_solve(n, factor.data(), {x.data(), static_cast<std::size_t>(n)}, pool));
+  EXPECT_LT((x - expected).norm(), 1e-10 * expected.norm());
+}
+
+// The upper triangle is never read.
+TEST_P(DenseCholesky, LooksAtTheLowerTriangleOnly) {
+  const int n = GetParam();
+  ThreadPool pool(1);
+  const MatrixXd a = random_spd(n, 6);
+  MatrixXd poisoned = a;
+  poisoned.triangularView<Eigen::StrictlyUpper>().setConstant(std::nan(""));
+  VectorXd x = VectorXd::Ones(n);
+  ASSERT_TRUE(
+      dense_cholesky_solve(n, poisoned.data(), {x.data(), static_cast<std::size_t>(n)}, pool));
+  EXPECT_LT((a * x - VectorXd::Ones(n)).norm(), 1e-9);
+}
+
+TEST_P(DenseCholesky, HasTheSameBitsForEveryNumberOfThreads) {
+  const int n = GetParam();
+  const MatrixXd a = random_spd(n, 7);
+  VectorXd reference;
+  for (int threads : {1, 2, 3, 5}) {
+    ThreadPool pool(threads);
+    MatrixXd factor = a;
+    VectorXd x = VectorXd::LinSpaced(n, 1.0, 2.0);
+    ASSERT_TRUE(
+        dense_cholesky_solve(n, factor.data(), {x.data(), static_cast<std::size_t>(n)}, pool));
+    if (threads == 1) reference = x;
+    EXPECT_EQ(x, reference) << threads << " threads";
+  }
+}
+
+TEST_P(DenseCholesky, RefusesAMatrixThatIsNotPositiveDefinite) {
+  const int n = GetParam();
+  ThreadPool pool(2);
+  for (int bad : {0, n / 2, n - 1}) {
+    for (double pivot : {-1e3, 0.0, std::nan("")}) {
+      MatrixXd a = random_spd(n, 8);
+      a.row(bad).setZero();
+      a.col(bad).setZero();
+      a(bad, bad) = pivot;
+      VectorXd x = VectorXd::Ones(n);
+      EXPECT_FALSE(dense_cholesky_solve(n, a.data(), {x.data(), static_cast<std::size_t>(n)}, pool))
+          << "pivot " << bad << " = " << pivot;
+    }
+  }
+}
+
+// Around every width of tile that an implementation may choose.
+INSTANTIATE_TEST_SUITE_P(Sizes,
+                         DenseCholesky,
+                         testing::Values(1, 2, 7, 47, 48, 63, 64, 65, 96, 127, 129, 192, 200, 257));
+
+TEST(DenseCholeskySolve, OfNothingSucceeds) {
+  ThreadPool pool(1);
+  EXPECT_TRUE(dense_cholesky_solve(0, nullptr, {}, pool));
+}
+
+class SparseCholeskySizes : public testing::TestWithParam<int> {};
+
+TEST_P(SparseCholeskySizes, SolvesLikeDenseForSeveralMatricesOfOnePattern) {
+  const int n = GetParam();
+  const MatrixXd first = random_sparse_spd(n, 9);
+  const auto cholesky = make_sparse_cholesky(lower_of(first));
+  for (double shift : {0.0, 1.0, 10.0}) {
+    const MatrixXd a = first + shift * MatrixXd::Identity(n, n);
+    ASSERT_TRUE(cholesky->factorize(lower_of(a)));
+    const VectorXd b = VectorXd::LinSpaced(n, -1.0, 2.0), expected = a.llt().solve(b);
+    std::vector<double> x(b.begin(), b.end());
+    cholesky->solve(x);
+    EXPECT_LT((Eigen::Map<VectorXd>(x.data(), n) - expected).norm(), 1e-12 * expected.norm());
+  }
+}
+
+TEST_P(SparseCholeskySizes, RefusesAMatrixThatIsNotPositiveDefiniteAndGoesOnWithTheNext) {
+  const int n = GetParam();
+  const MatrixXd good = random_sparse_spd(n, 10);
+  const auto cholesky = make_sparse_cholesky(lower_of(good));
+  MatrixXd bad = good;
+  bad(n / 2, n / 2) = -5.0;
+  EXPECT_FALSE(cholesky->factorize(lower_of(bad)));
+  ASSERT_TRUE(cholesky->factorize(lower_of(good)));
+  std::vector<double> x(n, 1.0);
+  cholesky->solve(x);
+  EXPECT_LT((good * Eigen::Map<VectorXd>(x.data(), n) - VectorXd::Ones(n)).norm(), 1e-10);
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, SparseCholeskySizes, testing::Values(1, 5, 60, 300));
+
+}  // namespace
+}  // namespace sfmcpp::linear

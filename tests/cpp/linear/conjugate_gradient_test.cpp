@@ -1,0 +1,100 @@
+#include "sfmcpp/linear/conjugate_gradient.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::Map;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+MatrixXd random_spd(int n, unsigned seed) {
+  std::srand(seed);
+  const MatrixXd a = MatrixXd::Random(n, n);
+  return a * a.transpose() + MatrixXd::Identity(n, n);
+}
+
+LinearMap map_of(const MatrixXd& matrix) {
+  return [matrix](const std::vector<double>& in, std::vector<double>& out) {
+    const VectorXd product = matrix * Map<const VectorXd>(in.data(), matrix.cols());
+    out.assign(product.begin(), product.end());
+  };
+}
+
+const std::function<bool()> kGoOn = [] { return false; };
+
+class RandomSystem : public testing::TestWithParam<int> {
+ protected:
+  int n = GetParam();
+  MatrixXd a = random_spd(n, 3);
+  std::vector<double> b = std::vector<double>(n, 1.0);
+  std::vector<double> x;
+  VectorXd residual() const { return VectorXd::Ones(n) - a * Map<const VectorXd>(x.data(), n); }
+};
+
+TEST_P(RandomSystem, ConvergesWithinAsManyIterationsAsUnknowns) {
+  const auto result =
+      conjugate_gradient(map_of(a), map_of(MatrixXd::Identity(n, n)), b, 1e-9, n + 2, kGoOn, x);
+  EXPECT_LE(result.iterations, n + 2);
+  EXPECT_LE(result.relative_residual, 1e-9);
+  EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
+}
+
+TEST_P(RandomSystem, WithTheInverseAsPreconditionerTakesOneIteration) {
+  const auto result = conjugate_gradient(map_of(a), map_of(a.inverse()), b, 1e-8, 10, kGoOn, x);
+  EXPECT_EQ(result.iterations, 1);
+  EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
+}
+
+// ‖b − A x‖ in the norm of the preconditioner's inverse, against that of b.
+TEST_P(RandomSystem, StopsAsSoonAsTheToleranceIsMetInTheNormItNames) {
+  const MatrixXd m = a.diagonal().cwiseInverse().asDiagonal();
+  const auto norm = [&](const VectorXd& v) { return std::sqrt(v.dot(m * v)); };
+  const auto result = conjugate_gradient(map_of(a), map_of(m), b, 1e-2, 1000, kGoOn, x);
+  EXPECT_LE(norm(residual()), 1.0001e-2 * norm(VectorXd::Ones(n)));
+  EXPECT_NEAR(result.relative_residual, norm(residual()) / norm(VectorXd::Ones(n)), 1e-10);
+  if (result.iterations == 0) return;
+  conjugate_gradient(map_of(a), map_of(m), b, 1e-2, result.iterations - 1, kGoOn, x);
+  EXPECT_GT(norm(residual()), 1e-2 * norm(VectorXd::Ones(n)));
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, RandomSystem, testing::Values(1, 2, 10, 60));
+
+TEST(ConjugateGradient, StopsSoonAfterItIsAsked) {
+  const int n = 200;
+  VectorXd spectrum = VectorXd::LinSpaced(n, 0.0, 6.0);
+  for (double& value : spectrum) value = std::pow(10.0, value);
+  const MatrixXd a = spectrum.asDiagonal(), identity = MatrixXd::Identity(n, n);
+  const std::vector<double> b(n, 1.0);
+  std::vector<double> x;
+  int asked = 0;
+  const auto at_third_time = [&] { return ++asked == 3; };
+  const auto result =
+      conjugate_gradient(map_of(a), map_of(identity), b, 1e-14, 1000, at_third_time, x);
+  EXPECT_EQ(asked, 3);
+  EXPECT_LT(result.iterations, 60);
+  EXPECT_GT(result.iterations, 0);
+}
+
+TEST(ConjugateGradient, OfAZeroRightHandSideIsZeroAtOnce) {
+  std::vector<double> x(4, 7.0);
+  const MatrixXd a = random_spd(4, 1);
+  const auto result =
+      conjugate_gradient(map_of(a), map_of(a), std::vector<double>(4, 0.0), 1e-6, 10, kGoOn, x);
+  EXPECT_EQ(result.iterations, 0);
+  EXPECT_TRUE(result.finite);
+  EXPECT_EQ(x, std::vector<double>(4, 0.0));
+}
+
+TEST(ConjugateGradient, SaysSoWhenTheRightHandSideIsNotFinite) {
+  std::vector<double> x;
+  const MatrixXd a = random_spd(3, 1);
+  const std::vector<double> b{1.0, std::nan(""), 0.0};
+  EXPECT_FALSE(conjugate_gradient(map_of(a), map_of(a), b, 1e-6, 10, kGoOn, x).finite);
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear
