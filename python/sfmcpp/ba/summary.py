@@ -63,7 +63,9 @@ class Summary:
     message : str
         The same in words.
     method, line_search, linear_solver, loss : str
-        What was used; `linear_solver_reason` says why.
+        What was used.
+    linear_solver_reason : str
+        Why this linear solver was chosen.
     loss_scale_px : float
         Scale of the loss, as given or as estimated.
     threads : int

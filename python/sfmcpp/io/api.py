@@ -82,7 +82,20 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
 def convert(
     source: AnyPath, target: AnyPath, *, source_format: str | None = None, target_format: str | None = None
 ) -> None:
-    """Read `source` and write it to `target`; formats and errors as in :func:`read` and :func:`write`."""
+    """Read one file and write its problem to another.
+
+    Parameters
+    ----------
+    source, target : path-like
+        The file or folder to read, and the one to write.
+    source_format, target_format : str, optional
+        Names of their formats. Default: by their names and contents.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read` and :func:`write`.
+    """
     write(read(source, format=source_format), target, format=target_format)
 
 

@@ -21,6 +21,10 @@ class Format:
         One line for people.
     suffixes : tuple of str
         How the names of its files end; empty for folders.
+    reader, writer : callable or None
+        How a path becomes a problem, and a problem a path; None: not readable, not writable.
+    claim : callable or None
+        Whether a file of an ambiguous name is of this format.
     """
 
     name: str

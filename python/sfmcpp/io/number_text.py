@@ -121,7 +121,7 @@ class NumberText:
 
 def _word_starts(data: bytes) -> BoolArray:
     word = np.frombuffer(data.translate(_IS_WORD), np.bool_)
-    starts = word.copy()
+    starts: BoolArray = word.copy()
     starts[1:] &= ~word[:-1]
     return starts
 

@@ -53,6 +53,18 @@ def read_sba(
     Fixed intrinsics give camera model ``"calibrated"``; intrinsics on each line ``"perspective"`` with
     f, cx, cy free, and k1, k2 too if there is distortion. Covariances σ² I become `sigma_px`.
 
+    Parameters
+    ----------
+    cameras, points : path-like
+        The file of cameras, and that of points with their observations.
+    calibration : path-like, optional
+        The file of the 3×3 matrix K, for a cameras file without intrinsics.
+
+    Returns
+    -------
+    Problem
+        With a row of intrinsics for each camera, or one for all where they come from `calibration`.
+
     Raises
     ------
     DatasetError

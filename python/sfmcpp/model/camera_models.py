@@ -18,6 +18,15 @@ class CameraModel:
       ``1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸ + k5 r¹⁰``, then the tangential terms
       ``(2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y)`` are added.
     - ``bal``: ``(u, v) = f (1 + k1 r² + k2 r⁴) (x, y)``: square pixels, principal point at the origin.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    intrinsics : tuple of str
+        Names of its intrinsic parameters, in the order they are stored.
+    free_by_default : frozenset of str
+        Those that a problem leaves free unless it says otherwise.
     """
 
     name: str
@@ -40,6 +49,16 @@ CAMERA_MODELS: dict[str, CameraModel] = {
 
 def camera_model(name: str) -> CameraModel:
     """Look a camera model up by name.
+
+    Parameters
+    ----------
+    name : str
+        ``"calibrated"``, ``"perspective"`` or ``"bal"``.
+
+    Returns
+    -------
+    CameraModel
+        Its intrinsic parameters and which are free by default.
 
     Raises
     ------

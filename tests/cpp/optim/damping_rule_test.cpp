@@ -96,7 +96,9 @@ TEST(DampingRules, StayPositiveOverAnyRunOfSuccesses) {
 }
 
 TEST(StepStrategy, OptionsChooseRuleStartAndMatrix) {
-  MinimizerOptions options{.method = Method::kLevenbergMarquardt, .initial_damping = 0.5};
+  MinimizerOptions options;
+  options.method = Method::kLevenbergMarquardt;
+  options.initial_damping = 0.5;
   const auto hartley = make_step_strategy(options);
   hartley->rejected();
   EXPECT_DOUBLE_EQ(hartley->damping(), 5.0);
@@ -110,7 +112,9 @@ TEST(StepStrategy, OptionsChooseRuleStartAndMatrix) {
 
 TEST(StepStrategy, GivesUpRaisingTheDampingBeforeItOverflows) {
   for (Method method : {Method::kLevenbergMarquardt, Method::kLevenbergMarquardtNielsen}) {
-    const auto strategy = make_step_strategy({.method = method, .initial_damping = 1e-3});
+    MinimizerOptions options;
+    options.method = method;
+    const auto strategy = make_step_strategy(options);
     int rejections = 0;
     while (strategy->can_retry() && rejections < 1000) {
       strategy->rejected();

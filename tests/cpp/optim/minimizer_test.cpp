@@ -20,8 +20,11 @@ class Minimize : public testing::Test {
     scene.num_points = 30;
     return scene;
   }
+  Minimize() { options.method = Method::kLevenbergMarquardt; }
+
   MinimizerSummary run() {
-    const auto solver = linear::make_linear_solver(work.normal(), {linear::LinearSolverKind::kDense});
+    const auto solver =
+        linear::make_linear_solver(work.normal(), {linear::LinearSolverKind::kDense});
     const Stopwatch clock;
     return minimize(work.model, *solver, options, events, clock, state);
   }
@@ -29,7 +32,7 @@ class Minimize : public testing::Test {
 
   LinearizedProblem work{support::make_circle_scene(start())};
   State state = work.state;
-  MinimizerOptions options{.method = Method::kLevenbergMarquardt};
+  MinimizerOptions options;
   Events events;
 };
 
@@ -52,8 +55,7 @@ TEST_F(MinimizeFarStart, RejectedStepsLeaveTheCostAndAcceptedOnesLowerIt) {
     for (std::size_t k = 1; k < summary.iterations.size(); ++k) {
       const Iteration& now = summary.iterations[k];
       const double previous = summary.iterations[k - 1].cost;
-      if (now.accepted) EXPECT_LT(now.cost, previous);
-      if (!now.accepted) EXPECT_EQ(now.cost, previous);
+      EXPECT_TRUE(now.accepted ? now.cost < previous : now.cost == previous);
       rejected += !now.accepted;
     }
     EXPECT_GT(rejected, 0) << "the start is too easy to show anything";
@@ -140,8 +142,9 @@ TEST_F(Minimize, TimeLimitReturnsTheBestStateSoFar) {
 }
 
 TEST_F(Minimize, CallbackStopsAndInterruptsAndTheBestStateIsKept) {
-  for (const auto& [signal, termination] : {std::pair{Signal::kStop, Termination::kStoppedByCallback},
-                                            std::pair{Signal::kInterrupt, Termination::kInterrupted}}) {
+  for (const auto& [signal, termination] :
+       {std::pair{Signal::kStop, Termination::kStoppedByCallback},
+        std::pair{Signal::kInterrupt, Termination::kInterrupted}}) {
     state = work.state;
     events.on_iteration = [s = signal](const Iteration& now) {
       return now.number == 2 ? s : Signal::kContinue;
@@ -196,7 +199,8 @@ TEST_F(Minimize, ExactDataAtTheTruthHasNoGradientToFollow) {
   support::SceneOptions exact;
   exact.camera_model = CameraModelId::kCalibrated;
   LinearizedProblem at_truth{support::make_circle_scene(exact)};
-  const auto solver = linear::make_linear_solver(at_truth.normal(), {linear::LinearSolverKind::kDense});
+  const auto solver =
+      linear::make_linear_solver(at_truth.normal(), {linear::LinearSolverKind::kDense});
   const Stopwatch clock;
   const State before = at_truth.state;
   const auto summary = minimize(at_truth.model, *solver, options, events, clock, at_truth.state);

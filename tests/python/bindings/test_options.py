@@ -36,7 +36,9 @@ def test_unknown_keyword_is_refused(problem: Problem) -> None:
         ("pcg_tolerance", 2.0, r"pcg_tolerance = 2: must be in \(0, 1\)"),
     ],
 )
-def test_value_out_of_range_is_refused_by_name(problem: Problem, name: str, value: object, message: str) -> None:
+def test_value_out_of_range_is_refused_by_name(
+    problem: Problem, name: str, value: object, message: str
+) -> None:
     with pytest.raises(InvalidArgument, match=message):
         sfmcpp.solve(problem, **{name: value})
 

@@ -9,11 +9,11 @@ import time
 
 import numpy as np
 import pytest
-from projection import reference_residuals
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
+from projection import reference_residuals
 from sfmcpp import InvalidArgument, Problem
 
 MODELS = ("calibrated", "perspective", "bal")
@@ -39,7 +39,9 @@ def test_residuals_equal_an_independent_projection(model: str) -> None:
         names = problem.intrinsic_names
         distortion = [names.index(n) for n in names if n[0] in "kp"]
         problem.intrinsics[:, distortion] = rng.normal(0, 0.05, (problem.num_cameras, len(distortion)))
-    np.testing.assert_allclose(sfmcpp.residuals(problem), reference_residuals(problem), rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        sfmcpp.residuals(problem), reference_residuals(problem), rtol=1e-12, atol=1e-10
+    )
 
 
 def test_minimum_equals_that_of_scipy() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from io_helpers import (
     PROPERTY,
     assert_same_metadata,
@@ -18,7 +19,6 @@ from io_helpers import (
     refusal,
     residuals,
 )
-
 from sfmcpp import DatasetError, Problem
 from sfmcpp.io import read, write
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from io_helpers import PROPERTY, assert_valid, assert_valid_or_refused, mutated, no_warnings, random_problem
 
+from io_helpers import PROPERTY, assert_valid, assert_valid_or_refused, mutated, no_warnings, random_problem
 from sfmcpp.io import read, write
 
 BAL_LIKE = {"f": 900, "k1": 0.2, "k2": 0.1}

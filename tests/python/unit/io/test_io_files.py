@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from io_helpers import assert_same_problem, random_problem, refusal
 
+from io_helpers import assert_same_problem, random_problem, refusal
 from sfmcpp import DatasetError, InvalidArgument, Problem
 from sfmcpp.io import convert, formats, read, write
 from sfmcpp.io.atomic import atomic_files, atomic_folder

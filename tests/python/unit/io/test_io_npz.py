@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from io_helpers import (
     PROPERTY,
     assert_same_metadata,
@@ -24,7 +25,6 @@ from io_helpers import (
     random_problem,
     refusal,
 )
-
 from sfmcpp import CAMERA_MODELS, DatasetError, Problem
 from sfmcpp.io import read, write
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from io_helpers import ROTATION_ATOL, random_problem, random_rotations
 
+from io_helpers import ROTATION_ATOL, random_problem, random_rotations
 from sfmcpp import DatasetError
 from sfmcpp.io import write
 from sfmcpp.io.rotations import (

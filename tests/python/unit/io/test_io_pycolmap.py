@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from io_helpers import assert_same_problem, residuals
 
+from io_helpers import assert_same_problem, residuals
 from sfmcpp import Problem
 from sfmcpp.io import read, write
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from io_helpers import (
     assert_same_metadata,
     assert_same_problem,
@@ -14,7 +15,6 @@ from io_helpers import (
     mean_squared_error,
     no_warnings,
 )
-
 from sfmcpp.io import convert, read, write
 
 pytestmark = pytest.mark.real

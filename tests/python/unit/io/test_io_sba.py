@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from io_helpers import PROPERTY, assert_same_problem, no_warnings, random_problem, refusal, residuals
 
+from io_helpers import PROPERTY, assert_same_problem, no_warnings, random_problem, refusal, residuals
 from sfmcpp import DatasetError
 from sfmcpp.io import read, read_sba, write
 

@@ -1,0 +1,265 @@
+"""
+C++ core of sfmcpp; the public interface is the package sfmcpp.
+"""
+from __future__ import annotations
+import numpy
+import numpy.typing
+import typing
+__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LOSSES', 'METHODS', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'residuals', 'solve']
+class SolveOptions:
+    """
+    Options of a solve, with the defaults of the core.
+    """
+    def __init__(self) -> None:
+        ...
+    def validate(self) -> None:
+        """
+        Raise InvalidArgument naming every option out of its range.
+        """
+    @property
+    def damping_matrix(self) -> str:
+        """
+        What λ multiplies: the diagonal of JᵀJ, or the identity.
+        """
+    @damping_matrix.setter
+    def damping_matrix(self, arg1: str) -> None:
+        ...
+    @property
+    def function_tolerance(self) -> float:
+        """
+        Stop when an accepted step decreases the cost by less than this share.
+        """
+    @function_tolerance.setter
+    def function_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def gauge(self) -> str:
+        """
+        What holds the similarity freedom.
+        """
+    @gauge.setter
+    def gauge(self, arg1: str) -> None:
+        ...
+    @property
+    def gradient_tolerance(self) -> float:
+        """
+        Stop when no entry of the gradient is larger.
+        """
+    @gradient_tolerance.setter
+    def gradient_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def initial_damping(self) -> float | None:
+        """
+        First λ; None: that of the method.
+        """
+    @initial_damping.setter
+    def initial_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
+    def linear_solver(self) -> str:
+        """
+        Solver of the normal equations.
+        """
+    @linear_solver.setter
+    def linear_solver(self, arg1: str) -> None:
+        ...
+    @property
+    def loss(self) -> str:
+        """
+        Robust loss.
+        """
+    @loss.setter
+    def loss(self, arg1: str) -> None:
+        ...
+    @property
+    def loss_scale_px(self) -> float | str:
+        """
+        Residual at which the loss leaves the parabola [px]; 'auto': from the median residual at the start.
+        """
+    @loss_scale_px.setter
+    def loss_scale_px(self, arg1: typing.SupportsFloat | typing.SupportsIndex | str) -> None:
+        ...
+    @property
+    def max_iterations(self) -> int:
+        """
+        Steps tried at most, rejected ones included.
+        """
+    @max_iterations.setter
+    def max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def max_seconds(self) -> float | None:
+        """
+        Time limit [s]; None: none.
+        """
+    @max_seconds.setter
+    def max_seconds(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
+    def method(self) -> str:
+        """
+        Minimiser.
+        """
+    @method.setter
+    def method(self, arg1: str) -> None:
+        ...
+    @property
+    def parameter_tolerance(self) -> float:
+        """
+        Stop when the step is shorter than this share of the unknowns' norm.
+        """
+    @parameter_tolerance.setter
+    def parameter_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def pcg_max_iterations(self) -> int:
+        """
+        Iterations of the iterative linear solver at most.
+        """
+    @pcg_max_iterations.setter
+    def pcg_max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def pcg_tolerance(self) -> float:
+        """
+        Relative residual at which the iterative linear solver stops.
+        """
+    @pcg_tolerance.setter
+    def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def threads(self) -> int:
+        """
+        Threads; 0: as many as useful.
+        """
+    @threads.setter
+    def threads(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+class CoreIteration:
+    """
+    One iteration of the minimiser; number 0 is the start.
+    """
+    @property
+    def accepted(self) -> bool:
+        ...
+    @property
+    def cost(self) -> float:
+        ...
+    @property
+    def damping(self) -> float:
+        ...
+    @property
+    def gradient_norm(self) -> float:
+        ...
+    @property
+    def iteration(self) -> int:
+        ...
+    @property
+    def linear_solver_iterations(self) -> int:
+        ...
+    @property
+    def seconds(self) -> float:
+        ...
+    @property
+    def step_lengths(self) -> tuple[float, float]:
+        ...
+    @property
+    def step_norm(self) -> float:
+        ...
+class CoreSummary:
+    """
+    What a solve did.
+    """
+    @property
+    def final_cost(self) -> float:
+        ...
+    @property
+    def final_rms_px(self) -> float:
+        ...
+    @property
+    def initial_cost(self) -> float:
+        ...
+    @property
+    def initial_rms_px(self) -> float:
+        ...
+    @property
+    def iterations(self) -> list[CoreIteration]:
+        ...
+    @property
+    def linear_solver(self) -> str:
+        ...
+    @property
+    def linear_solver_reason(self) -> str:
+        ...
+    @property
+    def loss_scale_px(self) -> float:
+        ...
+    @property
+    def message(self) -> str:
+        ...
+    @property
+    def observations_behind_camera(self) -> tuple[int, int]:
+        ...
+    @property
+    def seconds_setup(self) -> float:
+        ...
+    @property
+    def seconds_total(self) -> float:
+        ...
+    @property
+    def termination(self) -> str:
+        ...
+    @property
+    def threads(self) -> int:
+        ...
+    @property
+    def warnings(self) -> list[str]:
+        ...
+class JacobianCheck:
+    """
+    Analytic against numeric derivatives; see sfmcpp.check_jacobians.
+    """
+    @property
+    def entries(self) -> int:
+        """
+        Derivatives compared.
+        """
+    @property
+    def worst_error(self) -> float:
+        """
+        Largest difference, relative to its block.
+        """
+    @property
+    def worst_observation(self) -> int:
+        """
+        Observation of the largest difference.
+        """
+    @property
+    def worst_parameter(self) -> str:
+        """
+        Parameter of the largest difference.
+        """
+def check(arrays: dict) -> list[str]:
+    """
+    Raise for a broken problem; return what its owner should know.
+    """
+def check_jacobians(arrays: dict, max_observations: typing.SupportsInt | typing.SupportsIndex = 1000) -> JacobianCheck:
+    """
+    Analytic against numeric derivatives.
+    """
+def residuals(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    (M, 2) residuals over their standard deviation.
+    """
+def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> CoreSummary:
+    """
+    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
+    """
+GAUGES: tuple = ('auto', 'free', 'fixed')
+INSTRUCTION_SET: str
+LINEAR_SOLVERS: tuple = ('auto', 'dense', 'sparse', 'iterative')
+LOSSES: tuple = ('squared', 'huber', 'cauchy', 'tukey')
+METHODS: tuple = ('lm', 'lm-nielsen', 'gauss-newton')
+SPARSE_CHOLESKY: str
+__version__: str

@@ -1,0 +1,204 @@
+#include "sfmcpp/ba/check.hpp"
+
+#include <functional>
+#include <limits>
+#include <ostream>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/core/error.hpp"
+#include "support/linearized_problem.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using support::OwnedProblem;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// 6 cameras, 40 points, 240 observations with σ.
+OwnedProblem legal_scene() {
+  support::SceneOptions options;
+  options.camera_model = CameraModelId::kBal;
+  options.varied_sigma = true;
+  return make_circle_scene(options);
+}
+
+template <class F>
+std::string message_of(const F& f) {
+  try {
+    f();
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+std::string check(const OwnedProblem& scene) {
+  return message_of([&] { check_arrays(scene.view()); });
+}
+
+TEST(CheckArrays, ALegalProblemPasses) { EXPECT_EQ(check(legal_scene()), "no error"); }
+
+TEST(CheckArrays, NoSigmaMeansOnePixel) {
+  OwnedProblem scene = legal_scene();
+  scene.sigma_px.clear();
+  EXPECT_EQ(check(scene), "no error");
+}
+
+struct Violation {
+  const char* name;
+  std::function<void(OwnedProblem&)> commit;
+  const char* message;
+};
+void PrintTo(const Violation& violation, std::ostream* out) { *out << violation.name; }
+
+class EveryViolation : public testing::TestWithParam<Violation> {};
+
+TEST_P(EveryViolation, IsReportedWithArrayPositionValueAndRule) {
+  OwnedProblem scene = legal_scene();
+  GetParam().commit(scene);
+  EXPECT_EQ(check(scene), GetParam().message);
+}
+
+const std::vector<Violation>& size_violations() {
+  static const std::vector<Violation> violations{
+      {"CamerasCut", [](OwnedProblem& s) { s.cameras.pop_back(); }, "cameras: 71 values, must be 60"},
+      {"PointsCut", [](OwnedProblem& s) { s.points.pop_back(); }, "points: 119 values, must be 117"},
+      {"IntrinsicsIndexShort",
+       [](OwnedProblem& s) { s.intrinsics_index.pop_back(); },
+       "intrinsics_index: 5 values, must be 6"},
+      {"PointIndexShort",
+       [](OwnedProblem& s) { s.point_index.pop_back(); },
+       "point_index: 239 values, must be 240"},
+      {"PixelsShort", [](OwnedProblem& s) { s.pixels.pop_back(); }, "pixels: 479 values, must be 480"},
+      {"SigmaShort",
+       [](OwnedProblem& s) { s.sigma_px.pop_back(); },
+       "sigma_px: 239 values, must be 240"},
+      {"FixedCamerasShort",
+       [](OwnedProblem& s) { s.fixed_cameras.pop_back(); },
+       "fixed_cameras: 5 values, must be 6"},
+      {"FixedPointsLong",
+       [](OwnedProblem& s) { s.fixed_points.push_back(0); },
+       "fixed_points: 41 values, must be 40"},
+      {"FixedIntrinsicsShort",
+       [](OwnedProblem& s) { s.fixed_intrinsics.pop_back(); },
+       "fixed_intrinsics: 17 values, must be 18"}};
+  return violations;
+}
+
+const std::vector<Violation>& value_violations() {
+  static const std::vector<Violation> violations{
+      {"IntrinsicsIndexTooLarge",
+       [](OwnedProblem& s) { s.intrinsics_index[4] = 6; },
+       "intrinsics_index[4] = 6: must be in [0, 6)"},
+      {"CameraIndexNegative",
+       [](OwnedProblem& s) { s.camera_index[17] = -1; },
+       "camera_index[17] = -1: must be in [0, 6)"},
+      {"CameraIndexTooLarge",
+       [](OwnedProblem& s) { s.camera_index[0] = 6; },
+       "camera_index[0] = 6: must be in [0, 6)"},
+      {"PointIndexTooLarge",
+       [](OwnedProblem& s) { s.point_index[239] = 40; },
+       "point_index[239] = 40: must be in [0, 40)"},
+      {"CamerasNaN", [](OwnedProblem& s) { s.cameras[12 * 3 + 5] = kNaN; }, "cameras[3] = nan: must be finite"},
+      {"IntrinsicsInfinite",
+       [](OwnedProblem& s) { s.intrinsics[7] = kInfinity; },
+       "intrinsics[2] = inf: must be finite"},
+      {"PointsInfinite",
+       [](OwnedProblem& s) { s.points[3 * 9 + 2] = -kInfinity; },
+       "points[9] = -inf: must be finite"},
+      {"PixelsNaN", [](OwnedProblem& s) { s.pixels[2 * 30 + 1] = kNaN; }, "pixels[30] = nan: must be finite"},
+      {"SigmaNaN", [](OwnedProblem& s) { s.sigma_px[5] = kNaN; }, "sigma_px[5] = nan: must be finite"},
+      {"SigmaZero", [](OwnedProblem& s) { s.sigma_px[5] = 0.0; }, "sigma_px[5] = 0: must be positive"},
+      {"SigmaNegative", [](OwnedProblem& s) { s.sigma_px[239] = -2.5; }, "sigma_px[239] = -2.5: must be positive"}};
+  return violations;
+}
+
+std::string name_of(const testing::TestParamInfo<Violation>& test) { return test.param.name; }
+INSTANTIATE_TEST_SUITE_P(Sizes, EveryViolation, testing::ValuesIn(size_violations()), name_of);
+INSTANTIATE_TEST_SUITE_P(Values, EveryViolation, testing::ValuesIn(value_violations()), name_of);
+
+TEST(CheckArrays, AMatrixThatIsNoRotationIsReportedWithItsErrorAndDeterminant) {
+  OwnedProblem scaled = legal_scene(), mirrored = legal_scene();
+  for (int row = 0; row < 3; ++row) {
+    for (int k = 0; k < 3; ++k) scaled.cameras[12 * 2 + 4 * row + k] *= 2.0;
+    mirrored.cameras[12 * 5 + 4 * row] *= -1.0;
+  }
+  EXPECT_EQ(check(scaled),
+            "cameras[2]: not a rotation: |R Rᵀ − I| = 3, determinant 8; must be orthonormal to 1e-6 with "
+            "determinant 1");
+  EXPECT_EQ(check(mirrored).substr(0, 26), "cameras[5]: not a rotation");
+  EXPECT_NE(check(mirrored).find("determinant -1"), std::string::npos);
+}
+
+TEST(CheckArrays, RotationsMayBeOffByAMillionthAndNoMore) {
+  OwnedProblem scene = legal_scene();
+  const std::vector<double> exact = scene.cameras;
+  for (const auto& [error, legal] : {std::pair{2e-7, true}, std::pair{2e-6, false}}) {
+    for (int k : {0, 1, 2, 4, 5, 6, 8, 9, 10}) scene.cameras[k] = exact[k] * (1.0 + error);
+    EXPECT_EQ(check(scene) == "no error", legal) << error;
+  }
+}
+
+linear::ObservationGraph graph_of(const OwnedProblem& scene) {
+  const Problem p = scene.view();
+  return linear::make_observation_graph(p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
+}
+
+TEST(CheckDuplicates, NamesBothObservationsTheirCameraAndPoint) {
+  OwnedProblem scene = legal_scene();
+  EXPECT_NO_THROW(check_duplicates(scene.view(), graph_of(scene)));
+  scene.camera_index[200] = scene.camera_index[31];
+  scene.point_index[200] = scene.point_index[31];
+  const std::string expected = "observations 31 and 200 are both of point " +
+                               std::to_string(scene.point_index[31]) + " in camera " +
+                               std::to_string(scene.camera_index[31]) + ": must be one";
+  EXPECT_EQ(message_of([&] { check_duplicates(scene.view(), graph_of(scene)); }), expected);
+}
+
+std::string check_counts(const OwnedProblem& scene) {
+  const support::LinearizedProblem work(scene);
+  return message_of([&] { check_determined(work.graph, work.map); });
+}
+
+TEST(CheckDetermined, CountsResidualsAgainstUnknownsExactly) {
+  support::SceneOptions options;
+  options.num_cameras = 2;
+  options.num_points = 12;  // 48 residuals, 48 unknowns
+  EXPECT_EQ(check_counts(make_circle_scene(options)), "no error");
+  options.num_points = 11;  // 44, 45
+  EXPECT_EQ(check_counts(make_circle_scene(options)),
+            "fewer residuals than unknowns: 44 residuals, 45 unknowns; fix some or add observations");
+}
+
+TEST(CheckDetermined, FixedThingsAreNoUnknowns) {
+  support::SceneOptions options;
+  options.num_cameras = 2;
+  options.num_points = 11;
+  OwnedProblem scene = make_circle_scene(options);
+  scene.fixed_points[4] = 1;
+  EXPECT_EQ(check_counts(scene), "no error");
+}
+
+TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
+  OwnedProblem scene = legal_scene();
+  scene.camera_index.clear();
+  scene.point_index.clear();
+  scene.pixels.clear();
+  scene.sigma_px.clear();
+  const linear::ObservationGraph graph = graph_of(scene);
+  const auto map = make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph), false);
+  EXPECT_EQ(message_of([&] { check_determined(graph, map); }), "observations: there are none");
+
+  OwnedProblem fixed = legal_scene();
+  for (auto* flags : {&fixed.fixed_cameras, &fixed.fixed_points, &fixed.fixed_intrinsics}) {
+    std::fill(flags->begin(), flags->end(), 1);
+  }
+  EXPECT_EQ(check_counts(fixed),
+            "nothing is free: every observed camera, intrinsic and point is fixed");
+}
+
+}  // namespace
+}  // namespace sfmcpp::ba
