@@ -44,7 +44,7 @@ def test_value_out_of_range_is_refused_by_name(
 
 
 def test_all_violations_are_named_at_once(problem: Problem) -> None:
-    with pytest.raises(InvalidArgument, match="max_iterations = -1.*; threads = -2"):
+    with pytest.raises(InvalidArgument, match=r"max_iterations = -1.*; threads = -2"):
         sfmcpp.solve(problem, max_iterations=-1, threads=-2)
 
 
