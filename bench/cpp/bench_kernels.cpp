@@ -1,7 +1,7 @@
 // Projection and linearisation, per camera model.
-#include <benchmark/benchmark.h>
-
 #include <cmath>
+
+#include <benchmark/benchmark.h>
 
 #include "bench_scene.hpp"
 
@@ -9,8 +9,9 @@ namespace sfmcpp::bench {
 namespace {
 
 void count_observations(benchmark::State& state, const Bench& bench) {
-  state.counters["observations/s"] = benchmark::Counter(
-      static_cast<double>(bench.graph.num_observations()), benchmark::Counter::kIsIterationInvariantRate);
+  state.counters["observations/s"] =
+      benchmark::Counter(static_cast<double>(bench.graph.num_observations()),
+                         benchmark::Counter::kIsIterationInvariantRate);
 }
 
 void cost(benchmark::State& state, CameraModelId model) {
@@ -18,7 +19,8 @@ void cost(benchmark::State& state, CameraModelId model) {
   Bench bench(scene, static_cast<int>(state.range(0)));
   double value = 0.0;
   for (auto _ : state) benchmark::DoNotOptimize(value = bench.model.cost(bench.state));
-  if (!(value > 0.0) || !std::isfinite(value)) state.SkipWithError("the cost is not a positive number");
+  if (!(value > 0.0) || !std::isfinite(value))
+    state.SkipWithError("the cost is not a positive number");
   count_observations(state, bench);
 }
 
@@ -27,19 +29,32 @@ void linearize(benchmark::State& state, CameraModelId model) {
   Bench bench(scene, static_cast<int>(state.range(0)));
   for (auto _ : state) bench.model.linearize(bench.state);
   const double gradient = bench.model.normal_equations().gradient_max_norm();
-  if (!(gradient > 0.0) || !std::isfinite(gradient)) state.SkipWithError("the gradient is not a positive number");
+  if (!(gradient > 0.0) || !std::isfinite(gradient))
+    state.SkipWithError("the gradient is not a positive number");
   count_observations(state, bench);
 }
 
-BENCHMARK_CAPTURE(cost, calibrated, CameraModelId::kCalibrated)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(cost, perspective, CameraModelId::kPerspective)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(cost, calibrated, CameraModelId::kCalibrated)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(cost, perspective, CameraModelId::kPerspective)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(cost, bal, CameraModelId::kBal)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(linearize, calibrated, CameraModelId::kCalibrated)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(linearize, calibrated, CameraModelId::kCalibrated)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(linearize, perspective, CameraModelId::kPerspective)
     ->Arg(1)
     ->Arg(2)
     ->Unit(benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(linearize, bal, CameraModelId::kBal)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(linearize, bal, CameraModelId::kBal)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
 
 }  // namespace
 }  // namespace sfmcpp::bench

@@ -49,12 +49,30 @@ void dense_cholesky(benchmark::State& state) {
       benchmark::Counter(1.0 * n * n * n / 3, benchmark::Counter::kIsIterationInvariantRate);
 }
 
-BENCHMARK_CAPTURE(full, dense, LinearSolverKind::kDense)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(full, sparse, LinearSolverKind::kSparse)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(full, iterative, LinearSolverKind::kIterative)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(ring, dense, LinearSolverKind::kDense)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(ring, sparse, LinearSolverKind::kSparse)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(ring, iterative, LinearSolverKind::kIterative)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(full, dense, LinearSolverKind::kDense)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(full, sparse, LinearSolverKind::kSparse)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(full, iterative, LinearSolverKind::kIterative)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, dense, LinearSolverKind::kDense)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, sparse, LinearSolverKind::kSparse)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(ring, iterative, LinearSolverKind::kIterative)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMillisecond);
 BENCHMARK(dense_cholesky)->ArgsProduct({{450, 1800}, {1, 2}})->Unit(benchmark::kMillisecond);
 
 }  // namespace

@@ -8,8 +8,10 @@
 namespace sfmcpp::bench {
 
 // Of the shape of BAL's problem-49-7776: 50 cameras, about 32,000 observations.
-inline support::OwnedProblem make_scene(CameraModelId model = CameraModelId::kBal, int cameras = 50,
-                                        int points = 8000, int window = 4) {
+inline support::OwnedProblem make_scene(CameraModelId model = CameraModelId::kBal,
+                                        int cameras = 50,
+                                        int points = 8000,
+                                        int window = 4) {
   support::SceneOptions options = support::perturbed(model);
   options.num_cameras = cameras;
   options.num_points = points;
@@ -20,11 +22,15 @@ inline support::OwnedProblem make_scene(CameraModelId model = CameraModelId::kBa
 struct Bench {
   explicit Bench(const support::OwnedProblem& scene, int threads = 1)
       : problem(scene.view()),
-        graph(linear::make_observation_graph(problem.num_cameras(), problem.num_points(), problem.camera_index,
+        graph(linear::make_observation_graph(problem.num_cameras(),
+                                             problem.num_points(),
+                                             problem.camera_index,
                                              problem.point_index)),
         intrinsics(ba::free_intrinsics(problem, graph)),
-        map(ba::make_parameter_map(problem, graph, intrinsics, false)), pool(threads),
-        model(problem, graph, map, intrinsics, pool), state(ba::state_of(problem)) {}
+        map(ba::make_parameter_map(problem, graph, intrinsics, false)),
+        pool(threads),
+        model(problem, graph, map, intrinsics, pool),
+        state(ba::state_of(problem)) {}
 
   ba::Problem problem;
   linear::ObservationGraph graph;

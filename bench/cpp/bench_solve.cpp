@@ -18,7 +18,8 @@ void whole_solve(benchmark::State& state, optim::Method method) {
     optim::State unknowns = ba::state_of(problem);
     summary = ba::solve(problem, options, {}, unknowns);
   }
-  if (summary.minimizer.termination != optim::Termination::kConverged) state.SkipWithError("not converged");
+  if (summary.minimizer.termination != optim::Termination::kConverged)
+    state.SkipWithError("not converged");
   state.counters["iterations"] = static_cast<double>(summary.minimizer.iterations.size()) - 1;
 }
 

@@ -38,7 +38,8 @@ bool ReadObservation(std::FILE* file, Observation& o, const BalProblem& problem)
 BalProblem ReadBal(const std::string& path) {
   const File file = Open(path, "r");
   int num_cameras = 0, num_points = 0, num_observations = 0;
-  const int read = std::fscanf(file.get(), "%d %d %d", &num_cameras, &num_points, &num_observations);
+  const int read =
+      std::fscanf(file.get(), "%d %d %d", &num_cameras, &num_points, &num_observations);
   Require(read == 3 && num_cameras > 0 && num_points > 0 && num_observations > 0, path, "header");
   BalProblem problem;
   problem.observations.resize(num_observations);
@@ -55,7 +56,8 @@ BalProblem ReadBal(const std::string& path) {
 void WriteState(const BalProblem& problem, const std::string& path) {
   const File file = Open(path, "wb");
   const auto write = [&](const auto& blocks) {
-    return std::fwrite(blocks.data(), sizeof(blocks[0]), blocks.size(), file.get()) == blocks.size();
+    return std::fwrite(blocks.data(), sizeof(blocks[0]), blocks.size(), file.get()) ==
+           blocks.size();
   };
   if (!write(problem.cameras) || !write(problem.points)) {
     throw std::runtime_error(path + ": cannot be written");

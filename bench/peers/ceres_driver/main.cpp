@@ -2,15 +2,16 @@
 //
 //     ceres_driver FILE OUTCOME.json STATE.f64 [key=value ...]
 //
-// Keys: linear_solver, dense_library, explicit_schur, jacobian, threads, max_iterations, function_tolerance.
-#include <glog/logging.h>
-
+// Keys: linear_solver, dense_library, explicit_schur, jacobian, threads, max_iterations,
+// function_tolerance.
 #include <cstdlib>
 #include <iostream>
 #include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
+
+#include <glog/logging.h>
 
 #include "bal_problem.h"
 #include "outcome.h"
@@ -22,14 +23,19 @@ namespace {
 using Settings = std::map<std::string, std::string>;
 
 Settings ParseSettings(int argc, char** argv) {
-  Settings settings{{"linear_solver", "DENSE_SCHUR"}, {"dense_library", "LAPACK"}, {"explicit_schur", "0"},
-                    {"jacobian", "analytic"},         {"threads", "2"},            {"max_iterations", "50"},
+  Settings settings{{"linear_solver", "DENSE_SCHUR"},
+                    {"dense_library", "LAPACK"},
+                    {"explicit_schur", "0"},
+                    {"jacobian", "analytic"},
+                    {"threads", "2"},
+                    {"max_iterations", "50"},
                     {"function_tolerance", "1e-6"}};
   for (int i = 4; i < argc; ++i) {
     const std::string argument = argv[i];
     const std::string key = argument.substr(0, argument.find('='));
     if (key.size() == argument.size() || settings.count(key) == 0) {
-      throw std::runtime_error("argument " + argument + ": must be one of the known key=value pairs");
+      throw std::runtime_error("argument " + argument +
+                               ": must be one of the known key=value pairs");
     }
     settings[key] = argument.substr(key.size() + 1);
   }
@@ -64,8 +70,8 @@ std::shared_ptr<ceres::ParameterBlockOrdering> PointsFirst(BalProblem& bal) {
 void AddResiduals(BalProblem& bal, bool analytic, ceres::Problem& problem) {
   const auto create = analytic ? &AnalyticReprojection::Create : &AutoDiffReprojection::Create;
   for (const Observation& o : bal.observations) {
-    problem.AddResidualBlock(create(o.u_px, o.v_px), nullptr, bal.cameras[o.camera].data(),
-                             bal.points[o.point].data());
+    problem.AddResidualBlock(
+        create(o.u_px, o.v_px), nullptr, bal.cameras[o.camera].data(), bal.points[o.point].data());
   }
 }
 
@@ -86,7 +92,8 @@ void Run(int argc, char** argv) {
   ceres::Solve(options, &problem, &summary);
 
   memory.peak_bytes = PeakResidentBytes();
-  if (summary.termination_type == ceres::FAILURE) throw std::runtime_error("Ceres: " + summary.message);
+  if (summary.termination_type == ceres::FAILURE)
+    throw std::runtime_error("Ceres: " + summary.message);
   WriteState(bal, argv[3]);
   WriteOutcome(summary, memory, argv[2]);
 }

@@ -20,7 +20,9 @@ std::string number(double value) {
   return text;
 }
 
-std::string entry(const char* array, std::size_t k) { return std::string(array) + "[" + std::to_string(k) + "]"; }
+std::string entry(const char* array, std::size_t k) {
+  return std::string(array) + "[" + std::to_string(k) + "]";
+}
 
 void check_size(const char* array, std::size_t size, std::size_t wanted) {
   if (size == wanted) return;
@@ -32,7 +34,8 @@ void check_size(const char* array, std::size_t size, std::size_t wanted) {
 void check_finite(const char* array, std::span<const double> values, std::size_t width) {
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (!std::isfinite(values[k])) {
-      throw InvalidArgument(entry(array, k / width) + " = " + number(values[k]) + ": must be finite");
+      throw InvalidArgument(entry(array, k / width) + " = " + number(values[k]) +
+                            ": must be finite");
     }
   }
 }
@@ -40,21 +43,22 @@ void check_finite(const char* array, std::span<const double> values, std::size_t
 void check_range(const char* array, std::span<const int> values, int end) {
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (values[k] < 0 || values[k] >= end) {
-      throw InvalidArgument(entry(array, k) + " = " + std::to_string(values[k]) + ": must be in [0, " +
-                            std::to_string(end) + ")");
+      throw InvalidArgument(entry(array, k) + " = " + std::to_string(values[k]) +
+                            ": must be in [0, " + std::to_string(end) + ")");
     }
   }
 }
 
 void check_rotations(const Problem& problem) {
   for (int i = 0; i < problem.num_cameras(); ++i) {
-    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> camera(problem.cameras.data() +
-                                                                               kCameraStorage * i);
+    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> camera(
+        problem.cameras.data() + kCameraStorage * i);
     const Eigen::Matrix3d r = camera.leftCols<3>();
     const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
     if (error > kRotationTolerance || r.determinant() < 0.0) {
-      throw InvalidArgument(entry("cameras", static_cast<std::size_t>(i)) + ": not a rotation: |R Rᵀ − I| = " +
-                            number(error) + ", determinant " + number(r.determinant()) +
+      throw InvalidArgument(entry("cameras", static_cast<std::size_t>(i)) +
+                            ": not a rotation: |R Rᵀ − I| = " + number(error) + ", determinant " +
+                            number(r.determinant()) +
                             "; must be orthonormal to 1e-6 with determinant 1");
     }
   }
@@ -81,7 +85,10 @@ std::string name_list(const char* what, const std::vector<int>& numbers) {
 }
 
 template <class Predicate>
-void warn(const char* what, int count, const Predicate& applies, const char* text,
+void warn(const char* what,
+          int count,
+          const Predicate& applies,
+          const char* text,
           std::vector<std::string>& warnings) {
   std::vector<int> numbers;
   for (int k = 0; k < count; ++k) {
@@ -104,7 +111,8 @@ int num_components(const linear::ObservationGraph& graph) {
     }
   }
   int components = 0;
-  for (int i = 0; i < graph.num_cameras; ++i) components += parent[i] == i && graph.observations_of_camera(i) > 0;
+  for (int i = 0; i < graph.num_cameras; ++i)
+    components += parent[i] == i && graph.observations_of_camera(i) > 0;
   return components;
 }
 
@@ -127,7 +135,8 @@ void check_arrays(const Problem& problem) {
   check_range("camera_index", problem.camera_index, problem.num_cameras());
   check_range("point_index", problem.point_index, problem.num_points());
   check_finite("cameras", problem.cameras, kCameraStorage);
-  check_finite("intrinsics", problem.intrinsics, static_cast<std::size_t>(problem.num_intrinsics()));
+  check_finite(
+      "intrinsics", problem.intrinsics, static_cast<std::size_t>(problem.num_intrinsics()));
   check_finite("points", problem.points, 3);
   check_finite("pixels", problem.pixels, 2);
   check_finite("sigma_px", problem.sigma_px, 1);
@@ -139,37 +148,51 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
   for (int k = 1; k < problem.num_observations(); ++k) {
     if (graph.camera[k] != graph.camera[k - 1] || graph.point[k] != graph.point[k - 1]) continue;
     throw InvalidArgument("observations " + std::to_string(graph.source[k - 1]) + " and " +
-                          std::to_string(graph.source[k]) + " are both of point " + std::to_string(graph.point[k]) +
-                          " in camera " + std::to_string(graph.camera[k]) + ": must be one");
+                          std::to_string(graph.source[k]) + " are both of point " +
+                          std::to_string(graph.point[k]) + " in camera " +
+                          std::to_string(graph.camera[k]) + ": must be one");
   }
 }
 
 void check_determined(const linear::ObservationGraph& graph, const linear::ParameterMap& map) {
   const long residuals = 2L * graph.num_observations();
-  const long unknowns = map.num_columns + 3L * std::count(map.free_point.begin(), map.free_point.end(), 1);
+  const long unknowns =
+      map.num_columns + 3L * std::count(map.free_point.begin(), map.free_point.end(), 1);
   if (residuals == 0) throw InvalidArgument("observations: there are none");
-  if (unknowns == 0) throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
+  if (unknowns == 0)
+    throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
   if (residuals < unknowns) {
-    throw InvalidArgument("fewer residuals than unknowns: " + std::to_string(residuals) + " residuals, " +
-                          std::to_string(unknowns) + " unknowns; fix some or add observations");
+    throw InvalidArgument("fewer residuals than unknowns: " + std::to_string(residuals) +
+                          " residuals, " + std::to_string(unknowns) +
+                          " unknowns; fix some or add observations");
   }
 }
 
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph) {
   std::vector<std::string> warnings;
   warn(
-      "camera", graph.num_cameras, [&](int i) { return graph.observations_of_camera(i) == 0; },
-      "no observations, left as given", warnings);
+      "camera",
+      graph.num_cameras,
+      [&](int i) { return graph.observations_of_camera(i) == 0; },
+      "no observations, left as given",
+      warnings);
   warn(
-      "point", graph.num_points, [&](int p) { return graph.observations_of_point(p) == 0; },
-      "no observations, left as given", warnings);
+      "point",
+      graph.num_points,
+      [&](int p) { return graph.observations_of_point(p) == 0; },
+      "no observations, left as given",
+      warnings);
   warn(
-      "point", graph.num_points, [&](int p) { return graph.observations_of_point(p) == 1; },
-      "seen by one camera only, the depth is held by damping alone", warnings);
+      "point",
+      graph.num_points,
+      [&](int p) { return graph.observations_of_point(p) == 1; },
+      "seen by one camera only, the depth is held by damping alone",
+      warnings);
   const int components = num_components(graph);
   if (components > 1) {
-    warnings.push_back("the cameras fall into " + std::to_string(components) +
-                       " parts that share no point: their relative position, rotation and scale are arbitrary");
+    warnings.push_back(
+        "the cameras fall into " + std::to_string(components) +
+        " parts that share no point: their relative position, rotation and scale are arbitrary");
   }
   return warnings;
 }

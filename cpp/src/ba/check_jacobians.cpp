@@ -1,10 +1,11 @@
 #include "sfmcpp/ba/check_jacobians.hpp"
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
@@ -17,19 +18,22 @@ using residuals::kReadAhead;
 
 constexpr int kMaxColumns = 18;  // of a camera: pose and intrinsics
 
-constexpr std::array<const char*, 6> kPoseNames{"rotation x", "rotation y", "rotation z",
-                                                "centre x",   "centre y",   "centre z"};
+constexpr std::array<const char*, 6> kPoseNames{
+    "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};
 constexpr std::array<const char*, 3> kPointNames{"point x", "point y", "point z"};
 
 // One observation of the problem on its own, moved by (camera, intrinsics, point) increments.
 class SingleObservation {
  public:
   SingleObservation(const Problem& problem, int observation)
-      : kernels_(residuals::reprojection_kernels(problem.camera_model)), model_(problem.camera_model),
-        num_intrinsics_(problem.num_intrinsics()), num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
+      : kernels_(residuals::reprojection_kernels(problem.camera_model)),
+        model_(problem.camera_model),
+        num_intrinsics_(problem.num_intrinsics()),
+        num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
     const int camera = problem.camera_index[observation], point = problem.point_index[observation];
     std::copy_n(problem.cameras.begin() + kCameraStorage * camera, kCameraStorage, camera_.begin());
-    std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera], num_intrinsics_,
+    std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera],
+                num_intrinsics_,
                 intrinsics_.begin());
     std::copy_n(problem.points.begin() + 3 * point, 3, point_.begin());
     u_.fill(problem.pixels[2 * static_cast<std::size_t>(observation)]);
@@ -57,17 +61,20 @@ class SingleObservation {
     for (int k = 0; k < 12; ++k) all[k] = k;
     std::array<double, 2 * kMaxColumns> camera;
     std::array<double, 8> point;
-    kernels_.linearize(batch(camera_, intrinsics_, point_), {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
+    kernels_.linearize(batch(camera_, intrinsics_, point_),
+                       {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
     Eigen::MatrixXd jacobian(2, size());
     for (int row = 0; row < 2; ++row) {
-      for (int k = 0; k < kPoseTangent + num_free_; ++k) jacobian(row, k) = camera[row * camera_columns() + k];
+      for (int k = 0; k < kPoseTangent + num_free_; ++k)
+        jacobian(row, k) = camera[row * camera_columns() + k];
       for (int k = 0; k < 3; ++k) jacobian(row, kPoseTangent + num_free_ + k) = point[4 * row + k];
     }
     return jacobian;
   }
 
   Eigen::MatrixXd numeric() const {
-    return numeric_jacobian([this](const Eigen::VectorXd& delta) { return projection(delta); }, steps());
+    return numeric_jacobian([this](const Eigen::VectorXd& delta) { return projection(delta); },
+                            steps());
   }
 
  private:
@@ -75,10 +82,18 @@ class SingleObservation {
 
   int camera_columns() const { return kPoseTangent + num_free_; }
 
-  residuals::ObservationBatch batch(const Numbers& camera, const Numbers& intrinsics,
+  residuals::ObservationBatch batch(const Numbers& camera,
+                                    const Numbers& intrinsics,
                                     const std::array<double, 3>& point) const {
     static constexpr std::array<int, 1 + kReadAhead> kFirst{};
-    return {camera.data(), intrinsics.data(), point.data(), kFirst.data(), u_.data(), v_.data(), weight_.data(), 1};
+    return {camera.data(),
+            intrinsics.data(),
+            point.data(),
+            kFirst.data(),
+            u_.data(),
+            v_.data(),
+            weight_.data(),
+            1};
   }
 
   // Up to a constant: the residual is observed − projected.
@@ -98,10 +113,12 @@ class SingleObservation {
     constexpr double kRelative = 1e-4;
     double distance = 0.0;
     for (int k = 0; k < 3; ++k) distance += std::abs(point_[k] - camera_[4 * k + 3]);
-    Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
+    Eigen::VectorXd steps =
+        Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
     steps.head<3>().setConstant(kRelative);
     // The projection is linear in each intrinsic parameter alone: a large step costs no accuracy.
-    for (int k = 0; k < num_free_; ++k) steps[kPoseTangent + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
+    for (int k = 0; k < num_free_; ++k)
+      steps[kPoseTangent + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 
@@ -122,13 +139,17 @@ struct Comparison {
 
 // A derivative that happens to vanish in one observation is judged by the size it has in others:
 // against rounding in the numeric difference, relative accuracy means nothing there.
-void judge(const Problem& problem, const std::vector<Comparison>& comparisons, JacobianCheck& check) {
+void judge(const Problem& problem,
+           const std::vector<Comparison>& comparisons,
+           JacobianCheck& check) {
   constexpr double kSmall = 1e-2;
   if (comparisons.empty()) return;
   Eigen::RowVectorXd largest = Eigen::RowVectorXd::Constant(comparisons[0].numeric.cols(), 1e-300);
-  for (const Comparison& c : comparisons) largest = largest.cwiseMax(c.numeric.cwiseAbs().colwise().maxCoeff());
+  for (const Comparison& c : comparisons)
+    largest = largest.cwiseMax(c.numeric.cwiseAbs().colwise().maxCoeff());
   for (const Comparison& c : comparisons) {
-    const Eigen::RowVectorXd scale = c.numeric.cwiseAbs().colwise().maxCoeff().cwiseMax(kSmall * largest);
+    const Eigen::RowVectorXd scale =
+        c.numeric.cwiseAbs().colwise().maxCoeff().cwiseMax(kSmall * largest);
     const Eigen::RowVectorXd errors =
         (c.analytic - c.numeric).cwiseAbs().colwise().maxCoeff().cwiseQuotient(scale);
     Eigen::Index column = 0;
@@ -137,7 +158,8 @@ void judge(const Problem& problem, const std::vector<Comparison>& comparisons, J
     if (error <= check.worst_error) continue;
     check.worst_error = error;
     check.worst_observation = c.observation;
-    check.worst_parameter = SingleObservation(problem, c.observation).name(static_cast<int>(column));
+    check.worst_parameter =
+        SingleObservation(problem, c.observation).name(static_cast<int>(column));
   }
 }
 
@@ -148,9 +170,11 @@ JacobianCheck check_jacobians(const Problem& problem, int max_observations) {
   std::vector<Comparison> comparisons;
   const int count = std::min(max_observations, problem.num_observations());
   for (int k = 0; k < count; ++k) {
-    const int observation = static_cast<int>(static_cast<long>(k) * problem.num_observations() / count);
+    const int observation =
+        static_cast<int>(static_cast<long>(k) * problem.num_observations() / count);
     const SingleObservation single(problem, observation);
-    if (single.in_front()) comparisons.push_back({observation, single.analytic(), single.numeric()});
+    if (single.in_front())
+      comparisons.push_back({observation, single.analytic(), single.numeric()});
   }
   JacobianCheck check;
   judge(problem, comparisons, check);

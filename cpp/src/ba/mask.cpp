@@ -19,19 +19,22 @@ struct GaugeMask {
   int scale_coordinate = 0;
 
   bool holds(int camera, int column) const {
-    return camera == first_camera || (camera == scale_camera && column == kCentre + scale_coordinate);
+    return camera == first_camera ||
+           (camera == scale_camera && column == kCentre + scale_coordinate);
   }
 };
 
 double centre(const Problem& problem, int camera, int k) {
-  return problem.cameras[static_cast<std::size_t>(kCameraStorage * camera + 4 * k + 3)];
+  return problem.cameras[static_cast<std::size_t>(camera) * kCameraStorage + 4 * k + 3];
 }
 
 bool gauge_is_held(const Problem& problem, const ObservationGraph& graph) {
   const auto fixed = [](std::uint8_t flag) { return flag != 0; };
   int held = 0;
-  for (int i = 0; i < problem.num_cameras(); ++i) held += problem.fixed_cameras[i] && graph.observations_of_camera(i) > 0;
-  return held >= 2 || std::count_if(problem.fixed_points.begin(), problem.fixed_points.end(), fixed) >= 3;
+  for (int i = 0; i < problem.num_cameras(); ++i)
+    held += problem.fixed_cameras[i] && graph.observations_of_camera(i) > 0;
+  return held >= 2 ||
+         std::count_if(problem.fixed_points.begin(), problem.fixed_points.end(), fixed) >= 3;
 }
 
 GaugeMask choose_gauge(const Problem& problem, const ObservationGraph& graph) {
@@ -48,7 +51,8 @@ GaugeMask choose_gauge(const Problem& problem, const ObservationGraph& graph) {
   for (int i = 0; i < problem.num_cameras(); ++i) {
     if (graph.observations_of_camera(i) == 0) continue;
     for (int k = 0; k < 3; ++k) {
-      const double length = std::abs(centre(problem, i, k) - centre(problem, gauge.first_camera, k));
+      const double length =
+          std::abs(centre(problem, i, k) - centre(problem, gauge.first_camera, k));
       if (length <= longest) continue;
       longest = length;
       gauge.scale_camera = i;
@@ -61,10 +65,15 @@ GaugeMask choose_gauge(const Problem& problem, const ObservationGraph& graph) {
 // Hands out reduced columns, one variable block after the other.
 class Builder {
  public:
-  Builder(const Problem& problem, const ObservationGraph& graph, const std::vector<int>& intrinsics, GaugeMask gauge)
+  Builder(const Problem& problem,
+          const ObservationGraph& graph,
+          const std::vector<int>& intrinsics,
+          GaugeMask gauge)
       : problem_(problem), graph_(graph), intrinsics_(intrinsics), gauge_(gauge) {
-    map_.camera_size = linear::padded_camera_size(kPoseTangent + static_cast<int>(intrinsics.size()));
-    map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size, kNoColumn);
+    map_.camera_size =
+        linear::padded_camera_size(kPoseTangent + static_cast<int>(intrinsics.size()));
+    map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size,
+                       kNoColumn);
     users_.assign(problem.num_groups(), 0);
     for (int i = 0; i < problem.num_cameras(); ++i) {
       if (observed(i)) ++users_[problem.intrinsics_index[i]];
@@ -90,7 +99,9 @@ class Builder {
  private:
   bool observed(int camera) const { return graph_.observations_of_camera(camera) > 0; }
   int group(int camera) const { return problem_.intrinsics_index[camera]; }
-  int& column(int camera, int k) { return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k]; }
+  int& column(int camera, int k) {
+    return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k];
+  }
 
   void add_pose(int camera) {
     for (int k = 0; k < kPoseTangent; ++k) {
@@ -100,7 +111,8 @@ class Builder {
 
   void add_intrinsics(int group, const std::vector<int>& cameras) {
     for (std::size_t k = 0; k < intrinsics_.size(); ++k) {
-      const auto parameter = static_cast<std::size_t>(group * problem_.num_intrinsics() + intrinsics_[k]);
+      const auto parameter =
+          static_cast<std::size_t>(group) * problem_.num_intrinsics() + intrinsics_[k];
       if (problem_.fixed_intrinsics[parameter]) continue;
       for (int camera : cameras) column(camera, kPoseTangent + static_cast<int>(k)) = next_column_;
       ++next_column_;
@@ -142,7 +154,7 @@ std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph&
   const int count = problem.num_intrinsics();
   for (int k = 0; k < count; ++k) {
     for (int i = 0; i < problem.num_cameras(); ++i) {
-      const auto parameter = static_cast<std::size_t>(problem.intrinsics_index[i] * count + k);
+      const auto parameter = static_cast<std::size_t>(problem.intrinsics_index[i]) * count + k;
       if (graph.observations_of_camera(i) == 0 || problem.fixed_intrinsics[parameter]) continue;
       free.push_back(k);
       break;
@@ -151,8 +163,10 @@ std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph&
   return free;
 }
 
-ParameterMap make_parameter_map(const Problem& problem, const ObservationGraph& graph,
-                                const std::vector<int>& free_intrinsics, bool fix_gauge) {
+ParameterMap make_parameter_map(const Problem& problem,
+                                const ObservationGraph& graph,
+                                const std::vector<int>& free_intrinsics,
+                                bool fix_gauge) {
   const GaugeMask gauge = fix_gauge ? choose_gauge(problem, graph) : GaugeMask{};
   return Builder(problem, graph, free_intrinsics, gauge).build();
 }

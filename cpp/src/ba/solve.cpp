@@ -15,7 +15,8 @@ namespace {
 bool fixes_gauge(const SolveOptions& options) {
   const bool undamped = options.minimizer.method == optim::Method::kGaussNewton;
   if (options.gauge == Gauge::kFree && undamped) {
-    throw InvalidArgument("gauge = 'free' with method = 'gauss-newton': without damping the gauge must be 'fixed'");
+    throw InvalidArgument(
+        "gauge = 'free' with method = 'gauss-newton': without damping the gauge must be 'fixed'");
   }
   return options.gauge == Gauge::kFixed || undamped;
 }
@@ -35,15 +36,18 @@ Loss make_loss(const SolveOptions& options, const std::vector<double>& residuals
 
 void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings) {
   if (summary.behind_camera_initial + summary.behind_camera_final == 0) return;
-  warnings.push_back(std::to_string(summary.behind_camera_initial) + " observations at the start and " +
-                     std::to_string(summary.behind_camera_final) +
-                     " at the end are of points behind their camera; their residual keeps the formula's value");
+  warnings.push_back(
+      std::to_string(summary.behind_camera_initial) + " observations at the start and " +
+      std::to_string(summary.behind_camera_final) +
+      " at the end are of points behind their camera; their residual keeps the formula's value");
 }
 
 // Everything a solve owns, in the order it must be made.
 struct Workspace {
   Workspace(const Problem& problem, const SolveOptions& options)
-      : graph(linear::make_observation_graph(problem.num_cameras(), problem.num_points(), problem.camera_index,
+      : graph(linear::make_observation_graph(problem.num_cameras(),
+                                             problem.num_points(),
+                                             problem.camera_index,
                                              problem.point_index)),
         intrinsics(free_intrinsics(problem, graph)),
         map(make_parameter_map(problem, graph, intrinsics, fixes_gauge(options))),
@@ -57,7 +61,10 @@ struct Workspace {
   BundleModel model;
 };
 
-void describe_start(Workspace& work, const SolveOptions& options, const optim::State& state, SolveSummary& summary) {
+void describe_start(Workspace& work,
+                    const SolveOptions& options,
+                    const optim::State& state,
+                    SolveSummary& summary) {
   const std::vector<double> residuals = work.model.residuals(state);
   summary.initial_rms_px = rms(residuals);
   summary.behind_camera_initial = work.model.num_behind_camera(state);
@@ -80,22 +87,34 @@ void SolveOptions::validate() const {
   const optim::TerminationOptions& t = minimizer.termination;
   check.require(t.max_iterations >= 0, "max_iterations", t.max_iterations, "at least 0");
   check.require(t.max_seconds > 0.0, "max_seconds", t.max_seconds, "positive");
-  check.require(t.function_tolerance >= 0.0, "function_tolerance", t.function_tolerance, "at least 0");
-  check.require(t.gradient_tolerance >= 0.0, "gradient_tolerance", t.gradient_tolerance, "at least 0");
-  check.require(t.parameter_tolerance >= 0.0, "parameter_tolerance", t.parameter_tolerance, "at least 0");
+  check.require(
+      t.function_tolerance >= 0.0, "function_tolerance", t.function_tolerance, "at least 0");
+  check.require(
+      t.gradient_tolerance >= 0.0, "gradient_tolerance", t.gradient_tolerance, "at least 0");
+  check.require(
+      t.parameter_tolerance >= 0.0, "parameter_tolerance", t.parameter_tolerance, "at least 0");
   const double damping = minimizer.initial_damping.value_or(1.0);
-  check.require(damping > 0.0 && std::isfinite(damping), "initial_damping", damping, "positive and finite");
-  check.require(loss_scale_px > 0.0 && std::isfinite(loss_scale_px), "loss_scale_px", loss_scale_px,
+  check.require(
+      damping > 0.0 && std::isfinite(damping), "initial_damping", damping, "positive and finite");
+  check.require(loss_scale_px > 0.0 && std::isfinite(loss_scale_px),
+                "loss_scale_px",
+                loss_scale_px,
                 "positive and finite");
-  check.require(linear_solver.pcg_tolerance > 0.0 && linear_solver.pcg_tolerance < 1.0, "pcg_tolerance",
-                linear_solver.pcg_tolerance, "in (0, 1)");
-  check.require(linear_solver.pcg_max_iterations > 0, "pcg_max_iterations", linear_solver.pcg_max_iterations,
+  check.require(linear_solver.pcg_tolerance > 0.0 && linear_solver.pcg_tolerance < 1.0,
+                "pcg_tolerance",
+                linear_solver.pcg_tolerance,
+                "in (0, 1)");
+  check.require(linear_solver.pcg_max_iterations > 0,
+                "pcg_max_iterations",
+                linear_solver.pcg_max_iterations,
                 "at least 1");
   check.require(num_threads >= 0 && num_threads <= 1024, "threads", num_threads, "in [0, 1024]");
   check.done();
 }
 
-SolveSummary solve(const Problem& problem, const SolveOptions& options, const optim::Events& events,
+SolveSummary solve(const Problem& problem,
+                   const SolveOptions& options,
+                   const optim::Events& events,
                    optim::State& state) {
   const Stopwatch clock;
   options.validate();
@@ -107,7 +126,8 @@ SolveSummary solve(const Problem& problem, const SolveOptions& options, const op
   SolveSummary summary;
   summary.num_threads = work.pool.num_threads();
   describe_start(work, options, state, summary);
-  summary.linear_solver = linear::choose_linear_solver(work.graph, work.map, options.linear_solver.kind);
+  summary.linear_solver =
+      linear::choose_linear_solver(work.graph, work.map, options.linear_solver.kind);
   linear::LinearSolverOptions solver_options = options.linear_solver;
   solver_options.kind = summary.linear_solver.kind;
   const auto solver = linear::make_linear_solver(work.model.normal_equations(), solver_options);

@@ -1,10 +1,10 @@
 // Views of NumPy arrays, with errors that name the argument.
 #pragma once
 
-#include <pybind11/numpy.h>
-
 #include <span>
 #include <string>
+
+#include <pybind11/numpy.h>
 
 #include "sfmcpp/core/error.hpp"
 

@@ -17,7 +17,8 @@ std::vector<std::string> check(const py::dict& arrays) {
   const linear::ObservationGraph graph = linear::make_observation_graph(
       problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
   ba::check_duplicates(problem, graph);
-  ba::check_determined(graph, ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph), false));
+  ba::check_determined(
+      graph, ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph), false));
   return ba::warnings_about(graph);
 }
 
@@ -34,7 +35,8 @@ py::array_t<double> residuals(const py::dict& arrays) {
   py::array_t<double> result({problem.num_observations(), 2});
   auto values = result.mutable_unchecked<2>();
   for (int k = 0; k < problem.num_observations(); ++k) {
-    for (int c = 0; c < 2; ++c) values(graph.source[k], c) = stored[2 * static_cast<std::size_t>(k) + c];
+    for (int c = 0; c < 2; ++c)
+      values(graph.source[k], c) = stored[2 * static_cast<std::size_t>(k) + c];
   }
   return result;
 }
@@ -43,19 +45,29 @@ py::array_t<double> residuals(const py::dict& arrays) {
 
 void bind_check(py::module_& m) {
   using J = ba::JacobianCheck;
-  py::class_<J>(m, "JacobianCheck", "Analytic against numeric derivatives; see sfmcpp.check_jacobians.")
+  py::class_<J>(
+      m, "JacobianCheck", "Analytic against numeric derivatives; see sfmcpp.check_jacobians.")
       .def_readonly("entries", &J::entries, "Derivatives compared.")
       .def_readonly("worst_error", &J::worst_error, "Largest difference, relative to its block.")
-      .def_readonly("worst_observation", &J::worst_observation, "Observation of the largest difference.")
+      .def_readonly(
+          "worst_observation", &J::worst_observation, "Observation of the largest difference.")
       .def_readonly("worst_parameter", &J::worst_parameter, "Parameter of the largest difference.");
-  m.def("check", &check, py::arg("arrays"), "Raise for a broken problem; return what its owner should know.");
-  m.def("residuals", &residuals, py::arg("arrays"), "(M, 2) residuals over their standard deviation.");
+  m.def("check",
+        &check,
+        py::arg("arrays"),
+        "Raise for a broken problem; return what its owner should know.");
+  m.def("residuals",
+        &residuals,
+        py::arg("arrays"),
+        "(M, 2) residuals over their standard deviation.");
   m.def(
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {
         return ba::check_jacobians(problem_of(arrays), max_observations);
       },
-      py::arg("arrays"), py::arg("max_observations") = 1000, "Analytic against numeric derivatives.");
+      py::arg("arrays"),
+      py::arg("max_observations") = 1000,
+      "Analytic against numeric derivatives.");
 }
 
 }  // namespace sfmcpp::bindings

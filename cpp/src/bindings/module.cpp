@@ -11,15 +11,17 @@ namespace {
 
 // The Python class is defined in sfmcpp.errors, so that code without the core can raise it too.
 void register_errors() {
-  py::register_exception_translator([](std::exception_ptr p) {
-    try {
-      if (p) std::rethrow_exception(p);
-    } catch (const sfmcpp::InvalidArgument& e) {
-      py::set_error(py::module_::import("sfmcpp.errors").attr("InvalidArgument"), e.what());
-    } catch (const sfmcpp::Error& e) {
-      py::set_error(py::module_::import("sfmcpp.errors").attr("SfmcppError"), e.what());
-    }
-  });
+  // pybind11 asks for this signature.
+  py::register_exception_translator(
+      [](std::exception_ptr p) {  // NOLINT(performance-unnecessary-value-param)
+        try {
+          if (p) std::rethrow_exception(p);
+        } catch (const sfmcpp::InvalidArgument& e) {
+          py::set_error(py::module_::import("sfmcpp.errors").attr("InvalidArgument"), e.what());
+        } catch (const sfmcpp::Error& e) {
+          py::set_error(py::module_::import("sfmcpp.errors").attr("SfmcppError"), e.what());
+        }
+      });
 }
 
 }  // namespace

@@ -1,7 +1,7 @@
+#include <algorithm>
+
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
-
-#include <algorithm>
 
 #include "arrays.hpp"
 #include "options.hpp"
@@ -10,7 +10,8 @@
 namespace sfmcpp::bindings {
 namespace {
 
-// Ctrl-C as Python sees it. Needs the GIL; swallows the KeyboardInterrupt, which the summary reports.
+// Ctrl-C as Python sees it. Needs the GIL; swallows the KeyboardInterrupt, which the summary
+// reports.
 bool interrupted() {
   if (PyErr_CheckSignals() == 0) return false;
   if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
@@ -24,7 +25,8 @@ class Listener {
   explicit Listener(py::object callback) : callback_(std::move(callback)) {}
 
   optim::Events events() {
-    return {.on_iteration = [this](const optim::Iteration& i) { return guarded([&] { return call(i); }); },
+    return {.on_iteration =
+                [this](const optim::Iteration& i) { return guarded([&] { return call(i); }); },
             .poll = [this] { return guarded([] { return optim::Signal::kContinue; }); }};
   }
   void rethrow() const {
@@ -50,16 +52,20 @@ class Listener {
   }
   optim::Signal call(const optim::Iteration& iteration) const {
     if (callback_.is_none()) return optim::Signal::kContinue;
-    return callback_(iteration).is(py::bool_(false)) ? optim::Signal::kStop : optim::Signal::kContinue;
+    return callback_(iteration).is(py::bool_(false)) ? optim::Signal::kStop
+                                                     : optim::Signal::kContinue;
   }
 
   py::object callback_;
   std::exception_ptr error_;
 };
 
-ba::SolveSummary solve(const py::dict& arrays, const ba::SolveOptions& options, const py::object& callback) {
+ba::SolveSummary solve(const py::dict& arrays,
+                       const ba::SolveOptions& options,
+                       const py::object& callback) {
   const ba::Problem problem = problem_of(arrays);
-  const std::span<double> cameras = view<double>(arrays, "cameras"), intrinsics = view<double>(arrays, "intrinsics"),
+  const std::span<double> cameras = view<double>(arrays, "cameras"),
+                          intrinsics = view<double>(arrays, "intrinsics"),
                           points = view<double>(arrays, "points");
   optim::State state = ba::state_of(problem);
   Listener listener(callback);
@@ -78,8 +84,13 @@ ba::SolveSummary solve(const py::dict& arrays, const ba::SolveOptions& options, 
 }  // namespace
 
 void bind_solve(py::module_& m) {
-  m.def("solve", &solve, py::arg("arrays"), py::arg("options"), py::arg("callback") = py::none(),
-        "Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.");
+  m.def("solve",
+        &solve,
+        py::arg("arrays"),
+        py::arg("options"),
+        py::arg("callback") = py::none(),
+        "Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best "
+        "state.");
 }
 
 }  // namespace sfmcpp::bindings

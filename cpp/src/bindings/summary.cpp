@@ -15,8 +15,8 @@ void bind_iteration(py::module_& m) {
       .def_readonly("damping", &I::damping)
       .def_readonly("gradient_norm", &I::gradient_norm)
       .def_readonly("step_norm", &I::step_norm)
-      .def_property_readonly("step_lengths",
-                             [](const I& i) { return std::pair(i.lengths.camera, i.lengths.point); })
+      .def_property_readonly(
+          "step_lengths", [](const I& i) { return std::pair(i.lengths.camera, i.lengths.point); })
       .def_readonly("linear_solver_iterations", &I::linear_solver_iterations);
 }
 
@@ -24,7 +24,8 @@ void def_minimizer_part(py::class_<ba::SolveSummary>& c) {
   using S = ba::SolveSummary;
   c.def_property_readonly("initial_cost", [](const S& s) { return s.minimizer.initial_cost; });
   c.def_property_readonly("final_cost", [](const S& s) { return s.minimizer.final_cost; });
-  c.def_property_readonly("termination", [](const S& s) { return enum_name(s.minimizer.termination); });
+  c.def_property_readonly("termination",
+                          [](const S& s) { return enum_name(s.minimizer.termination); });
   c.def_property_readonly("message", [](const S& s) { return s.minimizer.message; });
   c.def_property_readonly("iterations", [](const S& s) { return s.minimizer.iterations; });
 }
@@ -38,8 +39,10 @@ void bind_summary(py::module_& m) {
   def_minimizer_part(c);
   c.def_readonly("initial_rms_px", &S::initial_rms_px);
   c.def_readonly("final_rms_px", &S::final_rms_px);
-  c.def_property_readonly("linear_solver", [](const S& s) { return enum_name(s.linear_solver.kind); });
-  c.def_property_readonly("linear_solver_reason", [](const S& s) { return s.linear_solver.reason; });
+  c.def_property_readonly("linear_solver",
+                          [](const S& s) { return enum_name(s.linear_solver.kind); });
+  c.def_property_readonly("linear_solver_reason",
+                          [](const S& s) { return s.linear_solver.reason; });
   c.def_readonly("loss_scale_px", &S::loss_scale_px);
   c.def_readonly("threads", &S::num_threads);
   c.def_readonly("seconds_setup", &S::seconds_setup);

@@ -7,8 +7,8 @@
 namespace sfmcpp {
 namespace {
 
-constexpr std::array<std::string_view, 12> kPerspectiveNames{"f",  "aspect", "cx", "cy", "skew", "k1",
-                                                             "k2", "k3",     "k4", "k5", "p1",   "p2"};
+constexpr std::array<std::string_view, 12> kPerspectiveNames{
+    "f", "aspect", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "k5", "p1", "p2"};
 constexpr std::array<std::string_view, 3> kBalNames{"f", "k1", "k2"};
 
 using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;

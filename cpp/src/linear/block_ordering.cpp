@@ -1,8 +1,9 @@
 #include "sfmcpp/linear/block_ordering.hpp"
 
+#include <algorithm>
+
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCore>
-#include <algorithm>
 
 namespace sfmcpp::linear {
 namespace {
@@ -23,6 +24,7 @@ std::vector<int> blocks_of_camera(const ParameterMap& map, int camera) {
 
 Pattern symmetric_pattern(const BlockGraph& graph) {
   std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(graph.size.size() + 2 * graph.edges.size());
   for (int k = 0; k < static_cast<int>(graph.size.size()); ++k) entries.emplace_back(k, k, 1.0);
   for (const auto& [a, b] : graph.edges) {
     entries.emplace_back(a, b, 1.0);
@@ -34,8 +36,8 @@ Pattern symmetric_pattern(const BlockGraph& graph) {
   return pattern;
 }
 
-// Height of each block column of the factor below its diagonal block, by walking the elimination tree
-// from every entry of every row (Liu's row subtrees). Indices are places in the order.
+// Height of each block column of the factor below its diagonal block, by walking the elimination
+// tree from every entry of every row (Liu's row subtrees). Indices are places in the order.
 std::vector<double> factor_heights(const std::vector<std::vector<int>>& row_entries,
                                    const std::vector<int>& sizes) {
   const int n = static_cast<int>(sizes.size());
@@ -75,7 +77,8 @@ void predict_cost(const BlockGraph& graph, BlockOrdering& ordering) {
 
 BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& map) {
   BlockGraph graph;
-  for (int k = 0; k < map.num_blocks(); ++k) graph.size.push_back(map.block_begin[k + 1] - map.block_begin[k]);
+  for (int k = 0; k < map.num_blocks(); ++k)
+    graph.size.push_back(map.block_begin[k + 1] - map.block_begin[k]);
   std::vector<std::vector<int>> blocks(pattern.num_rows());
   for (int i = 0; i < pattern.num_rows(); ++i) blocks[i] = blocks_of_camera(map, i);
   for (int i = 0; i < pattern.num_rows(); ++i) {

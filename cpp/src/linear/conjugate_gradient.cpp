@@ -19,9 +19,13 @@ void add_scaled(double s, const std::vector<double>& x, std::vector<double>& y) 
 
 }  // namespace
 
-ConjugateGradientResult conjugate_gradient(const LinearMap& a, const LinearMap& preconditioner,
-                                           const std::vector<double>& b, double tolerance, int max_iterations,
-                                           const std::function<bool()>& should_stop, std::vector<double>& x) {
+ConjugateGradientResult conjugate_gradient(const LinearMap& a,
+                                           const LinearMap& preconditioner,
+                                           const std::vector<double>& b,
+                                           double tolerance,
+                                           int max_iterations,
+                                           const std::function<bool()>& should_stop,
+                                           std::vector<double>& x) {
   ConjugateGradientResult result;
   std::vector<double> residual = b, z(b.size()), direction, a_direction(b.size());
   x.assign(b.size(), 0.0);

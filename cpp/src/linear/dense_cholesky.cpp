@@ -8,14 +8,47 @@
 
 extern "C" {
 void dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
-void dpotrs_(const char* uplo, const int* n, const int* nrhs, const double* a, const int* lda, double* b,
-             const int* ldb, int* info);
-void dtrsm_(const char* side, const char* uplo, const char* transa, const char* diag, const int* m, const int* n,
-            const double* alpha, const double* a, const int* lda, double* b, const int* ldb);
-void dsyrk_(const char* uplo, const char* trans, const int* n, const int* k, const double* alpha, const double* a,
-            const int* lda, const double* beta, double* c, const int* ldc);
-void dgemm_(const char* transa, const char* transb, const int* m, const int* n, const int* k, const double* alpha,
-            const double* a, const int* lda, const double* b, const int* ldb, const double* beta, double* c,
+void dpotrs_(const char* uplo,
+             const int* n,
+             const int* nrhs,
+             const double* a,
+             const int* lda,
+             double* b,
+             const int* ldb,
+             int* info);
+void dtrsm_(const char* side,
+            const char* uplo,
+            const char* transa,
+            const char* diag,
+            const int* m,
+            const int* n,
+            const double* alpha,
+            const double* a,
+            const int* lda,
+            double* b,
+            const int* ldb);
+void dsyrk_(const char* uplo,
+            const char* trans,
+            const int* n,
+            const int* k,
+            const double* alpha,
+            const double* a,
+            const int* lda,
+            const double* beta,
+            double* c,
+            const int* ldc);
+void dgemm_(const char* transa,
+            const char* transb,
+            const int* m,
+            const int* n,
+            const int* k,
+            const double* alpha,
+            const double* a,
+            const int* lda,
+            const double* b,
+            const int* ldb,
+            const double* beta,
+            double* c,
             const int* ldc);
 }
 #else
@@ -33,7 +66,11 @@ constexpr double kOne = 1.0, kMinusOne = -1.0;
 class TiledCholesky {
  public:
   TiledCholesky(int n, double* matrix, ThreadPool& pool)
-      : n_(n), tile_(n < kLarge ? 64 : 144), count_((n + tile_ - 1) / tile_), matrix_(matrix), pool_(pool) {}
+      : n_(n),
+        tile_(n < kLarge ? 64 : 144),
+        count_((n + tile_ - 1) / tile_),
+        matrix_(matrix),
+        pool_(pool) {}
 
   bool factor() {
     for (int k = 0; k < count_; ++k) {
@@ -53,7 +90,8 @@ class TiledCholesky {
 
   int rows(int tile) const { return std::min(tile_, n_ - tile * tile_); }
   double* at(int row_tile, int column_tile) const {
-    return matrix_ + static_cast<long>(column_tile) * tile_ * n_ + static_cast<long>(row_tile) * tile_;
+    return matrix_ + static_cast<long>(column_tile) * tile_ * n_ +
+           static_cast<long>(row_tile) * tile_;
   }
 
   // L_ik = A_ik L_kk⁻ᵀ
@@ -72,7 +110,18 @@ class TiledCholesky {
     if (row == column) {
       dsyrk_("L", "N", &m, &inner, &kMinusOne, at(row, k), &n_, &kOne, at(row, row), &n_);
     } else {
-      dgemm_("N", "T", &m, &n, &inner, &kMinusOne, at(row, k), &n_, at(column, k), &n_, &kOne, at(row, column),
+      dgemm_("N",
+             "T",
+             &m,
+             &n,
+             &inner,
+             &kMinusOne,
+             at(row, k),
+             &n_,
+             at(column, k),
+             &n_,
+             &kOne,
+             at(row, column),
              &n_);
     }
   }

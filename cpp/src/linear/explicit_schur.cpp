@@ -12,13 +12,15 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSo
   blocks_.resize(static_cast<std::size_t>(pattern_.num_blocks()) * size * size);
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
   steps_.resize(rhs_.size());
-  block_of_camera_.assign(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
+  block_of_camera_.assign(normal.pool().num_threads(),
+                          std::vector<int>(normal.graph().num_cameras));
   reduced_ = kind == LinearSolverKind::kSparse
                  ? make_sparse_reduced_solver(pattern_, normal.map())
                  : make_dense_reduced_solver(pattern_, normal.map(), normal.pool());
 }
 
-LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping, Step& step,
+LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
+                                             Step& step,
                                              const std::function<bool()>&) {
   factors_.factor(damping);
   couple();
@@ -37,9 +39,12 @@ void ExplicitSchurSolver::couple() {
   const ObservationGraph& graph = normal_.graph();
   normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
     const Chunk& c = graph.chunks[chunk];
-    normal_.kernels().couple(c.end - c.begin, normal_.records() + static_cast<long>(kPointRecord) * c.begin,
-                             graph.point.data() + c.begin, factors_.data(),
-                             normal_.jacobian() + 2 * size * c.begin, coupling_.data() + 3 * size * c.begin);
+    normal_.kernels().couple(c.end - c.begin,
+                             normal_.records() + static_cast<long>(kPointRecord) * c.begin,
+                             graph.point.data() + c.begin,
+                             factors_.data(),
+                             normal_.jacobian() + 2 * size * c.begin,
+                             coupling_.data() + 3 * size * c.begin);
   });
 }
 
@@ -59,9 +64,11 @@ void ExplicitSchurSolver::back_substitute(Step& step) {
   }
   step.point.resize(3 * static_cast<std::size_t>(graph.num_points));
   normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
-    const int begin = task * kPointsPerTask, end = std::min(begin + kPointsPerTask, graph.num_points);
+    const int begin = task * kPointsPerTask,
+              end = std::min(begin + kPointsPerTask, graph.num_points);
     std::array<double, 3 * kPointsPerTask> sums;
-    normal_.kernels().coupled_sums(graph.view(), begin, end, coupling_.data(), steps_.data(), sums.data());
+    normal_.kernels().coupled_sums(
+        graph.view(), begin, end, coupling_.data(), steps_.data(), sums.data());
     for (int p = begin; p < end; ++p) {
       factors_.back_substitute(p, sums.data() + 3 * (p - begin), step.point.data() + 3L * p);
     }
@@ -69,7 +76,8 @@ void ExplicitSchurSolver::back_substitute(Step& step) {
 }
 
 void ExplicitSchurSolver::form() {
-  normal_.pool().parallel_for_worker(pattern_.num_rows(), [this](int i, int worker) { form_row(i, worker); });
+  normal_.pool().parallel_for_worker(pattern_.num_rows(),
+                                     [this](int i, int worker) { form_row(i, worker); });
 }
 
 void ExplicitSchurSolver::form_row(int i, int worker) {

@@ -1,8 +1,9 @@
 #include "sfmcpp/linear/implicit_schur.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+
+#include <Eigen/Cholesky>
 
 #include "sfmcpp/linear/conjugate_gradient.hpp"
 #include "sfmcpp/linear/panel_layout.hpp"
@@ -10,11 +11,14 @@
 namespace sfmcpp::linear {
 namespace {
 
-int block_size(const ParameterMap& map, int block) { return map.block_begin[block + 1] - map.block_begin[block]; }
+int block_size(const ParameterMap& map, int block) {
+  return map.block_begin[block + 1] - map.block_begin[block];
+}
 
 }  // namespace
 
-ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal, const LinearSolverOptions& options)
+ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
+                                         const LinearSolverOptions& options)
     : normal_(normal), options_(options), factors_(normal) {
   const ParameterMap& map = normal.map();
   block_offset_.push_back(0);
@@ -28,18 +32,24 @@ ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal, const Li
   whitened_.resize(observations * kWhitenedPoint);
   applied_.resize(observations * 2);
   point_sums_.resize(3 * static_cast<std::size_t>(normal.graph().num_points));
-  camera_sums_.resize(std::max<std::size_t>(normal.graph().chunks.size(), normal.graph().num_cameras) * size);
+  camera_sums_.resize(
+      std::max<std::size_t>(normal.graph().chunks.size(), normal.graph().num_cameras) * size);
   camera_blocks_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size * size);
 }
 
-LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping, Step& step,
+LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping,
+                                             Step& step,
                                              const std::function<bool()>& should_stop) {
   factors_.factor(damping);
   prepare(damping);
-  const ConjugateGradientResult result = conjugate_gradient(
-      [this](const auto& in, auto& out) { apply(in, out); },
-      [this](const auto& in, auto& out) { precondition(in, out); }, rhs_, options_.pcg_tolerance,
-      options_.pcg_max_iterations, should_stop, step.camera);
+  const ConjugateGradientResult result =
+      conjugate_gradient([this](const auto& in, auto& out) { apply(in, out); },
+                         [this](const auto& in, auto& out) { precondition(in, out); },
+                         rhs_,
+                         options_.pcg_tolerance,
+                         options_.pcg_max_iterations,
+                         should_stop,
+                         step.camera);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
   apply_cameras(step.camera);
   step.point.resize(point_sums_.size());
@@ -59,9 +69,15 @@ void ImplicitSchurSolver::prepare(const Damping& damping) {
     const int* point = graph.point.data() + begin;
     double* whitened = whitened_.data() + kWhitenedPoint * begin;
     const SchurKernels& kernels = normal_.kernels();
-    kernels.whiten(count, normal_.records() + kPointRecord * begin, point, factors_.data(), whitened);
-    kernels.schur_diagonal(count, normal_.jacobian() + 2 * size * begin, whitened, point, factors_.data(),
-                           camera_blocks_.data() + size * size * i, camera_sums_.data() + size * i);
+    kernels.whiten(
+        count, normal_.records() + kPointRecord * begin, point, factors_.data(), whitened);
+    kernels.schur_diagonal(count,
+                           normal_.jacobian() + 2 * size * begin,
+                           whitened,
+                           point,
+                           factors_.data(),
+                           camera_blocks_.data() + size * size * i,
+                           camera_sums_.data() + size * i);
   });
   diagonal_.resize(map.num_columns);
   for (int k = 0; k < map.num_columns; ++k) diagonal_[k] = damping(normal_.camera_diagonal()[k]);
@@ -74,8 +90,8 @@ void ImplicitSchurSolver::prepare(const Damping& damping) {
   factor_preconditioner();
 }
 
-// Intrinsics shared by a group get the sum over its cameras of their diagonal blocks; the terms between
-// two cameras of the group are left out, which keeps the preconditioner positive definite.
+// Intrinsics shared by a group get the sum over its cameras of their diagonal blocks; the terms
+// between two cameras of the group are left out, which keeps the preconditioner positive definite.
 void ImplicitSchurSolver::fold_diagonal_block(int i, const double* values) {
   const ParameterMap& map = normal_.map();
   const int size = map.camera_size;
@@ -86,7 +102,8 @@ void ImplicitSchurSolver::fold_diagonal_block(int i, const double* values) {
       const int b = map.block_of[columns[r]];
       if (b != map.block_of[columns[c]]) continue;
       const int first = map.block_begin[b];
-      block(b)[(columns[c] - first) * block_size(map, b) + columns[r] - first] += values[panel_index(size, r, c)];
+      block(b)[(columns[c] - first) * block_size(map, b) + columns[r] - first] +=
+          values[panel_index(size, r, c)];
     }
   }
 }
@@ -101,7 +118,8 @@ void ImplicitSchurSolver::factor_preconditioner() {
     if (cholesky.info() == Eigen::Success) {
       matrix = cholesky.matrixL();
     } else {  // fall back to the scaling of each parameter
-      matrix = matrix.diagonal().cwiseAbs().cwiseMax(1e-300).cwiseSqrt().asDiagonal().toDenseMatrix();
+      matrix =
+          matrix.diagonal().cwiseAbs().cwiseMax(1e-300).cwiseSqrt().asDiagonal().toDenseMatrix();
     }
   }
 }
@@ -113,7 +131,9 @@ void ImplicitSchurSolver::apply_cameras(const std::vector<double>& x) {
     const Chunk& c = graph.chunks[chunk];
     std::array<double, kMaxCameraSize> block;
     map.expand(x.data(), c.camera, block.data());
-    normal_.kernels().apply(c.end - c.begin, normal_.jacobian() + 2L * map.camera_size * c.begin, block.data(),
+    normal_.kernels().apply(c.end - c.begin,
+                            normal_.jacobian() + 2L * map.camera_size * c.begin,
+                            block.data(),
                             applied_.data() + 2L * c.begin);
   });
   for_each_point(normal_.pool(), graph.num_points, [&](int p) {
@@ -150,20 +170,25 @@ void ImplicitSchurSolver::apply(const std::vector<double>& x, std::vector<double
     subtract_point_part(c, e.data());
     double* sum = camera_sums_.data() + size * chunk;
     std::fill_n(sum, size, 0.0);
-    normal_.kernels().apply_transposed(c.end - c.begin, normal_.jacobian() + 2 * size * c.begin, e.data(), sum);
+    normal_.kernels().apply_transposed(
+        c.end - c.begin, normal_.jacobian() + 2 * size * c.begin, e.data(), sum);
   });
   for (std::size_t k = 0; k < out.size(); ++k) out[k] = diagonal_[k] * x[k];
   for (std::size_t chunk = 0; chunk < graph.chunks.size(); ++chunk) {
-    map.fold(camera_sums_.data() + size * static_cast<long>(chunk), graph.chunks[chunk].camera, out.data());
+    map.fold(camera_sums_.data() + size * static_cast<long>(chunk),
+             graph.chunks[chunk].camera,
+             out.data());
   }
 }
 
-void ImplicitSchurSolver::precondition(const std::vector<double>& in, std::vector<double>& out) const {
+void ImplicitSchurSolver::precondition(const std::vector<double>& in,
+                                       std::vector<double>& out) const {
   const ParameterMap& map = normal_.map();
   out = in;
   for (int b = 0; b < map.num_blocks(); ++b) {
     const int size = block_size(map, b);
-    const Eigen::Map<const Eigen::MatrixXd> lower(preconditioner_.data() + block_offset_[b], size, size);
+    const Eigen::Map<const Eigen::MatrixXd> lower(
+        preconditioner_.data() + block_offset_[b], size, size);
     Eigen::Map<Eigen::VectorXd> x(out.data() + map.block_begin[b], size);
     lower.triangularView<Eigen::Lower>().solveInPlace(x);
     lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);

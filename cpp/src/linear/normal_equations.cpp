@@ -20,7 +20,9 @@ double Damping::operator()(double diagonal_entry) const {
   return lambda * std::clamp(diagonal_entry, kMinDiagonal, kMaxDiagonal);
 }
 
-NormalEquations::NormalEquations(const ObservationGraph& graph, const ParameterMap& map, ThreadPool& pool)
+NormalEquations::NormalEquations(const ObservationGraph& graph,
+                                 const ParameterMap& map,
+                                 ThreadPool& pool)
     : graph_(graph), map_(map), pool_(pool), kernels_(schur_kernels(map.camera_size)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
   jacobian_.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
@@ -33,7 +35,10 @@ void NormalEquations::accumulate(int chunk) {
   const Chunk& c = graph_.chunks[chunk];
   double* sums = chunk_sums_.data() + 2L * map_.camera_size * chunk;
   std::fill_n(sums, 2 * map_.camera_size, 0.0);
-  kernels_.camera_gradient(c.end - c.begin, camera_jacobian(c.begin), point_record(c.begin), sums,
+  kernels_.camera_gradient(c.end - c.begin,
+                           camera_jacobian(c.begin),
+                           point_record(c.begin),
+                           sums,
                            sums + map_.camera_size);
 }
 
@@ -51,7 +56,8 @@ void NormalEquations::finish() {
   gradient_max_norm_ = 0.0;
   for (double g : camera_rhs_) gradient_max_norm_ = std::max(gradient_max_norm_, std::abs(g));
   for (int p = 0; p < graph_.num_points; ++p) {
-    for (int k = 6; k < 9; ++k) gradient_max_norm_ = std::max(gradient_max_norm_, std::abs(point_block(p)[k]));
+    for (int k = 6; k < 9; ++k)
+      gradient_max_norm_ = std::max(gradient_max_norm_, std::abs(point_block(p)[k]));
   }
 }
 
@@ -60,7 +66,8 @@ void NormalEquations::gather_point(int p) {
   if (map_.free_point[p]) {
     const auto last = static_cast<int>(graph_.of_point.size()) - 1;
     for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
-      __builtin_prefetch(records_.data() + static_cast<long>(kPointRecord) * graph_.of_point[std::min(k + kAhead, last)]);
+      __builtin_prefetch(records_.data() + static_cast<long>(kPointRecord) *
+                                               graph_.of_point[std::min(k + kAhead, last)]);
       const double* record = records_.data() + static_cast<long>(kPointRecord) * graph_.of_point[k];
       for (const double* a : {record, record + 4}) {
         block[0] += a[0] * a[0];

@@ -20,7 +20,10 @@ std::vector<int> bucket_begins(std::span<const int> keys, int num_buckets) {
 template <class Key>
 std::vector<int> stable_sorted(std::span<const int> items, const Key& key, std::vector<int> begin) {
   std::vector<int> sorted(items.size());
-  for (int item : items) sorted[begin[key(item)]++] = item;
+  for (int item : items) {
+    int& place = begin[key(item)];
+    sorted[place++] = item;
+  }
   return sorted;
 }
 
@@ -37,7 +40,9 @@ void make_chunks(ObservationGraph& graph) {
 
 }  // namespace
 
-ObservationGraph make_observation_graph(int num_cameras, int num_points, std::span<const int> camera_index,
+ObservationGraph make_observation_graph(int num_cameras,
+                                        int num_points,
+                                        std::span<const int> camera_index,
                                         std::span<const int> point_index) {
   ObservationGraph graph;
   graph.num_cameras = num_cameras;
@@ -48,9 +53,10 @@ ObservationGraph make_observation_graph(int num_cameras, int num_points, std::sp
   const std::size_t count = camera_index.size();
   std::vector<int> given(count);
   std::iota(given.begin(), given.end(), 0);
-  const std::vector<int> by_point =
-      stable_sorted(given, [&](int k) { return point_index[k]; }, graph.point_begin);
-  graph.source = stable_sorted(by_point, [&](int k) { return camera_index[k]; }, graph.camera_begin);
+  const std::vector<int> by_point = stable_sorted(
+      given, [&](int k) { return point_index[k]; }, graph.point_begin);
+  graph.source = stable_sorted(
+      by_point, [&](int k) { return camera_index[k]; }, graph.camera_begin);
 
   graph.camera.resize(count);
   graph.point.resize(count + kReadAhead, 0);
@@ -58,7 +64,8 @@ ObservationGraph make_observation_graph(int num_cameras, int num_points, std::sp
     graph.camera[k] = camera_index[graph.source[k]];
     graph.point[k] = point_index[graph.source[k]];
   }
-  graph.of_point = stable_sorted(given, [&](int k) { return graph.point[k]; }, graph.point_begin);
+  graph.of_point = stable_sorted(
+      given, [&](int k) { return graph.point[k]; }, graph.point_begin);
   graph.rank.resize(count);
   for (std::size_t k = 0; k < count; ++k) graph.rank[graph.of_point[k]] = static_cast<int>(k);
   make_chunks(graph);

@@ -4,7 +4,8 @@ namespace sfmcpp::linear {
 
 void ParameterMap::expand(const double* reduced, int camera, double* block) const {
   const int* columns = columns_of(camera);
-  for (int k = 0; k < camera_size; ++k) block[k] = columns[k] == kNoColumn ? 0.0 : reduced[columns[k]];
+  for (int k = 0; k < camera_size; ++k)
+    block[k] = columns[k] == kNoColumn ? 0.0 : reduced[columns[k]];
 }
 
 void ParameterMap::fold(const double* block, int camera, double* reduced) const {

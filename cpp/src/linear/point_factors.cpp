@@ -22,7 +22,8 @@ PointFactors::PointFactors(const NormalEquations& normal) : normal_(normal) {
 }
 
 void PointFactors::factor(const Damping& damping) {
-  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) { factor_point(p, damping); });
+  for_each_point(
+      normal_.pool(), normal_.graph().num_points, [&](int p) { factor_point(p, damping); });
 }
 
 void PointFactors::factor_point(int p, const Damping& damping) {

@@ -1,5 +1,6 @@
-// Rows and D×D blocks held in vector registers, by the panels of panel_layout.hpp. For *_kernels.cpp only:
-// everything lies in the namespace of the instruction set and has internal linkage (core/isa.hpp).
+// Rows and D×D blocks held in vector registers, by the panels of panel_layout.hpp. For
+// *_kernels.cpp only: everything lies in the namespace of the instruction set and has internal
+// linkage (core/isa.hpp).
 #pragma once
 
 #include "sfmcpp/core/simd.hpp"

@@ -6,8 +6,8 @@ namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {
 
 template <int D>
-void camera_gradient(int n, const double* jacobian, const double* records, double* gradient,
-                     double* diagonal) {
+void camera_gradient(
+    int n, const double* jacobian, const double* records, double* gradient, double* diagonal) {
   Row<D> sum, squares;
   load_row(gradient, sum);
   load_row(diagonal, squares);
@@ -34,9 +34,11 @@ inline void whiten_one(const double* record, const double* m, double* whitened) 
   }
 }
 
-void whiten(int n, const double* records, const int* point, const double* factors, double* whitened) {
+void whiten(
+    int n, const double* records, const int* point, const double* factors, double* whitened) {
   for (long a = 0; a < n; ++a) {
-    whiten_one(records + kPointRecord * a, factors + static_cast<long>(kPointFactor) * point[a],
+    whiten_one(records + kPointRecord * a,
+               factors + static_cast<long>(kPointFactor) * point[a],
                whitened + kWhitenedPoint * a);
   }
 }
@@ -57,7 +59,11 @@ inline void couple_one(const double* jacobian, const double* g, double* coupling
 }
 
 template <int D>
-void couple(int n, const double* records, const int* point, const double* factors, const double* jacobian,
+void couple(int n,
+            const double* records,
+            const int* point,
+            const double* factors,
+            const double* jacobian,
             double* coupling) {
   for (long a = 0; a < n; ++a) {
     double g[kWhitenedPoint];
@@ -68,8 +74,13 @@ void couple(int n, const double* records, const int* point, const double* factor
 
 // block = Σ Jᵀ J − Pᵀ P and rhs = −Σ Pᵀ y over n observations, with P given by p(a).
 template <int D, class Coupling>
-inline void diagonal_and_rhs(long n, const double* jacobian, const int* point, const double* factors,
-                             const Coupling& p, double* diagonal, double* rhs) {
+inline void diagonal_and_rhs(long n,
+                             const double* jacobian,
+                             const int* point,
+                             const double* factors,
+                             const Coupling& p,
+                             double* diagonal,
+                             double* rhs) {
   Block<D> block;
   set_zero(block);
   Row<D> sum;
@@ -90,8 +101,13 @@ inline void diagonal_and_rhs(long n, const double* jacobian, const int* point, c
 }
 
 template <int D>
-void schur_diagonal(int n, const double* jacobian, const double* whitened, const int* point,
-                    const double* factors, double* diagonal, double* rhs) {
+void schur_diagonal(int n,
+                    const double* jacobian,
+                    const double* whitened,
+                    const int* point,
+                    const double* factors,
+                    double* diagonal,
+                    double* rhs) {
   double buffer[3 * D];
   const auto coupling = [&](long a) {
     couple_one<D>(jacobian + a * 2 * D, whitened + a * kWhitenedPoint, buffer);
@@ -100,8 +116,8 @@ void schur_diagonal(int n, const double* jacobian, const double* whitened, const
   diagonal_and_rhs<D>(n, jacobian, point, factors, coupling, diagonal, rhs);
 }
 
-// Asks for the coupling blocks that observation a will meet. They lie anywhere in memory, and waiting
-// for them took longer than the arithmetic.
+// Asks for the coupling blocks that observation a will meet. They lie anywhere in memory, and
+// waiting for them took longer than the arithmetic.
 template <int D>
 inline void prefetch_partners(const SchurRow& in, int a) {
   if (a >= in.end) return;
@@ -118,8 +134,13 @@ void schur_row(const SchurRow& in) {
   const GraphView& graph = in.graph;
   const long first = in.begin;
   diagonal_and_rhs<D>(
-      in.end - first, in.jacobian + first * 2 * D, graph.point + first, in.factors,
-      [&](long a) { return in.coupling + (first + a) * 3 * D; }, in.diagonal, in.rhs);
+      in.end - first,
+      in.jacobian + first * 2 * D,
+      graph.point + first,
+      in.factors,
+      [&](long a) { return in.coupling + (first + a) * 3 * D; },
+      in.diagonal,
+      in.rhs);
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners<D>(in, a + kAhead);
     Row<D> rows[3];
@@ -138,7 +159,11 @@ void schur_row(const SchurRow& in) {
 }
 
 template <int D>
-void coupled_sums(const GraphView& graph, int begin, int end, const double* coupling, const double* steps,
+void coupled_sums(const GraphView& graph,
+                  int begin,
+                  int end,
+                  const double* coupling,
+                  const double* steps,
                   double* sums) {
   constexpr int kAhead = 8;
   const int last = graph.point_begin[end];

@@ -9,8 +9,8 @@
 namespace sfmcpp::linear {
 namespace {
 
-// Flops per second, in order of magnitude, on one core of today: only their ratios matter. Dense LAPACK
-// on large fronts, sparse supernodal, and passes bound by memory.
+// Flops per second, in order of magnitude, on one core of today: only their ratios matter. Dense
+// LAPACK on large fronts, sparse supernodal, and passes bound by memory.
 constexpr double kDenseRate = 30e9;
 constexpr double kSparseRate = 8e9;
 constexpr double kFormRate = 20e9;
@@ -37,17 +37,20 @@ std::string describe(const char* name, const Prediction& p) {
 // Explicit Schur complement without its factorisation.
 Prediction predict_form(const ObservationGraph& graph, double size) {
   const double observations = graph.num_observations();
-  return {.seconds = 6 * size * size * num_pair_updates(graph) / kFormRate, .bytes = observations * 24 * size};
+  return {.seconds = 6 * size * size * num_pair_updates(graph) / kFormRate,
+          .bytes = observations * 24 * size};
 }
 
 Prediction predict_iterative(const ObservationGraph& graph, double size) {
   const double observations = graph.num_observations();
-  return {.seconds = kExpectedIterations * observations * (8 * size + 24) / kIterativeRate, .bytes = 0.0};
+  return {.seconds = kExpectedIterations * observations * (8 * size + 24) / kIterativeRate,
+          .bytes = 0.0};
 }
 
 }  // namespace
 
-LinearSolverChoice choose_linear_solver(const ObservationGraph& graph, const ParameterMap& map,
+LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
+                                        const ParameterMap& map,
                                         LinearSolverKind requested) {
   if (requested != LinearSolverKind::kAuto) return {requested, "as requested"};
   const double size = map.camera_size, columns = map.num_columns;
@@ -63,7 +66,8 @@ LinearSolverChoice choose_linear_solver(const ObservationGraph& graph, const Par
     const CameraPattern pattern = make_camera_pattern(graph);
     const BlockOrdering ordering = order_blocks(make_block_graph(pattern, map));
     sparse = {form.seconds + ordering.flops / kSparseRate,
-              form.bytes + 8 * (size * size * static_cast<double>(pattern.num_blocks()) + ordering.factor_entries)};
+              form.bytes + 8 * (size * size * static_cast<double>(pattern.num_blocks()) +
+                                ordering.factor_entries)};
   }
   LinearSolverChoice choice{LinearSolverKind::kIterative, ""};
   double best = iterative.seconds;

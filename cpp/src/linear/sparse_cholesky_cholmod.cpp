@@ -1,8 +1,8 @@
 #ifdef SFMCPP_WITH_CHOLMOD
-#include <cholmod.h>
-
 #include <algorithm>
 #include <new>
+
+#include <cholmod.h>
 
 #include "sfmcpp/linear/blas_threads.hpp"
 #include "sfmcpp/linear/sparse_cholesky.hpp"

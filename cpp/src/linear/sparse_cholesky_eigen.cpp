@@ -24,7 +24,11 @@ class EigenCholesky final : public SparseCholesky {
 
  private:
   static Eigen::Map<const Matrix> view_of(const SparseLower& m) {
-    return {m.size, m.size, static_cast<Eigen::Index>(m.row.size()), m.column_begin.data(), m.row.data(),
+    return {m.size,
+            m.size,
+            static_cast<Eigen::Index>(m.row.size()),
+            m.column_begin.data(),
+            m.row.data(),
             m.value.data()};
   }
 

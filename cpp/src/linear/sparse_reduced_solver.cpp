@@ -32,10 +32,12 @@ class BlockCompressed {
       std::swap(r, c);
       std::swap(row_block, column_block);
     }
-    if (row_block != last_row_block_ || column_block != last_column_block_) look_up(row_block, column_block);
+    if (row_block != last_row_block_ || column_block != last_column_block_)
+      look_up(row_block, column_block);
     // Column c starts at its diagonal entry; rows before c of its own block are not stored.
     const int skipped = c - first_[column_block];
-    matrix_.value[matrix_.column_begin[c] + last_offset_ - skipped + (r - first_[row_block])] += value;
+    matrix_.value[matrix_.column_begin[c] + last_offset_ - skipped + (r - first_[row_block])] +=
+        value;
   }
 
  private:
@@ -64,7 +66,8 @@ class BlockCompressed {
       for (int c = first_[block]; c < first_[block + 1]; ++c) {
         matrix_.column_begin.push_back(static_cast<int>(matrix_.row.size()));
         for (int row_block : rows_[block]) {
-          for (int r = std::max(c, first_[row_block]); r < first_[row_block + 1]; ++r) matrix_.row.push_back(r);
+          for (int r = std::max(c, first_[row_block]); r < first_[row_block + 1]; ++r)
+            matrix_.row.push_back(r);
         }
       }
     }
@@ -85,20 +88,27 @@ class BlockCompressed {
 
   const ParameterMap& map_;
   std::vector<int> position_;
-  std::vector<int> size_;               // by place
-  std::vector<int> first_;              // first column of each block, by place
-  std::vector<std::vector<int>> rows_;  // blocks on and below the diagonal of a block column, by place
+  std::vector<int> size_;   // by place
+  std::vector<int> first_;  // first column of each block, by place
+  std::vector<std::vector<int>>
+      rows_;  // blocks on and below the diagonal of a block column, by place
   SparseLower matrix_;
   int last_row_block_ = -1, last_column_block_ = -1, last_offset_ = 0;
 };
 
 class SparseReducedSolver final : public ReducedSolver {
  public:
-  SparseReducedSolver(const CameraPattern& pattern, const ParameterMap& map, const BlockGraph& graph)
-      : pattern_(pattern), map_(map), compressed_(graph, order_blocks(graph), map),
+  SparseReducedSolver(const CameraPattern& pattern,
+                      const ParameterMap& map,
+                      const BlockGraph& graph)
+      : pattern_(pattern),
+        map_(map),
+        compressed_(graph, order_blocks(graph), map),
         cholesky_(make_sparse_cholesky(compressed_.matrix())) {}
 
-  bool solve(const double* blocks, const std::vector<double>& diagonal, std::vector<double>& x) override {
+  bool solve(const double* blocks,
+             const std::vector<double>& diagonal,
+             std::vector<double>& x) override {
     assemble(blocks, diagonal);
     if (!cholesky_->factorize(compressed_.matrix())) return false;
     std::vector<double> placed(x.size());
@@ -113,8 +123,9 @@ class SparseReducedSolver final : public ReducedSolver {
     std::vector<double>& values = compressed_.matrix().value;
     std::fill(values.begin(), values.end(), 0.0);
     for (int i = 0; i < pattern_.num_rows(); ++i) {
-      for_each_reduced_entry(pattern_, map_, i, blocks,
-                             [this](int row, int column, double value) { compressed_.add(row, column, value); });
+      for_each_reduced_entry(pattern_, map_, i, blocks, [this](int row, int column, double value) {
+        compressed_.add(row, column, value);
+      });
     }
     for (int k = 0; k < map_.num_columns; ++k) compressed_.add(k, k, diagonal[k]);
   }

@@ -1,7 +1,8 @@
 #include "sfmcpp/math/so3.hpp"
 
-#include <Eigen/Geometry>
 #include <cmath>
+
+#include <Eigen/Geometry>
 
 namespace sfmcpp {
 namespace {

@@ -12,18 +12,31 @@ double squared_norm(const std::vector<double>& values) {
   return sum;
 }
 
-double norm(const linear::Step& step) { return std::sqrt(squared_norm(step.camera) + squared_norm(step.point)); }
+double norm(const linear::Step& step) {
+  return std::sqrt(squared_norm(step.camera) + squared_norm(step.point));
+}
 
 double norm(const State& state) {
-  return std::sqrt(squared_norm(state.cameras) + squared_norm(state.intrinsics) + squared_norm(state.points));
+  return std::sqrt(squared_norm(state.cameras) + squared_norm(state.intrinsics) +
+                   squared_norm(state.points));
 }
 
 class Minimizer {
  public:
-  Minimizer(LeastSquaresModel& model, linear::LinearSolver& solver, const MinimizerOptions& options,
-            const Events& events, const Stopwatch& clock, State& state)
-      : model_(model), solver_(solver), options_(options), events_(events), clock_(clock), state_(state),
-        candidate_(state), strategy_(make_step_strategy(options)) {}
+  Minimizer(LeastSquaresModel& model,
+            linear::LinearSolver& solver,
+            const MinimizerOptions& options,
+            const Events& events,
+            const Stopwatch& clock,
+            State& state)
+      : model_(model),
+        solver_(solver),
+        options_(options),
+        events_(events),
+        clock_(clock),
+        state_(state),
+        candidate_(state),
+        strategy_(make_step_strategy(options)) {}
 
   MinimizerSummary run() {
     start();
@@ -62,14 +75,18 @@ class Minimizer {
   }
 
   void compute_step() {
-    now_ = Iteration{.number = now_.number + 1, .damping = strategy_->damping(), .gradient_norm = gradient_norm()};
-    result_ = strategy_->compute(model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
+    now_ = Iteration{.number = now_.number + 1,
+                     .damping = strategy_->damping(),
+                     .gradient_norm = gradient_norm()};
+    result_ = strategy_->compute(
+        model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
     now_.damping = strategy_->damping();
     now_.linear_solver_iterations = result_.linear_solver_iterations;
     if (!result_.valid) return;
     now_.step_norm = norm(step_);
     if (now_.step_norm <= options_.termination.parameter_tolerance * norm(state_)) {
-      finish(Termination::kConverged, "the step is negligible: within parameter_tolerance of the unknowns");
+      finish(Termination::kConverged,
+             "the step is negligible: within parameter_tolerance of the unknowns");
     }
   }
 
@@ -98,11 +115,13 @@ class Minimizer {
     now_.accepted = false;
     strategy_->rejected();
     if (change_is_negligible()) {
-      finish(Termination::kConverged, "neither the step nor the model changes the cost by function_tolerance");
+      finish(Termination::kConverged,
+             "neither the step nor the model changes the cost by function_tolerance");
     } else if (strategy_->can_retry()) {
       return;
     } else if (!result_.valid) {
-      finish(Termination::kNumericalFailure, "the normal equations are singular and the method has no damping");
+      finish(Termination::kNumericalFailure,
+             "the normal equations are singular and the method has no damping");
     } else {
       finish(Termination::kConverged, "no step decreases the cost any more");
     }
@@ -120,15 +139,18 @@ class Minimizer {
     now_.seconds = clock_.seconds();
     summary_.iterations.push_back(now_);
     obey(events_.on_iteration(now_));
-    if (!finished() && out_of_time()) finish(Termination::kMaxSeconds, "the time limit was reached");
+    if (!finished() && out_of_time())
+      finish(Termination::kMaxSeconds, "the time limit was reached");
     if (!finished() && now_.number >= options_.termination.max_iterations) {
       finish(Termination::kMaxIterations, "the limit on iterations was reached");
     }
   }
 
   void obey(Signal signal) {
-    if (signal == Signal::kInterrupt) finish(Termination::kInterrupted, "interrupted; this is the best state so far");
-    if (signal == Signal::kStop) finish(Termination::kStoppedByCallback, "the callback asked to stop");
+    if (signal == Signal::kInterrupt)
+      finish(Termination::kInterrupted, "interrupted; this is the best state so far");
+    if (signal == Signal::kStop)
+      finish(Termination::kStoppedByCallback, "the callback asked to stop");
   }
 
   bool stop_requested() {
@@ -166,8 +188,12 @@ class Minimizer {
 
 }  // namespace
 
-MinimizerSummary minimize(LeastSquaresModel& model, linear::LinearSolver& solver, const MinimizerOptions& options,
-                          const Events& events, const Stopwatch& clock, State& state) {
+MinimizerSummary minimize(LeastSquaresModel& model,
+                          linear::LinearSolver& solver,
+                          const MinimizerOptions& options,
+                          const Events& events,
+                          const Stopwatch& clock,
+                          State& state) {
   return Minimizer(model, solver, options, events, clock, state).run();
 }
 

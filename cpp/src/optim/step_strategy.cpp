@@ -15,8 +15,10 @@ class LevenbergMarquardt final : public StepStrategy {
  public:
   explicit LevenbergMarquardt(std::unique_ptr<DampingRule> rule) : rule_(std::move(rule)) {}
 
-  StepResult compute(const linear::NormalEquations& normal, linear::LinearSolver& solver,
-                     const std::function<bool()>& should_stop, linear::Step& step) override {
+  StepResult compute(const linear::NormalEquations& normal,
+                     linear::LinearSolver& solver,
+                     const std::function<bool()>& should_stop,
+                     linear::Step& step) override {
     if (!started_) rule_->start(normal);
     started_ = true;
     const linear::Damping damping = rule_->damping();
@@ -37,8 +39,10 @@ class LevenbergMarquardt final : public StepStrategy {
 // No damping: a step that does not decrease the cost ends the solve.
 class GaussNewton final : public StepStrategy {
  public:
-  StepResult compute(const linear::NormalEquations& normal, linear::LinearSolver& solver,
-                     const std::function<bool()>& should_stop, linear::Step& step) override {
+  StepResult compute(const linear::NormalEquations& normal,
+                     linear::LinearSolver& solver,
+                     const std::function<bool()>& should_stop,
+                     linear::Step& step) override {
     const linear::Damping none{0.0, linear::DampingMatrix::kIdentity};
     const linear::LinearSolveResult result = solver.solve(none, step, should_stop);
     if (!result.success) return {.linear_solver_iterations = result.iterations};

@@ -30,7 +30,8 @@ int residuals(const ObservationBatch& batch, double* ru, double* rv) {
     const Real weight = load<kLanes>(batch.inverse_sigma + first);
     store(ru + first, (load<kLanes>(batch.u + first) - image.u) * weight);
     store(rv + first, (load<kLanes>(batch.v + first) - image.v) * weight);
-    for (int lane = 0; lane < lanes_left(batch, first); ++lane) behind += !(image.depth[lane] > 0.0);
+    for (int lane = 0; lane < lanes_left(batch, first); ++lane)
+      behind += !(image.depth[lane] > 0.0);
   }
   return behind;
 }
@@ -48,7 +49,8 @@ struct Transposer {
       for (; first + kLanes <= width; first += kLanes) write_square(first, width, records + first);
     }
     for (int lane = 0; lane < lanes; ++lane) {
-      for (int c = first; c < width; ++c) records[static_cast<long>(lane) * width + c] = columns[c][lane];
+      for (int c = first; c < width; ++c)
+        records[static_cast<long>(lane) * width + c] = columns[c][lane];
     }
   }
 
@@ -57,7 +59,8 @@ struct Transposer {
     Real rows[kLanes];
     for (int c = 0; c < kLanes; ++c) rows[c] = load<kLanes>(columns[first + c]);
     transpose<kLanes>(rows);
-    for (int lane = 0; lane < kLanes; ++lane) store(records + static_cast<long>(lane) * width, rows[lane]);
+    for (int lane = 0; lane < kLanes; ++lane)
+      store(records + static_cast<long>(lane) * width, rows[lane]);
   }
 };
 

@@ -64,15 +64,21 @@ TEST_P(EveryViolation, IsReportedWithArrayPositionValueAndRule) {
 
 const std::vector<Violation>& size_violations() {
   static const std::vector<Violation> violations{
-      {"CamerasCut", [](OwnedProblem& s) { s.cameras.pop_back(); }, "cameras: 71 values, must be 60"},
-      {"PointsCut", [](OwnedProblem& s) { s.points.pop_back(); }, "points: 119 values, must be 117"},
+      {"CamerasCut",
+       [](OwnedProblem& s) { s.cameras.pop_back(); },
+       "cameras: 71 values, must be 60"},
+      {"PointsCut",
+       [](OwnedProblem& s) { s.points.pop_back(); },
+       "points: 119 values, must be 117"},
       {"IntrinsicsIndexShort",
        [](OwnedProblem& s) { s.intrinsics_index.pop_back(); },
        "intrinsics_index: 5 values, must be 6"},
       {"PointIndexShort",
        [](OwnedProblem& s) { s.point_index.pop_back(); },
        "point_index: 239 values, must be 240"},
-      {"PixelsShort", [](OwnedProblem& s) { s.pixels.pop_back(); }, "pixels: 479 values, must be 480"},
+      {"PixelsShort",
+       [](OwnedProblem& s) { s.pixels.pop_back(); },
+       "pixels: 479 values, must be 480"},
       {"SigmaShort",
        [](OwnedProblem& s) { s.sigma_px.pop_back(); },
        "sigma_px: 239 values, must be 240"},
@@ -102,17 +108,27 @@ const std::vector<Violation>& value_violations() {
       {"PointIndexTooLarge",
        [](OwnedProblem& s) { s.point_index[239] = 40; },
        "point_index[239] = 40: must be in [0, 40)"},
-      {"CamerasNaN", [](OwnedProblem& s) { s.cameras[12 * 3 + 5] = kNaN; }, "cameras[3] = nan: must be finite"},
+      {"CamerasNaN",
+       [](OwnedProblem& s) { s.cameras[12 * 3 + 5] = kNaN; },
+       "cameras[3] = nan: must be finite"},
       {"IntrinsicsInfinite",
        [](OwnedProblem& s) { s.intrinsics[7] = kInfinity; },
        "intrinsics[2] = inf: must be finite"},
       {"PointsInfinite",
        [](OwnedProblem& s) { s.points[3 * 9 + 2] = -kInfinity; },
        "points[9] = -inf: must be finite"},
-      {"PixelsNaN", [](OwnedProblem& s) { s.pixels[2 * 30 + 1] = kNaN; }, "pixels[30] = nan: must be finite"},
-      {"SigmaNaN", [](OwnedProblem& s) { s.sigma_px[5] = kNaN; }, "sigma_px[5] = nan: must be finite"},
-      {"SigmaZero", [](OwnedProblem& s) { s.sigma_px[5] = 0.0; }, "sigma_px[5] = 0: must be positive"},
-      {"SigmaNegative", [](OwnedProblem& s) { s.sigma_px[239] = -2.5; }, "sigma_px[239] = -2.5: must be positive"}};
+      {"PixelsNaN",
+       [](OwnedProblem& s) { s.pixels[2 * 30 + 1] = kNaN; },
+       "pixels[30] = nan: must be finite"},
+      {"SigmaNaN",
+       [](OwnedProblem& s) { s.sigma_px[5] = kNaN; },
+       "sigma_px[5] = nan: must be finite"},
+      {"SigmaZero",
+       [](OwnedProblem& s) { s.sigma_px[5] = 0.0; },
+       "sigma_px[5] = 0: must be positive"},
+      {"SigmaNegative",
+       [](OwnedProblem& s) { s.sigma_px[239] = -2.5; },
+       "sigma_px[239] = -2.5: must be positive"}};
   return violations;
 }
 
@@ -126,9 +142,10 @@ TEST(CheckArrays, AMatrixThatIsNoRotationIsReportedWithItsErrorAndDeterminant) {
     for (int k = 0; k < 3; ++k) scaled.cameras[12 * 2 + 4 * row + k] *= 2.0;
     mirrored.cameras[12 * 5 + 4 * row] *= -1.0;
   }
-  EXPECT_EQ(check(scaled),
-            "cameras[2]: not a rotation: |R Rᵀ − I| = 3, determinant 8; must be orthonormal to 1e-6 with "
-            "determinant 1");
+  EXPECT_EQ(
+      check(scaled),
+      "cameras[2]: not a rotation: |R Rᵀ − I| = 3, determinant 8; must be orthonormal to 1e-6 with "
+      "determinant 1");
   EXPECT_EQ(check(mirrored).substr(0, 26), "cameras[5]: not a rotation");
   EXPECT_NE(check(mirrored).find("determinant -1"), std::string::npos);
 }
@@ -144,7 +161,8 @@ TEST(CheckArrays, RotationsMayBeOffByAMillionthAndNoMore) {
 
 linear::ObservationGraph graph_of(const OwnedProblem& scene) {
   const Problem p = scene.view();
-  return linear::make_observation_graph(p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
+  return linear::make_observation_graph(
+      p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
 }
 
 TEST(CheckDuplicates, NamesBothObservationsTheirCameraAndPoint) {
@@ -169,8 +187,9 @@ TEST(CheckDetermined, CountsResidualsAgainstUnknownsExactly) {
   options.num_points = 12;  // 48 residuals, 48 unknowns
   EXPECT_EQ(check_counts(make_circle_scene(options)), "no error");
   options.num_points = 11;  // 44, 45
-  EXPECT_EQ(check_counts(make_circle_scene(options)),
-            "fewer residuals than unknowns: 44 residuals, 45 unknowns; fix some or add observations");
+  EXPECT_EQ(
+      check_counts(make_circle_scene(options)),
+      "fewer residuals than unknowns: 44 residuals, 45 unknowns; fix some or add observations");
 }
 
 TEST(CheckDetermined, FixedThingsAreNoUnknowns) {
@@ -189,7 +208,8 @@ TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
   scene.pixels.clear();
   scene.sigma_px.clear();
   const linear::ObservationGraph graph = graph_of(scene);
-  const auto map = make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph), false);
+  const auto map =
+      make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph), false);
   EXPECT_EQ(message_of([&] { check_determined(graph, map); }), "observations: there are none");
 
   OwnedProblem fixed = legal_scene();

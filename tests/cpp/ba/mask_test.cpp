@@ -23,8 +23,8 @@ OwnedProblem scene_of(CameraModelId model, int groups = 0) {
 
 ParameterMap map_of(const OwnedProblem& scene, bool fix_gauge = false) {
   const Problem p = scene.view();
-  const auto graph =
-      linear::make_observation_graph(p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
+  const auto graph = linear::make_observation_graph(
+      p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
   return make_parameter_map(p, graph, free_intrinsics(p, graph), fix_gauge);
 }
 
@@ -46,14 +46,16 @@ TEST(Mask, SharedIntrinsicsHaveOneSetOfColumnsForEachRow) {
   EXPECT_EQ(distinct_columns(map), map.num_columns);
   for (int i = 0; i < 6; ++i) {
     for (int k = 6; k < 9; ++k) {
-      EXPECT_EQ(map.columns_of(i)[k], map.columns_of(i % 2)[k]) << "cameras of a group share columns";
+      EXPECT_EQ(map.columns_of(i)[k], map.columns_of(i % 2)[k])
+          << "cameras of a group share columns";
       EXPECT_NE(map.columns_of(i)[k], map.columns_of((i + 1) % 2)[k]);
     }
   }
 }
 
 TEST(Mask, FixedGaugeTakesExactlySevenColumns) {
-  for (CameraModelId model : {CameraModelId::kCalibrated, CameraModelId::kPerspective, CameraModelId::kBal}) {
+  for (CameraModelId model :
+       {CameraModelId::kCalibrated, CameraModelId::kPerspective, CameraModelId::kBal}) {
     for (int groups : {0, 1, 2}) {
       const OwnedProblem scene = scene_of(model, groups);
       EXPECT_EQ(map_of(scene, true).num_columns, map_of(scene).num_columns - 7);
@@ -114,8 +116,8 @@ TEST(FreeIntrinsics, AreThoseFreeInSomeRowThatAnObservedCameraUses) {
   scene.fixed_intrinsics[12 * 5 + 6] = 0;  // k2 of camera 5, which will see nothing
   for (int& camera : scene.camera_index) camera = std::min(camera, 4);
   const Problem p = scene.view();
-  const auto graph =
-      linear::make_observation_graph(p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
+  const auto graph = linear::make_observation_graph(
+      p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
   EXPECT_EQ(free_intrinsics(p, graph), (std::vector<int>{0, 5}));
 }
 

@@ -44,7 +44,8 @@ TEST(Warnings, PartsThatShareNoPointAreCountedUnobservedCamerasAside) {
   const Warnings warnings = warnings_of(7, 3, three_parts);
   ASSERT_EQ(warnings.size(), 2u);
   EXPECT_EQ(warnings[1],
-            "the cameras fall into 3 parts that share no point: their relative position, rotation and scale "
+            "the cameras fall into 3 parts that share no point: their relative position, rotation "
+            "and scale "
             "are arbitrary");
 }
 

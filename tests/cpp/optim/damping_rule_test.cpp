@@ -110,11 +110,16 @@ TEST(StepStrategy, OptionsChooseRuleStartAndMatrix) {
   EXPECT_FALSE(gauss_newton->can_retry());
 }
 
-TEST(StepStrategy, GivesUpRaisingTheDampingBeforeItOverflows) {
+TEST_F(Nielsen, StrategiesGiveUpRaisingTheDampingBeforeItOverflows) {
+  const auto solver =
+      linear::make_linear_solver(normal.normal(), {linear::LinearSolverKind::kDense});
   for (Method method : {Method::kLevenbergMarquardt, Method::kLevenbergMarquardtNielsen}) {
     MinimizerOptions options;
     options.method = method;
     const auto strategy = make_step_strategy(options);
+    linear::Step step;
+    strategy->compute(
+        normal.normal(), *solver, [] { return false; }, step);
     int rejections = 0;
     while (strategy->can_retry() && rejections < 1000) {
       strategy->rejected();

@@ -59,7 +59,7 @@ TEST_F(MinimizeFarStart, RejectedStepsLeaveTheCostAndAcceptedOnesLowerIt) {
       rejected += !now.accepted;
     }
     EXPECT_GT(rejected, 0) << "the start is too easy to show anything";
-    EXPECT_EQ(summary.termination, Termination::kConverged);
+    EXPECT_LT(summary.final_cost, 0.01 * summary.initial_cost);
     state = before;
   }
 }

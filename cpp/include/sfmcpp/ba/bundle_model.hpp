@@ -15,15 +15,20 @@ namespace sfmcpp::ba {
 class BundleModel final : public optim::LeastSquaresModel {
  public:
   // The references must outlive the model. `free_intrinsics` as in mask.hpp.
-  BundleModel(const Problem& problem, const linear::ObservationGraph& graph, const linear::ParameterMap& map,
-              std::vector<int> free_intrinsics, ThreadPool& pool);
+  BundleModel(const Problem& problem,
+              const linear::ObservationGraph& graph,
+              const linear::ParameterMap& map,
+              std::vector<int> free_intrinsics,
+              ThreadPool& pool);
 
   void set_loss(const Loss& loss) { loss_ = loss; }
 
   double cost(const optim::State& state) override;
   void linearize(const optim::State& state) override;
   const linear::NormalEquations& normal_equations() const override { return normal_; }
-  void plus(const optim::State& state, const linear::Step& step, optim::StepLengths lengths,
+  void plus(const optim::State& state,
+            const linear::Step& step,
+            optim::StepLengths lengths,
             optim::State& result) const override;
 
   // Residual lengths over σ, ‖r‖, and signed residuals over σ (2 per observation), in stored order.
@@ -36,7 +41,10 @@ class BundleModel final : public optim::LeastSquaresModel {
   double chunk_cost(const optim::State& state, const linear::Chunk& chunk) const;
   void linearize_chunk(const optim::State& state, int chunk);
   void apply_loss(const linear::Chunk& chunk);
-  void plus_camera(const optim::State& state, const linear::Step& step, double length, int camera,
+  void plus_camera(const optim::State& state,
+                   const linear::Step& step,
+                   double length,
+                   int camera,
                    optim::State& result) const;
 
   const Problem& problem_;

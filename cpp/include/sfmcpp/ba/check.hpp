@@ -10,8 +10,9 @@
 
 namespace sfmcpp::ba {
 
-// Throws InvalidArgument naming array, position, value and rule: sizes that do not match, indices out
-// of range, numbers that are not finite, matrices that are no rotations, σ that are not positive.
+// Throws InvalidArgument naming array, position, value and rule: sizes that do not match, indices
+// out of range, numbers that are not finite, matrices that are no rotations, σ that are not
+// positive.
 void check_arrays(const Problem& problem);
 
 // Throws InvalidArgument if a camera observes a point twice.
@@ -20,8 +21,8 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
 // Throws InvalidArgument if there are fewer residuals than unknowns.
 void check_determined(const linear::ObservationGraph& graph, const linear::ParameterMap& map);
 
-// Legal but worth saying, by name: cameras and points without observations, points seen once, parts of
-// the problem that share no point.
+// Legal but worth saying, by name: cameras and points without observations, points seen once, parts
+// of the problem that share no point.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph);
 
 }  // namespace sfmcpp::ba

@@ -1,4 +1,5 @@
-// The Jacobian checker of the product: analytic against numeric derivatives, at the user's own state.
+// The Jacobian checker of the product: analytic against numeric derivatives, at the user's own
+// state.
 #pragma once
 
 #include <string>
@@ -8,15 +9,16 @@
 namespace sfmcpp::ba {
 
 struct JacobianCheck {
-  long entries = 0;              // derivatives compared
-  double worst_error = 0.0;      // |analytic − numeric|, relative to the size of the derivative
-  int worst_observation = -1;    // in the caller's order
-  std::string worst_parameter;   // for example "rotation y", "centre x", "f", "point z"
+  long entries = 0;             // derivatives compared
+  double worst_error = 0.0;     // |analytic − numeric|, relative to the size of the derivative
+  int worst_observation = -1;   // in the caller's order
+  std::string worst_parameter;  // for example "rotation y", "centre x", "f", "point z"
 };
 
-// Compares the derivatives of at most `max_observations` observations, spread evenly over the problem,
-// by every camera, intrinsic and point parameter, fixed or free. Observations whose point is not in
-// front of the camera are skipped. Throws InvalidArgument as `solve` does for a broken problem.
+// Compares the derivatives of at most `max_observations` observations, spread evenly over the
+// problem, by every camera, intrinsic and point parameter, fixed or free. Observations whose point
+// is not in front of the camera are skipped. Throws InvalidArgument as `solve` does for a broken
+// problem.
 JacobianCheck check_jacobians(const Problem& problem, int max_observations = 1000);
 
 }  // namespace sfmcpp::ba

@@ -9,18 +9,18 @@
 
 namespace sfmcpp::ba {
 
-// C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive every
-// use of the problem.
+// C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
+// every use of the problem.
 struct Problem {
   CameraModelId camera_model = CameraModelId::kCalibrated;
-  std::span<const double> cameras;       // C × 12: [R | c], row-major, world_from_camera
-  std::span<const double> intrinsics;    // G × K
-  std::span<const double> points;        // N × 3
-  std::span<const int> intrinsics_index; // C: row of intrinsics of each camera
-  std::span<const int> camera_index;     // M
-  std::span<const int> point_index;      // M
-  std::span<const double> pixels;        // M × 2
-  std::span<const double> sigma_px;      // M, or empty for 1 px
+  std::span<const double> cameras;                 // C × 12: [R | c], row-major, world_from_camera
+  std::span<const double> intrinsics;              // G × K
+  std::span<const double> points;                  // N × 3
+  std::span<const int> intrinsics_index;           // C: row of intrinsics of each camera
+  std::span<const int> camera_index;               // M
+  std::span<const int> point_index;                // M
+  std::span<const double> pixels;                  // M × 2
+  std::span<const double> sigma_px;                // M, or empty for 1 px
   std::span<const std::uint8_t> fixed_cameras;     // C
   std::span<const std::uint8_t> fixed_points;      // N
   std::span<const std::uint8_t> fixed_intrinsics;  // G × K

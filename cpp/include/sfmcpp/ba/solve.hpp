@@ -17,7 +17,7 @@ struct SolveOptions {
   optim::MinimizerOptions minimizer;
   linear::LinearSolverOptions linear_solver;
   LossKind loss = LossKind::kSquared;
-  double loss_scale_px = 1.0;       // of the residual over σ
+  double loss_scale_px = 1.0;         // of the residual over σ
   bool automatic_loss_scale = false;  // from the median absolute residual at the start
   Gauge gauge = Gauge::kAuto;
   int num_threads = 0;  // 0: as many as the machine has and the problem is worth
@@ -28,7 +28,8 @@ struct SolveOptions {
 
 struct SolveSummary {
   optim::MinimizerSummary minimizer;
-  double initial_rms_px = 0.0;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27, of residuals over σ, without loss
+  double initial_rms_px =
+      0.0;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27, of residuals over σ, without loss
   double final_rms_px = 0.0;
   linear::LinearSolverChoice linear_solver;
   double loss_scale_px = 1.0;
@@ -40,10 +41,12 @@ struct SolveSummary {
   std::vector<std::string> warnings;
 };
 
-// `state` starts as state_of(problem) or any other start, and holds the best state found at the end.
-// Throws InvalidArgument for a problem or options that break a rule; numerical trouble is a value of
-// the summary.
-SolveSummary solve(const Problem& problem, const SolveOptions& options, const optim::Events& events,
+// `state` starts as state_of(problem) or any other start, and holds the best state found at the
+// end. Throws InvalidArgument for a problem or options that break a rule; numerical trouble is a
+// value of the summary.
+SolveSummary solve(const Problem& problem,
+                   const SolveOptions& options,
+                   const optim::Events& events,
                    optim::State& state);
 
 }  // namespace sfmcpp::ba

@@ -13,7 +13,8 @@ struct BalLens {
   template <class Real>
   static void distort(const double* intrinsics, Real x, Real y, Real& u, Real& v) {
     const Real r2 = x * x + y * y;
-    const Real scale = (Real(1.0) + r2 * (Real(intrinsics[1]) + r2 * intrinsics[2])) * intrinsics[0];
+    const Real scale =
+        (Real(1.0) + r2 * (Real(intrinsics[1]) + r2 * intrinsics[2])) * intrinsics[0];
     u = scale * x;
     v = scale * y;
   }

@@ -8,12 +8,12 @@ namespace sfmcpp {
 
 template <class Real>
 struct ImagePoint {
-  Real u, v;    // pixels
-  Real depth;   // along the optical axis; not positive: behind the camera
+  Real u, v;   // pixels
+  Real depth;  // along the optical axis; not positive: behind the camera
 };
 
-// Image point and its derivatives. `camera` columns: the camera's tangent; `intrinsics` columns: one
-// for each intrinsic parameter.
+// Image point and its derivatives. `camera` columns: the camera's tangent; `intrinsics` columns:
+// one for each intrinsic parameter.
 template <class Real, int kTangent, int kIntrinsics>
 struct LinearizedImagePoint {
   ImagePoint<Real> image;
@@ -22,8 +22,8 @@ struct LinearizedImagePoint {
   Real intrinsics[2][kIntrinsics > 0 ? kIntrinsics : 1];
 };
 
-// A lens maps the normalised image plane to pixels: `distort` gives (u, v); `linearize` also the 2×2
-// derivative by (x, y) and the 2×kIntrinsics derivative by the intrinsic parameters.
+// A lens maps the normalised image plane to pixels: `distort` gives (u, v); `linearize` also the
+// 2×2 derivative by (x, y) and the 2×kIntrinsics derivative by the intrinsic parameters.
 template <class Real, int kIntrinsics>
 struct LinearizedLens {
   Real u, v;
@@ -38,7 +38,9 @@ struct MetricCamera {
   static constexpr int kIntrinsics = Lens::kIntrinsics;
 
   template <class Real>
-  static ImagePoint<Real> project(const double* camera, const double* intrinsics, const Real* point) {
+  static ImagePoint<Real> project(const double* camera,
+                                  const double* intrinsics,
+                                  const Real* point) {
     Real x[3];
     to_camera(camera, point, x);
     const Real inverse_depth = Real(1.0) / x[2];
@@ -51,7 +53,9 @@ struct MetricCamera {
   // Note eqs 5–10: with A = ∂(u, v)/∂x_cam, the derivatives are A [x_cam]× by δR, −A Rᵀ by δc and
   // A Rᵀ by δX.
   template <class Real>
-  static void linearize(const double* camera, const double* intrinsics, const Real* point,
+  static void linearize(const double* camera,
+                        const double* intrinsics,
+                        const Real* point,
                         LinearizedImagePoint<Real, kTangent, kIntrinsics>& out) {
     Real x[3];
     to_camera(camera, point, x);

@@ -1,13 +1,14 @@
 // A perspective camera with any of its intrinsic parameters free: f, aspect, cx, cy, skew, radial
-// distortion k1 … k5 and tangential distortion p1, p2 (Brown's model, as OpenCV and Bouguet have it).
+// distortion k1 … k5 and tangential distortion p1, p2 (Brown's model, as OpenCV and Bouguet have
+// it).
 #pragma once
 
 #include "sfmcpp/cameras/camera_concept.hpp"
 
 namespace sfmcpp {
 
-// (x_d, y_d) = (1 + k1 r² + … + k5 r¹⁰) (x, y) + (2 p1 x y + p2 (r² + 2x²), p1 (r² + 2y²) + 2 p2 x y);
-// u = f x_d + skew y_d + cx, v = aspect f y_d + cy.
+// (x_d, y_d) = (1 + k1 r² + … + k5 r¹⁰) (x, y) + (2 p1 x y + p2 (r² + 2x²), p1 (r² + 2y²) + 2 p2 x
+// y); u = f x_d + skew y_d + cx, v = aspect f y_d + cy.
 struct PerspectiveLens {
   static constexpr int kIntrinsics = 12;
   static constexpr int kRadial = 5;
@@ -67,8 +68,8 @@ struct PerspectiveLens {
   }
 
   template <class Real>
-  static void linearize_plane(const double* k, Real x, Real y, const Distorted<Real>& d,
-                              LinearizedLens<Real, 12>& out) {
+  static void linearize_plane(
+      const double* k, Real x, Real y, const Distorted<Real>& d, LinearizedLens<Real, 12>& out) {
     const Real slope2 = d.radial_slope * 2.0;
     const Real xx = d.radial + slope2 * x * x + y * (2.0 * k[kP1]) + x * (6.0 * k[kP2]);
     const Real xy = slope2 * x * y + x * (2.0 * k[kP1]) + y * (2.0 * k[kP2]);
@@ -78,7 +79,9 @@ struct PerspectiveLens {
   }
 
   template <class Real>
-  static void linearize_matrix(const double* k, const Distorted<Real>& d, LinearizedLens<Real, 12>& out) {
+  static void linearize_matrix(const double* k,
+                               const Distorted<Real>& d,
+                               LinearizedLens<Real, 12>& out) {
     const Real zero(0.0), one(1.0);
     const Real columns[5][2] = {
         {d.x, d.y * k[kAspect]}, {zero, d.y * k[kF]}, {one, zero}, {zero, one}, {d.y, zero}};
@@ -89,7 +92,8 @@ struct PerspectiveLens {
   }
 
   template <class Real>
-  static void linearize_distortion(const double* k, Real x, Real y, Real r2, LinearizedLens<Real, 12>& out) {
+  static void linearize_distortion(
+      const double* k, Real x, Real y, Real r2, LinearizedLens<Real, 12>& out) {
     Real power = r2;
     for (int i = 0; i < kRadial; ++i) {
       carry(k, power * x, power * y, out.intrinsics[0][kK1 + i], out.intrinsics[1][kK1 + i]);

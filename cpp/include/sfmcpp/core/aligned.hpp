@@ -1,4 +1,5 @@
-// Arrays that start on a cache line, so that vector loads of the kernels never straddle one needlessly.
+// Arrays that start on a cache line, so that vector loads of the kernels never straddle one
+// needlessly.
 #pragma once
 
 #include <cstddef>
@@ -17,9 +18,9 @@ struct CacheLineAllocator {
   template <class U>
   CacheLineAllocator(const CacheLineAllocator<U>&) {}
   T* allocate(std::size_t n) {
-    return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t{kCacheLine}));
+    return static_cast<T*>(::operator new (n * sizeof(T), std::align_val_t{kCacheLine}));
   }
-  void deallocate(T* p, std::size_t) { ::operator delete(p, std::align_val_t{kCacheLine}); }
+  void deallocate(T* p, std::size_t) { ::operator delete (p, std::align_val_t{kCacheLine}); }
   // Growing leaves numbers uninitialised: every array of the core is written before it is read, and
   // touching the memory first would cost as much as one iteration of a small problem.
   template <class U, class... Args>

@@ -1,4 +1,5 @@
-// The exceptions of the core. Expected numerical outcomes are values in the summary, never exceptions.
+// The exceptions of the core. Expected numerical outcomes are values in the summary, never
+// exceptions.
 #pragma once
 
 #include <stdexcept>

@@ -1,9 +1,10 @@
 // Instruction sets. The hot kernels (`*_kernels.cpp`) are compiled once per instruction set, in
-// namespace `sfmcpp::…::SFMCPP_ISA`, and chosen when the program runs, so that one binary is fast on a
-// new processor and still starts on an old one.
+// namespace `sfmcpp::…::SFMCPP_ISA`, and chosen when the program runs, so that one binary is fast
+// on a new processor and still starts on an old one.
 //
 // Rule for such a file: it may only instantiate templates on Pack<SFMCPP_LANES> or in its own
-// namespace. A shared inline function compiled with AVX-512 could be kept by the linker for everyone.
+// namespace. A shared inline function compiled with AVX-512 could be kept by the linker for
+// everyone.
 #pragma once
 
 #include <string_view>
@@ -14,8 +15,8 @@ enum class Isa { kBaseline, kAvx2, kAvx512 };
 
 std::string_view isa_name(Isa isa);
 
-// The best instruction set of this machine, or the lower one that the environment variable SFMCPP_ISA
-// (baseline, avx2, avx512) asks for. Read once.
+// The best instruction set of this machine, or the lower one that the environment variable
+// SFMCPP_ISA (baseline, avx2, avx512) asks for. Read once.
 Isa active_isa();
 
 }  // namespace sfmcpp

@@ -5,8 +5,9 @@
 // the same bits for every number of threads.
 //
 // Workers spin for a moment before they sleep: a parallel region is entered dozens of times an
-// iteration, and waking a sleeping thread costs as much as the work of a small region. A region never
-// waits for a worker that has not come: on a busy machine the calling thread does the work alone.
+// iteration, and waking a sleeping thread costs as much as the work of a small region. A region
+// never waits for a worker that has not come: on a busy machine the calling thread does the work
+// alone.
 #pragma once
 
 #include <atomic>
@@ -73,8 +74,8 @@ class ThreadPool {
   std::vector<std::thread> workers_;
 };
 
-// Number of threads to use: `requested`, or for 0 what the machine has, unless the work is too small
-// to gain from more than one.
+// Number of threads to use: `requested`, or for 0 what the machine has, unless the work is too
+// small to gain from more than one.
 int resolve_num_threads(int requested, long observations);
 
 }  // namespace sfmcpp

@@ -1,5 +1,5 @@
-// A pack of doubles that computes like one double. Camera models are templates on their number type:
-// with `double` they are the reference, with Pack<8> they treat eight observations at once.
+// A pack of doubles that computes like one double. Camera models are templates on their number
+// type: with `double` they are the reference, with Pack<8> they treat eight observations at once.
 #pragma once
 
 namespace sfmcpp {
@@ -38,8 +38,8 @@ struct Pack {
   Vector v;
 
   Pack() = default;
-  // A number is a pack of equal numbers. Written as s − 0, which compilers fold to a broadcast (0 + s
-  // they may not: it turns −0 into 0).
+  // A number is a pack of equal numbers. Written as s − 0, which compilers fold to a broadcast (0 +
+  // s they may not: it turns −0 into 0).
   SFMCPP_INLINE Pack(double s) : v(s - Vector{}) {}  // NOLINT
   SFMCPP_INLINE explicit Pack(Vector value) : v(value) {}
 
@@ -48,7 +48,10 @@ struct Pack {
   SFMCPP_INLINE friend Pack operator*(Pack a, Pack b) { return Pack(a.v * b.v); }
   SFMCPP_INLINE friend Pack operator/(Pack a, Pack b) { return Pack(a.v / b.v); }
   SFMCPP_INLINE friend Pack operator-(Pack a) { return Pack(-a.v); }
-  SFMCPP_INLINE Pack& operator+=(Pack b) { v += b.v; return *this; }
+  SFMCPP_INLINE Pack& operator+=(Pack b) {
+    v += b.v;
+    return *this;
+  }
 
   SFMCPP_INLINE double operator[](int lane) const { return v[lane]; }
 };
@@ -78,7 +81,8 @@ SFMCPP_INLINE double sum_of_lanes(Pack<W> a) {
   }
 }
 
-// Exchanges the off-diagonal halves of every pair of rows that are kStride apart (Eklundh's transpose).
+// Exchanges the off-diagonal halves of every pair of rows that are kStride apart (Eklundh's
+// transpose).
 template <int W, int kStride>
 SFMCPP_INLINE void exchange(Pack<W>* rows) {
   typename VectorOf<W>::Mask low{}, high{};

@@ -1,5 +1,5 @@
-// The graph of the reduced system by variable blocks, a fill-reducing order of it, and what the sparse
-// factorisation will cost. All symbolic work is done on blocks: cameras, not scalars.
+// The graph of the reduced system by variable blocks, a fill-reducing order of it, and what the
+// sparse factorisation will cost. All symbolic work is done on blocks: cameras, not scalars.
 #pragma once
 
 #include <utility>
@@ -11,8 +11,8 @@
 namespace sfmcpp::linear {
 
 struct BlockGraph {
-  std::vector<int> size;                    // columns of each variable block
-  std::vector<std::pair<int, int>> edges;   // (smaller, larger) block of each coupled pair, sorted
+  std::vector<int> size;                   // columns of each variable block
+  std::vector<std::pair<int, int>> edges;  // (smaller, larger) block of each coupled pair, sorted
 };
 
 BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& map);

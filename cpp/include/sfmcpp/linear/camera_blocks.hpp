@@ -1,5 +1,6 @@
-// The block pattern of the Schur complement over cameras: block (i, j), j ≥ i, is there when cameras
-// i and j see a common point (or i = j). Values lie row after row, each block in panel layout.
+// The block pattern of the Schur complement over cameras: block (i, j), j ≥ i, is there when
+// cameras i and j see a common point (or i = j). Values lie row after row, each block in panel
+// layout.
 #pragma once
 
 #include <vector>
@@ -12,7 +13,7 @@ namespace sfmcpp::linear {
 
 struct CameraPattern {
   std::vector<long> row_begin;  // blocks of row i: [row_begin[i], row_begin[i + 1])
-  std::vector<int> column;      // camera j of each block, ascending within a row; the first is i itself
+  std::vector<int> column;  // camera j of each block, ascending within a row; the first is i itself
 
   int num_rows() const { return static_cast<int>(row_begin.size()) - 1; }
   long num_blocks() const { return row_begin.back(); }

@@ -16,8 +16,12 @@ using LinearMap = std::function<void(const std::vector<double>& in, std::vector<
 
 // Solves A x = b from x = 0 until ‖b − A x‖ ≤ tolerance ‖b‖ in the norm of the preconditioner's
 // inverse, at most `max_iterations`, or until `should_stop`.
-ConjugateGradientResult conjugate_gradient(const LinearMap& a, const LinearMap& preconditioner,
-                                           const std::vector<double>& b, double tolerance, int max_iterations,
-                                           const std::function<bool()>& should_stop, std::vector<double>& x);
+ConjugateGradientResult conjugate_gradient(const LinearMap& a,
+                                           const LinearMap& preconditioner,
+                                           const std::vector<double>& b,
+                                           double tolerance,
+                                           int max_iterations,
+                                           const std::function<bool()>& should_stop,
+                                           std::vector<double>& x);
 
 }  // namespace sfmcpp::linear

@@ -6,13 +6,15 @@
 
 namespace sfmcpp::linear {
 
-// Forms S block row by block row: row i is gathered by one task from the points that camera i sees, so
-// that there are no locks and every block has its terms added in one fixed order.
+// Forms S block row by block row: row i is gathered by one task from the points that camera i sees,
+// so that there are no locks and every block has its terms added in one fixed order.
 class ExplicitSchurSolver final : public LinearSolver {
  public:
   ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind);
 
-  LinearSolveResult solve(const Damping& damping, Step& step, const std::function<bool()>& should_stop) override;
+  LinearSolveResult solve(const Damping& damping,
+                          Step& step,
+                          const std::function<bool()>& should_stop) override;
 
  private:
   void couple();
@@ -25,10 +27,10 @@ class ExplicitSchurSolver final : public LinearSolver {
   CameraPattern pattern_;
   PointFactors factors_;
   std::unique_ptr<ReducedSolver> reduced_;
-  AlignedVector<double> coupling_;  // P per observation
-  AlignedVector<double> blocks_;    // S
-  AlignedVector<double> rhs_;       // −Σ Pᵀ y per camera
-  AlignedVector<double> steps_;     // δc per camera
+  AlignedVector<double> coupling_;                 // P per observation
+  AlignedVector<double> blocks_;                   // S
+  AlignedVector<double> rhs_;                      // −Σ Pᵀ y per camera
+  AlignedVector<double> steps_;                    // δc per camera
   std::vector<std::vector<int>> block_of_camera_;  // scratch of each worker
 };
 

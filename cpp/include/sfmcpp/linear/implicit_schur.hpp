@@ -7,13 +7,15 @@
 
 namespace sfmcpp::linear {
 
-// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + D x, the sum over the observations of
-// each point. Memory is that of the Jacobian.
+// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + D x, the sum over the observations
+// of each point. Memory is that of the Jacobian.
 class ImplicitSchurSolver final : public LinearSolver {
  public:
   ImplicitSchurSolver(const NormalEquations& normal, const LinearSolverOptions& options);
 
-  LinearSolveResult solve(const Damping& damping, Step& step, const std::function<bool()>& should_stop) override;
+  LinearSolveResult solve(const Damping& damping,
+                          Step& step,
+                          const std::function<bool()>& should_stop) override;
 
  private:
   void prepare(const Damping& damping);
@@ -29,15 +31,16 @@ class ImplicitSchurSolver final : public LinearSolver {
   const NormalEquations& normal_;
   LinearSolverOptions options_;
   PointFactors factors_;
-  std::vector<double> diagonal_;        // λD
+  std::vector<double> diagonal_;  // λD
   std::vector<double> rhs_;
-  std::vector<long> block_offset_;      // of each variable block in `preconditioner_`
-  std::vector<double> preconditioner_;  // Schur–Jacobi: diagonal blocks of S, then their Cholesky factors
-  AlignedVector<double> whitened_;      // G per observation
-  AlignedVector<double> applied_;       // e per observation
-  AlignedVector<double> point_sums_;    // Σ Gᵀ e per point
-  AlignedVector<double> camera_sums_;   // per chunk or camera: a camera block
-  AlignedVector<double> camera_blocks_; // diagonal block of each camera, panel layout
+  std::vector<long> block_offset_;  // of each variable block in `preconditioner_`
+  std::vector<double>
+      preconditioner_;  // Schur–Jacobi: diagonal blocks of S, then their Cholesky factors
+  AlignedVector<double> whitened_;       // G per observation
+  AlignedVector<double> applied_;        // e per observation
+  AlignedVector<double> point_sums_;     // Σ Gᵀ e per point
+  AlignedVector<double> camera_sums_;    // per chunk or camera: a camera block
+  AlignedVector<double> camera_blocks_;  // diagonal block of each camera, panel layout
 };
 
 }  // namespace sfmcpp::linear

@@ -1,7 +1,8 @@
 // Linear solvers of the damped normal equations (JᵀJ + λD) δ = Jᵀ r, all by the Schur complement:
 //   dense      S formed, Cholesky by LAPACK
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
-//   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi preconditioner
+//   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi
+//   preconditioner
 #pragma once
 
 #include <array>
@@ -46,9 +47,10 @@ struct LinearSolveResult {
 class LinearSolver {
  public:
   virtual ~LinearSolver() = default;
-  // Solves for the linearisation that the normal equations hold now. `should_stop` is asked from time
-  // to time by long solves; once true, the best solution so far is returned.
-  virtual LinearSolveResult solve(const Damping& damping, Step& step,
+  // Solves for the linearisation that the normal equations hold now. `should_stop` is asked from
+  // time to time by long solves; once true, the best solution so far is returned.
+  virtual LinearSolveResult solve(const Damping& damping,
+                                  Step& step,
                                   const std::function<bool()>& should_stop) = 0;
 };
 
@@ -59,7 +61,8 @@ struct LinearSolverChoice {
 };
 
 // `auto`: by predicted flops and memory. Any other kind is returned as it is.
-LinearSolverChoice choose_linear_solver(const ObservationGraph& graph, const ParameterMap& map,
+LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
+                                        const ParameterMap& map,
                                         LinearSolverKind requested);
 
 // `kind` of the options must not be auto. The normal equations must outlive the solver.

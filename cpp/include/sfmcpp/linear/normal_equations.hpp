@@ -1,7 +1,8 @@
-// The linearised problem at one state: Jacobian, gradient and the blocks that do not depend on damping.
+// The linearised problem at one state: Jacobian, gradient and the blocks that do not depend on
+// damping.
 //
-// J = [Jc Jp], kept per observation; V = Σ JpᵀJp per point; b = Jᵀ r (EQUATIONS §2), so that −b is the
-// gradient of the cost. U and W are never formed. Linearise once, solve for many dampings.
+// J = [Jc Jp], kept per observation; V = Σ JpᵀJp per point; b = Jᵀ r (EQUATIONS §2), so that −b is
+// the gradient of the cost. U and W are never formed. Linearise once, solve for many dampings.
 #pragma once
 
 #include <vector>
@@ -36,8 +37,12 @@ class NormalEquations {
   NormalEquations(const ObservationGraph& graph, const ParameterMap& map, ThreadPool& pool);
 
   // Filling: first the Jacobian of every observation (kernel records, see schur_kernels.hpp) …
-  double* camera_jacobian(int observation) { return jacobian_.data() + 2L * map_.camera_size * observation; }
-  double* point_record(int observation) { return records_.data() + static_cast<long>(kPointRecord) * observation; }
+  double* camera_jacobian(int observation) {
+    return jacobian_.data() + 2L * map_.camera_size * observation;
+  }
+  double* point_record(int observation) {
+    return records_.data() + static_cast<long>(kPointRecord) * observation;
+  }
   // … chunk by chunk, each followed by `accumulate(chunk)`, in any order; then `finish`.
   void accumulate(int chunk);
   void finish();
@@ -50,7 +55,9 @@ class NormalEquations {
   const double* jacobian() const { return jacobian_.data(); }
   const double* records() const { return records_.data(); }
   // Lower triangle of V (v00 v10 v11 v20 v21 v22), then Jpᵀ r; zeros for a point that may not move.
-  const double* point_block(int p) const { return point_blocks_.data() + static_cast<long>(kPointFactor) * p; }
+  const double* point_block(int p) const {
+    return point_blocks_.data() + static_cast<long>(kPointFactor) * p;
+  }
 
   const std::vector<double>& camera_rhs() const { return camera_rhs_; }            // Jcᵀ r
   const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }  // diag(JcᵀJc)

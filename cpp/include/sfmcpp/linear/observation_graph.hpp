@@ -24,15 +24,17 @@ struct Chunk {
 struct ObservationGraph {
   int num_cameras = 0;
   int num_points = 0;
-  std::vector<int> camera_begin;  // observations of camera i: [camera_begin[i], camera_begin[i + 1])
-  std::vector<int> camera;        // of each stored observation
-  std::vector<int> point;         // of each stored observation, with room to read packs beyond the end
-  std::vector<int> source;        // position of each stored observation in the caller's arrays
-  std::vector<int> point_begin;   // entries of `of_point` of point p: [point_begin[p], point_begin[p + 1])
-  std::vector<int> of_point;      // stored observations by point; within a point by ascending camera
-  std::vector<int> rank;          // where each stored observation stands in `of_point`
-  std::vector<Chunk> chunks;      // covers the stored observations in order
-  std::vector<int> chunk_begin;   // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
+  std::vector<int>
+      camera_begin;         // observations of camera i: [camera_begin[i], camera_begin[i + 1])
+  std::vector<int> camera;  // of each stored observation
+  std::vector<int> point;   // of each stored observation, with room to read packs beyond the end
+  std::vector<int> source;  // position of each stored observation in the caller's arrays
+  std::vector<int>
+      point_begin;  // entries of `of_point` of point p: [point_begin[p], point_begin[p + 1])
+  std::vector<int> of_point;     // stored observations by point; within a point by ascending camera
+  std::vector<int> rank;         // where each stored observation stands in `of_point`
+  std::vector<Chunk> chunks;     // covers the stored observations in order
+  std::vector<int> chunk_begin;  // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
 
   GraphView view() const {
     return {camera.data(), point.data(), point_begin.data(), of_point.data(), rank.data()};
@@ -43,7 +45,9 @@ struct ObservationGraph {
 };
 
 // Requires every index to be in range; see ba/check.hpp for input from outside.
-ObservationGraph make_observation_graph(int num_cameras, int num_points, std::span<const int> camera_index,
+ObservationGraph make_observation_graph(int num_cameras,
+                                        int num_points,
+                                        std::span<const int> camera_index,
                                         std::span<const int> point_index);
 
 }  // namespace sfmcpp::linear

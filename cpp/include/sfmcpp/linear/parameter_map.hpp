@@ -1,10 +1,10 @@
 // From the columns of camera blocks to the columns of the reduced camera system.
 //
-// The Jacobian has one block of `camera_size` columns per camera, as if every camera had intrinsics of
-// its own. With P the 0/1 matrix that copies a reduced parameter to all its columns, the system of the
-// free, shared parameters is Pᵀ (U − W V⁻¹ Wᵀ) P: elimination of the points does not depend on P. So
-// fixed cameras, single fixed intrinsics, a fixed gauge, padding columns (all: no reduced column) and
-// intrinsics shared by groups (several columns: one reduced column) are one mechanism.
+// The Jacobian has one block of `camera_size` columns per camera, as if every camera had intrinsics
+// of its own. With P the 0/1 matrix that copies a reduced parameter to all its columns, the system
+// of the free, shared parameters is Pᵀ (U − W V⁻¹ Wᵀ) P: elimination of the points does not depend
+// on P. So fixed cameras, single fixed intrinsics, a fixed gauge, padding columns (all: no reduced
+// column) and intrinsics shared by groups (several columns: one reduced column) are one mechanism.
 #pragma once
 
 #include <vector>
@@ -14,15 +14,17 @@ namespace sfmcpp::linear {
 inline constexpr int kNoColumn = -1;
 
 struct ParameterMap {
-  int camera_size = 0;             // columns of a camera block
-  int num_columns = 0;             // columns of the reduced system
-  std::vector<int> column;         // num_cameras × camera_size → reduced column or kNoColumn
-  std::vector<int> block_begin;    // variable blocks of the reduced system, and the end
-  std::vector<int> block_of;       // variable block of each reduced column
-  std::vector<char> free_point;    // per point: may it move?
+  int camera_size = 0;           // columns of a camera block
+  int num_columns = 0;           // columns of the reduced system
+  std::vector<int> column;       // num_cameras × camera_size → reduced column or kNoColumn
+  std::vector<int> block_begin;  // variable blocks of the reduced system, and the end
+  std::vector<int> block_of;     // variable block of each reduced column
+  std::vector<char> free_point;  // per point: may it move?
 
   int num_blocks() const { return static_cast<int>(block_begin.size()) - 1; }
-  const int* columns_of(int camera) const { return column.data() + static_cast<long>(camera) * camera_size; }
+  const int* columns_of(int camera) const {
+    return column.data() + static_cast<long>(camera) * camera_size;
+  }
 
   // Copies reduced values to the columns of a camera; zero where there is no column (P x).
   void expand(const double* reduced, int camera, double* block) const;

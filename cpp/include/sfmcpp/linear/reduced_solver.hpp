@@ -1,4 +1,5 @@
-// Direct solution of the reduced camera system (Pᵀ S P + diag) x = rhs, with S given by camera blocks.
+// Direct solution of the reduced camera system (Pᵀ S P + diag) x = rhs, with S given by camera
+// blocks.
 #pragma once
 
 #include <memory>
@@ -14,13 +15,17 @@ class ReducedSolver {
  public:
   virtual ~ReducedSolver() = default;
 
-  // `blocks` in the order of the pattern, panel layout. `x` holds the right-hand side before and the
-  // solution after. Returns false if the matrix is not positive definite; x is then meaningless.
-  virtual bool solve(const double* blocks, const std::vector<double>& diagonal, std::vector<double>& x) = 0;
+  // `blocks` in the order of the pattern, panel layout. `x` holds the right-hand side before and
+  // the solution after. Returns false if the matrix is not positive definite; x is then
+  // meaningless.
+  virtual bool solve(const double* blocks,
+                     const std::vector<double>& diagonal,
+                     std::vector<double>& x) = 0;
 };
 
 // The references must outlive the solver. The sparse one analyses the pattern once, here.
-std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const CameraPattern& pattern, const ParameterMap& map,
+std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const CameraPattern& pattern,
+                                                         const ParameterMap& map,
                                                          ThreadPool& pool);
 std::unique_ptr<ReducedSolver> make_sparse_reduced_solver(const CameraPattern& pattern,
                                                           const ParameterMap& map);
@@ -28,7 +33,10 @@ std::unique_ptr<ReducedSolver> make_sparse_reduced_solver(const CameraPattern& p
 // Calls f(row, column, value), row ≥ column, for what the blocks of camera row i add to the lower
 // triangle of Pᵀ S P. An entry may come up several times: its value is the sum.
 template <class F>
-void for_each_reduced_entry(const CameraPattern& pattern, const ParameterMap& map, int i, const double* blocks,
+void for_each_reduced_entry(const CameraPattern& pattern,
+                            const ParameterMap& map,
+                            int i,
+                            const double* blocks,
                             const F& f) {
   const int size = map.camera_size;
   const int* rows = map.columns_of(i);

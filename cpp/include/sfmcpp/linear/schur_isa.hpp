@@ -1,10 +1,11 @@
-// The kernels of one instruction set; only schur_kernel_choice.cpp chooses among them (core/isa.hpp).
+// The kernels of one instruction set; only schur_kernel_choice.cpp chooses among them
+// (core/isa.hpp).
 #pragma once
 
 #include "sfmcpp/linear/schur_kernels.hpp"
 
-#define SFMCPP_DECLARE_SCHUR(isa)             \
-  namespace sfmcpp::linear::isa {             \
+#define SFMCPP_DECLARE_SCHUR(isa)            \
+  namespace sfmcpp::linear::isa {            \
   SchurKernels kernels_for(int camera_size); \
   }
 

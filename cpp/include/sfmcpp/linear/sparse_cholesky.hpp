@@ -1,4 +1,5 @@
-// Sparse Cholesky factorisation behind one interface: CHOLMOD (its supernodal part is GPL) or Eigen.
+// Sparse Cholesky factorisation behind one interface: CHOLMOD (its supernodal part is GPL) or
+// Eigen.
 #pragma once
 
 #include <memory>

@@ -1,13 +1,14 @@
 // Numeric Jacobians, the reference for analytic ones.
 #pragma once
 
-#include <Eigen/Core>
 #include <cmath>
+
+#include <Eigen/Core>
 
 namespace sfmcpp {
 
-// ∂f(δ)/∂δ at δ = 0, by central differences with one Richardson extrapolation: the error is of order
-// step⁴. f maps a vector of `size` numbers to a vector.
+// ∂f(δ)/∂δ at δ = 0, by central differences with one Richardson extrapolation: the error is of
+// order step⁴. f maps a vector of `size` numbers to a vector.
 template <class F>
 Eigen::MatrixXd numeric_jacobian(const F& f, const Eigen::VectorXd& steps) {
   Eigen::MatrixXd jacobian;

@@ -14,8 +14,8 @@ class DampingRule {
   virtual linear::Damping damping() const = 0;
 };
 
-// Hartley & Zisserman: D = diag(JᵀJ), λ ÷ 10 on success, × 10 on failure (thesis eq. 2.45, with λ for
-// the λ² of eq. 2.44).
+// Hartley & Zisserman: D = diag(JᵀJ), λ ÷ 10 on success, × 10 on failure (thesis eq. 2.45, with λ
+// for the λ² of eq. 2.44).
 class HartleyRule final : public DampingRule {
  public:
   HartleyRule(double initial, linear::DampingMatrix matrix) : lambda_(initial), matrix_(matrix) {}
@@ -29,9 +29,9 @@ class HartleyRule final : public DampingRule {
   linear::DampingMatrix matrix_;
 };
 
-// Nielsen: on success λ · max(1/3, 1 − (2ρ − 1)³), on failure λ · ν, ν · 2. The thesis has D = I and
-// λ₀ = τ max diag(JᵀJ), which depends on the units of the unknowns: focal lengths and distortion
-// coefficients get the same damping. With D = diag(JᵀJ), the default, λ₀ = τ.
+// Nielsen: on success λ · max(1/3, 1 − (2ρ − 1)³), on failure λ · ν, ν · 2. The thesis has D = I
+// and λ₀ = τ max diag(JᵀJ), which depends on the units of the unknowns: focal lengths and
+// distortion coefficients get the same damping. With D = diag(JᵀJ), the default, λ₀ = τ.
 class NielsenRule final : public DampingRule {
  public:
   NielsenRule(double tau, linear::DampingMatrix matrix) : tau_(tau), matrix_(matrix) {}

@@ -12,7 +12,11 @@ namespace sfmcpp::optim {
 
 // Minimises from `state`, which holds the best state found when this returns, however it ends. The
 // seconds of the iterations are those of `clock`.
-MinimizerSummary minimize(LeastSquaresModel& model, linear::LinearSolver& solver, const MinimizerOptions& options,
-                          const Events& events, const Stopwatch& clock, State& state);
+MinimizerSummary minimize(LeastSquaresModel& model,
+                          linear::LinearSolver& solver,
+                          const MinimizerOptions& options,
+                          const Events& events,
+                          const Stopwatch& clock,
+                          State& state);
 
 }  // namespace sfmcpp::optim

@@ -16,7 +16,10 @@ class LeastSquaresModel {
   virtual void linearize(const State& state) = 0;
   virtual const linear::NormalEquations& normal_equations() const = 0;
   // `result` ← state + lengths ∘ step.
-  virtual void plus(const State& state, const linear::Step& step, StepLengths lengths, State& result) const = 0;
+  virtual void plus(const State& state,
+                    const linear::Step& step,
+                    StepLengths lengths,
+                    State& result) const = 0;
 };
 
 }  // namespace sfmcpp::optim

@@ -28,7 +28,8 @@ template <>
 struct EnumNames<linear::DampingMatrix> {
   static constexpr std::string_view kWhat = "damping_matrix";
   static constexpr std::array<std::pair<linear::DampingMatrix, std::string_view>, 2> kTable{
-      {{linear::DampingMatrix::kDiagonal, "diagonal"}, {linear::DampingMatrix::kIdentity, "identity"}}};
+      {{linear::DampingMatrix::kDiagonal, "diagonal"},
+       {linear::DampingMatrix::kIdentity, "identity"}}};
 };
 
 namespace optim {

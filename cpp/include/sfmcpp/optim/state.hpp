@@ -11,8 +11,8 @@ struct State {
   std::vector<double> points;      // 3 per point
 };
 
-// How far along the step cameras (with their intrinsics) and points go: two lengths, so that searches
-// over one and over two lengths are the same thing (thesis §4.2.4).
+// How far along the step cameras (with their intrinsics) and points go: two lengths, so that
+// searches over one and over two lengths are the same thing (thesis §4.2.4).
 struct StepLengths {
   double camera = 1.0;
   double point = 1.0;

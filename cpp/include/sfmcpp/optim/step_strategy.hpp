@@ -1,8 +1,8 @@
 // How a step is computed from the normal equations, and how it learns from success and failure.
 //
 // How to add a method: a class here or in a file of its own, an entry in `Method`, one line in
-// make_step_strategy. The strategy is told only whether its step was accepted and at what gain ratio
-// (actual over predicted decrease), so its rule can be tested without any problem.
+// make_step_strategy. The strategy is told only whether its step was accepted and at what gain
+// ratio (actual over predicted decrease), so its rule can be tested without any problem.
 #pragma once
 
 #include <functional>
@@ -22,8 +22,10 @@ struct StepResult {
 class StepStrategy {
  public:
   virtual ~StepStrategy() = default;
-  virtual StepResult compute(const linear::NormalEquations& normal, linear::LinearSolver& solver,
-                             const std::function<bool()>& should_stop, linear::Step& step) = 0;
+  virtual StepResult compute(const linear::NormalEquations& normal,
+                             linear::LinearSolver& solver,
+                             const std::function<bool()>& should_stop,
+                             linear::Step& step) = 0;
   virtual void accepted(double gain_ratio) = 0;
   virtual void rejected() = 0;
   virtual double damping() const = 0;

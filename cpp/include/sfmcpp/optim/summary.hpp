@@ -14,7 +14,14 @@
 namespace sfmcpp {
 
 namespace optim {
-enum class Termination { kConverged, kMaxIterations, kMaxSeconds, kInterrupted, kStoppedByCallback, kNumericalFailure };
+enum class Termination {
+  kConverged,
+  kMaxIterations,
+  kMaxSeconds,
+  kInterrupted,
+  kStoppedByCallback,
+  kNumericalFailure
+};
 }
 
 template <>
@@ -34,8 +41,8 @@ namespace optim {
 // Iteration 0 is the start. A rejected step leaves the cost as it was.
 struct Iteration {
   int number = 0;
-  double cost = 0.0;           // of the current accepted state, over all observations
-  double seconds = 0.0;        // since the start of the solve
+  double cost = 0.0;     // of the current accepted state, over all observations
+  double seconds = 0.0;  // since the start of the solve
   bool accepted = true;
   double damping = 0.0;        // λ of the step
   double gradient_norm = 0.0;  // largest entry, at the state the step started from
@@ -48,7 +55,9 @@ enum class Signal { kContinue, kStop, kInterrupt };
 
 // Listeners of a minimiser: `on_iteration` after each iteration, `poll` from within long ones.
 struct Events {
-  std::function<Signal(const Iteration&)> on_iteration = [](const Iteration&) { return Signal::kContinue; };
+  std::function<Signal(const Iteration&)> on_iteration = [](const Iteration&) {
+    return Signal::kContinue;
+  };
   std::function<Signal()> poll = [] { return Signal::kContinue; };
 };
 

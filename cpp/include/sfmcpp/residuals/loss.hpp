@@ -1,5 +1,5 @@
-// Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3; eq. 2.51
-// with σ and c set right, EQUATIONS §4). All behave like s near zero.
+// Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3;
+// eq. 2.51 with σ and c set right, EQUATIONS §4). All behave like s near zero.
 #pragma once
 
 #include <array>
@@ -30,8 +30,8 @@ struct Loss {
   double derivative(double s) const;  // dρ/ds: the weight of the observation
 };
 
-// The scale with 95 % efficiency on normal residuals of standard deviation sigma: c = 1.345 σ (Huber),
-// 2.3849 σ (Cauchy), 4.6851 σ (Tukey); σ itself for the squared loss.
+// The scale with 95 % efficiency on normal residuals of standard deviation sigma: c = 1.345 σ
+// (Huber), 2.3849 σ (Cauchy), 4.6851 σ (Tukey); σ itself for the squared loss.
 double efficient_scale(LossKind kind, double sigma);
 
 }  // namespace sfmcpp

@@ -1,5 +1,5 @@
-// Reprojection residuals of the observations of one camera, r = (observed − projected) / σ (note eq. 3),
-// and their linearisation, for the camera model and instruction set chosen at run time.
+// Reprojection residuals of the observations of one camera, r = (observed − projected) / σ (note
+// eq. 3), and their linearisation, for the camera model and instruction set chosen at run time.
 #pragma once
 
 #include "sfmcpp/cameras/camera_model.hpp"
@@ -27,7 +27,7 @@ struct JacobianOutput {
   int num_free_intrinsics;
   int camera_size;  // columns of a camera block, padding with zeros included
   double* camera;   // count × 2 × camera_size: ∂(projection)/∂camera / σ
-  double* point;    // count × 2 × 4: ∂(projection)/∂point / σ, and the residual in the last column
+  double* point;  // count × 2 × 4: ∂(projection)/∂point / σ, and the residual in the last column
 };
 
 struct ReprojectionKernels {

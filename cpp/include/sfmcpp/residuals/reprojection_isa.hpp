@@ -3,8 +3,8 @@
 
 #include "sfmcpp/residuals/reprojection.hpp"
 
-#define SFMCPP_DECLARE_REPROJECTION(isa)                 \
-  namespace sfmcpp::residuals::isa {                     \
+#define SFMCPP_DECLARE_REPROJECTION(isa)                \
+  namespace sfmcpp::residuals::isa {                    \
   ReprojectionKernels kernels_for(CameraModelId model); \
   }
 

@@ -1,0 +1,48 @@
+#include "sfmcpp/ba/check_jacobians.hpp"
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/core/error.hpp"
+#include "support/small_scenes.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+class EveryModel : public testing::TestWithParam<CameraModelId> {
+ protected:
+  support::OwnedProblem scene = make_circle_scene(support::perturbed(GetParam()));
+  int columns() const {
+    const int intrinsics = has_free_intrinsics(GetParam()) ? scene.view().num_intrinsics() : 0;
+    return 6 + intrinsics + 3;
+  }
+};
+
+TEST_P(EveryModel, AnalyticDerivativesAgreeWithNumericOnes) {
+  const JacobianCheck check = check_jacobians(scene.view());
+  EXPECT_LT(check.worst_error, 1e-7) << check.worst_parameter << " of " << check.worst_observation;
+  EXPECT_GT(check.worst_error, 0.0) << "nothing was compared";
+}
+
+TEST_P(EveryModel, EveryParameterOfEveryObservationIsComparedUpToTheLimit) {
+  EXPECT_EQ(check_jacobians(scene.view()).entries, 240L * 2 * columns());
+  EXPECT_EQ(check_jacobians(scene.view(), 50).entries, 50L * 2 * columns());
+}
+
+TEST_P(EveryModel, ObservationsBehindTheirCameraAreLeftOut) {
+  for (int k = 0; k < 3; ++k) scene.points[k] = 1.5 * scene.cameras[12 * 2 + 4 * k + 3];
+  EXPECT_LT(check_jacobians(scene.view()).entries, 240L * 2 * columns());
+}
+
+TEST_P(EveryModel, ABrokenProblemIsRefused) {
+  scene.camera_index[3] = 77;
+  EXPECT_THROW(check_jacobians(scene.view()), InvalidArgument);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Models,
+    EveryModel,
+    testing::Values(CameraModelId::kCalibrated, CameraModelId::kPerspective, CameraModelId::kBal),
+    [](const auto& test) { return std::string(enum_name(test.param)); });
+
+}  // namespace
+}  // namespace sfmcpp::ba

@@ -1,0 +1,69 @@
+// The same bits for every run and every number of threads.
+#include <gtest/gtest.h>
+
+#include "sfmcpp/ba/solve.hpp"
+#include "support/small_scenes.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using linear::LinearSolverKind;
+using optim::State;
+
+struct Case {
+  const char* name;
+  LinearSolverKind solver;
+  int groups;
+  LossKind loss;
+};
+
+class Determinism : public testing::TestWithParam<Case> {
+ protected:
+  // Cameras with more than one chunk of observations, and points of more than one task.
+  static support::OwnedProblem scene() {
+    support::SceneOptions options = support::perturbed(CameraModelId::kBal);
+    options.num_cameras = 12;
+    options.num_points = 1300;
+    options.window = 6;
+    options.num_groups = GetParam().groups;
+    return make_circle_scene(options);
+  }
+  static State solved(const support::OwnedProblem& problem, int threads) {
+    SolveOptions options;
+    options.num_threads = threads;
+    options.linear_solver.kind = GetParam().solver;
+    options.loss = GetParam().loss;
+    options.minimizer.termination.max_iterations = 4;
+    options.minimizer.termination.function_tolerance = 0.0;
+    State state = state_of(problem.view());
+    const SolveSummary summary = solve(problem.view(), options, {}, state);
+    EXPECT_EQ(summary.num_threads, threads);
+    return state;
+  }
+};
+
+TEST_P(Determinism, StatesHaveTheSameBitsForEveryNumberOfThreadsAndEveryRun) {
+  const support::OwnedProblem problem = scene();
+  const State reference = solved(problem, 1);
+  ASSERT_NE(reference.points, problem.points);
+  for (int threads : {1, 2, 3, 5, 2}) {
+    const State state = solved(problem, threads);
+    EXPECT_EQ(state.cameras, reference.cameras) << threads << " threads";
+    EXPECT_EQ(state.intrinsics, reference.intrinsics) << threads << " threads";
+    EXPECT_EQ(state.points, reference.points) << threads << " threads";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Solvers,
+    Determinism,
+    testing::Values(Case{"Dense", LinearSolverKind::kDense, 0, LossKind::kSquared},
+                    Case{"DenseShared", LinearSolverKind::kDense, 3, LossKind::kHuber},
+                    Case{"Sparse", LinearSolverKind::kSparse, 0, LossKind::kSquared},
+                    Case{"SparseShared", LinearSolverKind::kSparse, 3, LossKind::kTukey},
+                    Case{"Iterative", LinearSolverKind::kIterative, 0, LossKind::kSquared},
+                    Case{"IterativeShared", LinearSolverKind::kIterative, 3, LossKind::kCauchy}),
+    [](const auto& test) { return std::string(test.param.name); });
+
+}  // namespace
+}  // namespace sfmcpp::ba
