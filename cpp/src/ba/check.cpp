@@ -123,6 +123,9 @@ void check_arrays(const Problem& problem) {
   const auto points = static_cast<std::size_t>(problem.num_points());
   const std::size_t observations = problem.camera_index.size();
   check_size("cameras", problem.cameras.size(), cameras * kCameraStorage);
+  check_size("intrinsics",
+             problem.intrinsics.size(),
+             static_cast<std::size_t>(problem.num_groups()) * problem.num_intrinsics());
   check_size("points", problem.points.size(), points * 3);
   check_size("intrinsics_index", problem.intrinsics_index.size(), cameras);
   check_size("point_index", problem.point_index.size(), observations);

@@ -1,7 +1,8 @@
 #include "sfmcpp/ba/mask.hpp"
 
 #include <algorithm>
-#include <cmath>
+
+#include "sfmcpp/ba/gauge.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -10,65 +11,13 @@ using linear::kNoColumn;
 using linear::ObservationGraph;
 using linear::ParameterMap;
 
-constexpr int kCentre = 3;  // first column of the centre in a camera block
-
-// The single parameters that the gauge takes away.
-struct GaugeMask {
-  int first_camera = -1;
-  int scale_camera = -1;
-  int scale_coordinate = 0;
-
-  bool holds(int camera, int column) const {
-    return camera == first_camera ||
-           (camera == scale_camera && column == kCentre + scale_coordinate);
-  }
-};
-
-double centre(const Problem& problem, int camera, int k) {
-  return problem.cameras[static_cast<std::size_t>(camera) * kCameraStorage + 4 * k + 3];
-}
-
-bool gauge_is_held(const Problem& problem, const ObservationGraph& graph) {
-  const auto fixed = [](std::uint8_t flag) { return flag != 0; };
-  int held = 0;
-  for (int i = 0; i < problem.num_cameras(); ++i)
-    held += problem.fixed_cameras[i] && graph.observations_of_camera(i) > 0;
-  return held >= 2 ||
-         std::count_if(problem.fixed_points.begin(), problem.fixed_points.end(), fixed) >= 3;
-}
-
-GaugeMask choose_gauge(const Problem& problem, const ObservationGraph& graph) {
-  GaugeMask gauge;
-  if (gauge_is_held(problem, graph)) return gauge;
-  for (int i = 0; i < problem.num_cameras() && gauge.first_camera < 0; ++i) {
-    // A camera that is fixed already is the best one to hold.
-    if (graph.observations_of_camera(i) > 0 && problem.fixed_cameras[i]) gauge.first_camera = i;
-  }
-  for (int i = 0; i < problem.num_cameras() && gauge.first_camera < 0; ++i) {
-    if (graph.observations_of_camera(i) > 0) gauge.first_camera = i;
-  }
-  double longest = 0.0;
-  for (int i = 0; i < problem.num_cameras(); ++i) {
-    if (graph.observations_of_camera(i) == 0) continue;
-    for (int k = 0; k < 3; ++k) {
-      const double length =
-          std::abs(centre(problem, i, k) - centre(problem, gauge.first_camera, k));
-      if (length <= longest) continue;
-      longest = length;
-      gauge.scale_camera = i;
-      gauge.scale_coordinate = k;
-    }
-  }
-  return gauge;
-}
-
 // Hands out reduced columns, one variable block after the other.
 class Builder {
  public:
   Builder(const Problem& problem,
           const ObservationGraph& graph,
           const std::vector<int>& intrinsics,
-          GaugeMask gauge)
+          const std::vector<PoseParameter>& gauge)
       : problem_(problem), graph_(graph), intrinsics_(intrinsics), gauge_(gauge) {
     map_.camera_size =
         linear::padded_camera_size(kPoseTangent + static_cast<int>(intrinsics.size()));
@@ -105,7 +54,9 @@ class Builder {
 
   void add_pose(int camera) {
     for (int k = 0; k < kPoseTangent; ++k) {
-      if (!gauge_.holds(camera, k)) column(camera, k) = next_column_++;
+      if (!std::binary_search(gauge_.begin(), gauge_.end(), PoseParameter{camera, k})) {
+        column(camera, k) = next_column_++;
+      }
     }
   }
 
@@ -126,6 +77,7 @@ class Builder {
     }
     for (std::size_t g = 0; g < cameras.size(); ++g) {
       if (!cameras[g].empty()) add_intrinsics(static_cast<int>(g), cameras[g]);
+      map_.has_shared_columns |= next_column_ > map_.num_columns;
       end_block();
     }
   }
@@ -140,7 +92,7 @@ class Builder {
   const Problem& problem_;
   const ObservationGraph& graph_;
   const std::vector<int>& intrinsics_;
-  GaugeMask gauge_;
+  const std::vector<PoseParameter>& gauge_;
   std::vector<int> users_;  // observed cameras of each row of intrinsics
   ParameterMap map_;
   int next_column_ = 0;
@@ -167,7 +119,8 @@ ParameterMap make_parameter_map(const Problem& problem,
                                 const ObservationGraph& graph,
                                 const std::vector<int>& free_intrinsics,
                                 bool fix_gauge) {
-  const GaugeMask gauge = fix_gauge ? choose_gauge(problem, graph) : GaugeMask{};
+  const std::vector<PoseParameter> gauge =
+      fix_gauge ? choose_gauge(problem, graph) : std::vector<PoseParameter>{};
   return Builder(problem, graph, free_intrinsics, gauge).build();
 }
 

@@ -44,7 +44,7 @@ class DenseReducedSolver final : public ReducedSolver {
         at(row, column) += value;
       });
     };
-    if (map_.num_blocks() > pattern_.num_rows()) {  // shared parameters: rows add to common entries
+    if (map_.has_shared_columns) {  // rows add to common entries
       for (int i = 0; i < pattern_.num_rows(); ++i) add_row(i);
     } else {
       pool_.parallel_for(pattern_.num_rows(), add_row);

@@ -14,7 +14,7 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSo
   steps_.resize(rhs_.size());
   block_of_camera_.assign(normal.pool().num_threads(),
                           std::vector<int>(normal.graph().num_cameras));
-  reduced_ = kind == LinearSolverKind::kSparse
+  reduced_ = kind == LinearSolverKind::kSparse && normal.map().num_columns > 0
                  ? make_sparse_reduced_solver(pattern_, normal.map())
                  : make_dense_reduced_solver(pattern_, normal.map(), normal.pool());
 }

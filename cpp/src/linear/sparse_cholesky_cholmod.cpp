@@ -16,6 +16,8 @@ class CholmodCholesky final : public SparseCholesky {
     cholmod_start(&common_);
     common_.print = 0;  // the core never prints
     common_.quick_return_if_not_posdef = 1;
+    common_.final_ll =
+        1;  // L Lᵀ also where it is not supernodal: L D Lᵀ would accept negative pivots
     common_.nmethods = 1;
     common_.method[0].ordering = CHOLMOD_NATURAL;
     common_.postorder = 1;

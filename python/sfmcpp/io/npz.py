@@ -142,8 +142,8 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
         count *= length
     if dtype.hasobject or min(shape, default=0) < 0 or len(content) != count * dtype.itemsize:
         raise ValueError(f"{info.filename}: {len(content)} bytes are not {shape} of {dtype}")
-    array: NDArray[Any] = np.frombuffer(content, dtype)
-    return array.reshape(shape, order="F" if fortran else "C").copy()
+    array: NDArray[Any] = np.array(np.frombuffer(content, dtype))
+    return np.reshape(array, shape, order="F" if fortran else "C")
 
 
 def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -8,7 +8,7 @@
 namespace sfmcpp::ba {
 namespace {
 
-class EveryModel : public testing::TestWithParam<CameraModelId> {
+class CheckJacobians : public testing::TestWithParam<CameraModelId> {
  protected:
   support::OwnedProblem scene = make_circle_scene(support::perturbed(GetParam()));
   int columns() const {
@@ -17,32 +17,33 @@ class EveryModel : public testing::TestWithParam<CameraModelId> {
   }
 };
 
-TEST_P(EveryModel, AnalyticDerivativesAgreeWithNumericOnes) {
+TEST_P(CheckJacobians, AnalyticDerivativesAgreeWithNumericOnes) {
   const JacobianCheck check = check_jacobians(scene.view());
   EXPECT_LT(check.worst_error, 1e-7) << check.worst_parameter << " of " << check.worst_observation;
   EXPECT_GT(check.worst_error, 0.0) << "nothing was compared";
 }
 
-TEST_P(EveryModel, EveryParameterOfEveryObservationIsComparedUpToTheLimit) {
+TEST_P(CheckJacobians, EveryParameterOfEveryObservationIsComparedUpToTheLimit) {
   EXPECT_EQ(check_jacobians(scene.view()).entries, 240L * 2 * columns());
   EXPECT_EQ(check_jacobians(scene.view(), 50).entries, 50L * 2 * columns());
 }
 
-TEST_P(EveryModel, ObservationsBehindTheirCameraAreLeftOut) {
+TEST_P(CheckJacobians, ObservationsBehindTheirCameraAreLeftOut) {
   for (int k = 0; k < 3; ++k) scene.points[k] = 1.5 * scene.cameras[12 * 2 + 4 * k + 3];
   EXPECT_LT(check_jacobians(scene.view()).entries, 240L * 2 * columns());
 }
 
-TEST_P(EveryModel, ABrokenProblemIsRefused) {
+TEST_P(CheckJacobians, ABrokenProblemIsRefused) {
   scene.camera_index[3] = 77;
   EXPECT_THROW(check_jacobians(scene.view()), InvalidArgument);
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Models,
-    EveryModel,
-    testing::Values(CameraModelId::kCalibrated, CameraModelId::kPerspective, CameraModelId::kBal),
-    [](const auto& test) { return std::string(enum_name(test.param)); });
+INSTANTIATE_TEST_SUITE_P(Models,
+                         CheckJacobians,
+                         testing::Values(CameraModelId::kCalibrated,
+                                         CameraModelId::kPerspective,
+                                         CameraModelId::kBal),
+                         [](const auto& test) { return std::string(enum_name(test.param)); });
 
 }  // namespace
 }  // namespace sfmcpp::ba

@@ -1,4 +1,6 @@
 // The same bits for every run and every number of threads.
+#include <ostream>
+
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
@@ -16,6 +18,7 @@ struct Case {
   int groups;
   LossKind loss;
 };
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
 class Determinism : public testing::TestWithParam<Case> {
  protected:

@@ -1,5 +1,6 @@
 // Solves against what made the data: the truth itself, its noise, and what was to stay as it is.
 #include <cmath>
+#include <ostream>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -18,6 +19,7 @@ using support::SceneOptions;
 SolveOptions precise() {
   SolveOptions options;
   options.minimizer.termination.function_tolerance = 1e-15;
+  options.minimizer.termination.parameter_tolerance = 1e-15;
   options.minimizer.termination.max_iterations = 100;
   return options;
 }
@@ -25,9 +27,11 @@ SolveOptions precise() {
 // Largest distance of points to the truth after the similarity that fits them best [m].
 double point_error(const State& state, const State& truth) {
   const auto n = static_cast<Eigen::Index>(truth.points.size() / 3);
-  const Eigen::Map<const Eigen::Matrix3Xd> found(state.points.data(), 3, n), exact(truth.points.data(), 3, n);
+  const Eigen::Map<const Eigen::Matrix3Xd> found(state.points.data(), 3, n),
+      exact(truth.points.data(), 3, n);
   const Eigen::Matrix4d fit = Eigen::umeyama(found, exact);
-  const Eigen::Matrix3Xd moved = (fit.topLeftCorner<3, 3>() * found).colwise() + fit.topRightCorner<3, 1>();
+  const Eigen::Matrix3Xd moved =
+      (fit.topLeftCorner<3, 3>() * found).colwise() + fit.topRightCorner<3, 1>();
   return (moved - exact).colwise().norm().maxCoeff();
 }
 
@@ -37,6 +41,7 @@ struct Case {
   int groups;
   std::vector<int> free;
 };
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
 class GroundTruth : public testing::TestWithParam<Case> {
  protected:
@@ -62,13 +67,15 @@ TEST_P(GroundTruth, ExactDataGiveBackTheScene) {
     EXPECT_LT(point_error(state, scene.truth), 1e-6);
     for (std::size_t k = 0; k < state.intrinsics.size(); ++k) {
       const double scale = std::max(std::abs(scene.truth.intrinsics[k]), 1e-2);
-      EXPECT_NEAR(state.intrinsics[k], scene.truth.intrinsics[k], 1e-6 * scale) << "intrinsic " << k;
+      EXPECT_NEAR(state.intrinsics[k], scene.truth.intrinsics[k], 1e-6 * scale)
+          << "intrinsic " << k;
     }
   }
 }
 
-// Of n residuals of variance σ², those at the minimum over u unknowns have Σ r² ≈ σ² (n − u); its relative
-// standard deviation is √(2 / (n − u)), half of that for the root: 3 % here, bounds of four of them.
+// Of n residuals of variance σ², those at the minimum over u unknowns have Σ r² ≈ σ² (n − u); its
+// relative standard deviation is √(2 / (n − u)), half of that for the root: 3 % here, bounds of
+// four of them.
 TEST_P(GroundTruth, NoisyDataEndAtTheNoiseFloorFromBothSides) {
   SceneOptions scene_noise = scene_options(0.7);
   scene_noise.varied_sigma = true;
@@ -82,7 +89,8 @@ TEST_P(GroundTruth, NoisyDataEndAtTheNoiseFloorFromBothSides) {
   const double spread = 1.0 / std::sqrt(2.0 * (residuals - unknowns));
   EXPECT_GT(summary.final_rms_px, floor * (1.0 - 4 * spread));
   EXPECT_LT(summary.final_rms_px, floor * (1.0 + 4 * spread));
-  EXPECT_NEAR(summary.minimizer.final_cost, 0.5 * residuals * std::pow(summary.final_rms_px, 2), 1e-9);
+  EXPECT_NEAR(
+      summary.minimizer.final_cost, 0.5 * residuals * std::pow(summary.final_rms_px, 2), 1e-9);
 }
 
 TEST_P(GroundTruth, GaugeFreeAndFixedEndAtTheSameCost) {
@@ -116,15 +124,17 @@ TEST_P(GroundTruth, FixedThingsDoNotMoveByASingleBit) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes,
-                         GroundTruth,
-                         testing::Values(Case{"Calibrated", CameraModelId::kCalibrated, 0, {}},
-                                         Case{"PerspectivePrivate", CameraModelId::kPerspective, 0, {0}},
-                                         Case{"PerspectiveShared", CameraModelId::kPerspective, 2, {0, 2, 3, 5}},
-                                         Case{"PerspectiveOneForAll", CameraModelId::kPerspective, 1, {0, 1, 2, 3, 5, 6, 10, 11}},
-                                         Case{"BalPrivate", CameraModelId::kBal, 0, {0, 1, 2}},
-                                         Case{"BalShared", CameraModelId::kBal, 3, {0, 1, 2}}),
-                         [](const auto& test) { return std::string(test.param.name); });
+INSTANTIATE_TEST_SUITE_P(
+    Scenes,
+    GroundTruth,
+    testing::Values(
+        Case{"Calibrated", CameraModelId::kCalibrated, 0, {}},
+        Case{"PerspectivePrivate", CameraModelId::kPerspective, 0, {0}},
+        Case{"PerspectiveShared", CameraModelId::kPerspective, 2, {0, 2, 3, 5}},
+        Case{"PerspectiveOneForAll", CameraModelId::kPerspective, 1, {0, 1, 2, 3, 5, 6, 10, 11}},
+        Case{"BalPrivate", CameraModelId::kBal, 0, {0, 1, 2}},
+        Case{"BalShared", CameraModelId::kBal, 3, {0, 1, 2}}),
+    [](const auto& test) { return std::string(test.param.name); });
 
 TEST(GaugeFixed, HoldsTheFirstPoseAndOneCoordinateOfAnother) {
   const OwnedProblem scene = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));

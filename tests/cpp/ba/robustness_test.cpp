@@ -83,7 +83,8 @@ TEST(AutomaticLossScale, RecoversSigmaAtTheTruthFromBothSides) {
     options.automatic_loss_scale = true;
     options.minimizer.termination.max_iterations = 0;
     State state = state_of(scene.view());
-    const double sigma = solve(scene.view(), options, {}, state).loss_scale_px / efficient_scale(loss, 1.0);
+    const double sigma =
+        solve(scene.view(), options, {}, state).loss_scale_px / efficient_scale(loss, 1.0);
     EXPECT_GT(sigma, 1.3 * 0.93);
     EXPECT_LT(sigma, 1.3 * 1.1);
   }
@@ -94,7 +95,8 @@ TEST(BehindCamera, ObservationsAreCountedAndTheSolveStaysFinite) {
   scene_options.noise_px = 0.1;
   OwnedProblem scene = held_scene(scene_options);
   // Beyond the circle opposite to camera 2, seen by all: behind some of them.
-  for (int k = 0; k < 3; ++k) scene.points[3 * 5 + k] = 1.5 * scene.truth.cameras[12 * 2 + 4 * k + 3];
+  for (int k = 0; k < 3; ++k)
+    scene.points[3 * 5 + k] = 1.5 * scene.truth.cameras[12 * 2 + 4 * k + 3];
   int expected = 0;
   for (int i = 0; i < 6; ++i) {
     double depth = 0.0;
@@ -111,7 +113,8 @@ TEST(BehindCamera, ObservationsAreCountedAndTheSolveStaysFinite) {
   EXPECT_TRUE(all_finite(state));
   EXPECT_LT(summary.minimizer.final_cost, summary.minimizer.initial_cost);
   ASSERT_FALSE(summary.warnings.empty());
-  EXPECT_EQ(summary.warnings.back().substr(0, 30), std::to_string(expected) + " observations at the start an");
+  EXPECT_EQ(summary.warnings.back().substr(0, 30),
+            std::to_string(expected) + " observations at the start an");
 }
 
 TEST(BehindCamera, APointInTheCentreOfACameraIsAFailureWithAMessageAndTheStateIsKept) {
@@ -125,7 +128,7 @@ TEST(BehindCamera, APointInTheCentreOfACameraIsAFailureWithAMessageAndTheStateIs
   EXPECT_EQ(state.cameras, scene.cameras);
 }
 
-class EverySolver : public testing::TestWithParam<linear::LinearSolverKind> {
+class SolveWith : public testing::TestWithParam<linear::LinearSolverKind> {
  protected:
   SolveOptions options() const {
     SolveOptions result;
@@ -135,7 +138,7 @@ class EverySolver : public testing::TestWithParam<linear::LinearSolverKind> {
   }
 };
 
-TEST_P(EverySolver, ThingsWithoutObservationsStayAsGivenAndAreNamed) {
+TEST_P(SolveWith, ThingsWithoutObservationsStayAsGivenAndAreNamed) {
   OwnedProblem scene = make_circle_scene(support::perturbed(CameraModelId::kBal));
   for (std::size_t k = scene.camera_index.size(); k-- > 0;) {
     if (scene.camera_index[k] != 3 && scene.point_index[k] != 11) continue;
@@ -156,12 +159,14 @@ TEST_P(EverySolver, ThingsWithoutObservationsStayAsGivenAndAreNamed) {
                                       "point 11: no observations, left as given"}));
 }
 
-TEST_P(EverySolver, TwoScenesThatShareNothingAreBothSolved) {
+TEST_P(SolveWith, TwoScenesThatShareNothingAreBothSolved) {
   SceneOptions scene_options = support::perturbed(CameraModelId::kCalibrated);
   OwnedProblem both = make_circle_scene(scene_options);
   scene_options.seed = 2;
   const OwnedProblem other = make_circle_scene(scene_options);
-  const auto append = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  const auto append = [](auto& to, const auto& from) {
+    to.insert(to.end(), from.begin(), from.end());
+  };
   append(both.cameras, other.cameras);
   append(both.intrinsics, other.intrinsics);
   append(both.points, other.points);
@@ -181,7 +186,7 @@ TEST_P(EverySolver, TwoScenesThatShareNothingAreBothSolved) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds,
-                         EverySolver,
+                         SolveWith,
                          testing::Values(linear::LinearSolverKind::kDense,
                                          linear::LinearSolverKind::kSparse,
                                          linear::LinearSolverKind::kIterative),

@@ -14,7 +14,7 @@ using Eigen::VectorXd;
 using support::LinearizedProblem;
 using support::OwnedProblem;
 
-class EverySolver : public testing::TestWithParam<LinearSolverKind> {
+class LinearSolverLimits : public testing::TestWithParam<LinearSolverKind> {
  protected:
   LinearSolverOptions options{GetParam(), 1e-10, 5000};
 
@@ -31,7 +31,7 @@ bool all_finite(const Step& step) {
          std::all_of(step.point.begin(), step.point.end(), finite);
 }
 
-TEST_P(EverySolver, APointSeenOnceIsHeldByDampingAndAgreesWithQr) {
+TEST_P(LinearSolverLimits, APointSeenOnceIsHeldByDampingAndAgreesWithQr) {
   OwnedProblem once = scene();
   once.points.insert(once.points.end(), {0.5, -0.5, 0.25});
   once.fixed_points.push_back(0);
@@ -47,7 +47,7 @@ TEST_P(EverySolver, APointSeenOnceIsHeldByDampingAndAgreesWithQr) {
 
 // V has rank two: without damping the step along the ray is anything; it must stay finite, and
 // small enough for the model to hold.
-TEST_P(EverySolver, APointSeenOnceHasAFiniteUndampedStep) {
+TEST_P(LinearSolverLimits, APointSeenOnceHasAFiniteUndampedStep) {
   OwnedProblem once = scene();
   once.points.insert(once.points.end(), {0.5, -0.5, 0.25});
   once.fixed_points.push_back(0);
@@ -67,20 +67,7 @@ TEST_P(EverySolver, APointSeenOnceHasAFiniteUndampedStep) {
   EXPECT_LT((flat.head(expected.size()) - expected).norm(), 1e-6 * expected.norm());
 }
 
-TEST_P(EverySolver, WithEveryCameraFixedSolvesForThePointsAlone) {
-  OwnedProblem intersection = scene(CameraModelId::kCalibrated);
-  std::fill(intersection.fixed_cameras.begin(), intersection.fixed_cameras.end(), 1);
-  const LinearizedProblem linearized(intersection);
-  ASSERT_EQ(linearized.map.num_columns, 0);
-  const auto dense = make_dense_system(linearized);
-  const Damping damping{1e-3, DampingMatrix::kDiagonal};
-  Step step;
-  ASSERT_TRUE(linearized.solve(options, damping, step).success);
-  const VectorXd reference = solve_by_qr(dense, damping);
-  EXPECT_LT((flatten(dense, step) - reference).norm(), 1e-10 * reference.norm());
-}
-
-TEST_P(EverySolver, WithEveryPointFixedSolvesForTheCamerasAlone) {
+TEST_P(LinearSolverLimits, WithEveryPointFixedSolvesForTheCamerasAlone) {
   OwnedProblem resection = scene();
   std::fill(resection.fixed_points.begin(), resection.fixed_points.end(), 1);
   const LinearizedProblem linearized(resection);
@@ -92,7 +79,7 @@ TEST_P(EverySolver, WithEveryPointFixedSolvesForTheCamerasAlone) {
   EXPECT_LT((flatten(dense, step) - reference).norm(), 1e-8 * reference.norm());
 }
 
-TEST_P(EverySolver, CamerasThatShareNoPointAreSolvedEachOnItsOwn) {
+TEST_P(LinearSolverLimits, CamerasThatShareNoPointAreSolvedEachOnItsOwn) {
   support::SceneOptions scene_options = support::perturbed(CameraModelId::kCalibrated);
   scene_options.num_cameras = 4;
   OwnedProblem apart = make_circle_scene(scene_options);
@@ -112,7 +99,7 @@ TEST_P(EverySolver, CamerasThatShareNoPointAreSolvedEachOnItsOwn) {
   EXPECT_LT((flatten(dense, step) - reference).norm(), 1e-7 * reference.norm());
 }
 
-TEST_P(EverySolver, SolvesAgainForAnotherDampingAsIfItWereTheFirstTime) {
+TEST_P(LinearSolverLimits, SolvesAgainForAnotherDampingAsIfItWereTheFirstTime) {
   const LinearizedProblem linearized(scene());
   const auto solver = make_linear_solver(linearized.normal(), options);
   const auto go_on = [] { return false; };
@@ -126,7 +113,7 @@ TEST_P(EverySolver, SolvesAgainForAnotherDampingAsIfItWereTheFirstTime) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds,
-                         EverySolver,
+                         LinearSolverLimits,
                          testing::Values(LinearSolverKind::kDense,
                                          LinearSolverKind::kSparse,
                                          LinearSolverKind::kIterative),

@@ -137,8 +137,6 @@ TEST_P(LinearSolverAgainstQr, PointsThatMayNotMoveHaveNoStep) {
   }
 }
 
-// The sum of the relative residual of the preconditioned reduced system is what `1e-2` bounds; a
-// solve to a tighter tolerance takes more iterations.
 TEST_P(LinearSolverAgainstQr, ATighterToleranceTakesMoreIterationsAndComesCloser) {
   const Damping damping{1e-3, DampingMatrix::kDiagonal};
   const VectorXd reference = solve_by_qr(dense, damping);

@@ -14,7 +14,7 @@ using Eigen::VectorXd;
 using support::DenseSystem;
 using support::LinearizedProblem;
 
-class EveryModel : public testing::TestWithParam<CameraModelId> {
+class NormalEquationsOf : public testing::TestWithParam<CameraModelId> {
  protected:
   static support::OwnedProblem scene() {
     support::SceneOptions options = support::perturbed(GetParam());
@@ -33,7 +33,7 @@ class EveryModel : public testing::TestWithParam<CameraModelId> {
   VectorXd diagonal = dense.jacobian.colwise().squaredNorm();
 };
 
-TEST_P(EveryModel, RightHandSideAndDiagonalOfTheCamerasAreThoseOfTheDenseJacobian) {
+TEST_P(NormalEquationsOf, RightHandSideAndDiagonalOfTheCamerasAreThoseOfTheDenseJacobian) {
   ASSERT_EQ(static_cast<int>(normal.camera_rhs().size()), dense.camera_columns);
   const double tolerance = 1e-12 * gradient.cwiseAbs().maxCoeff();
   for (int k = 0; k < dense.camera_columns; ++k) {
@@ -42,7 +42,7 @@ TEST_P(EveryModel, RightHandSideAndDiagonalOfTheCamerasAreThoseOfTheDenseJacobia
   }
 }
 
-TEST_P(EveryModel, PointBlocksAreThoseOfTheDenseJacobian) {
+TEST_P(NormalEquationsOf, PointBlocksAreThoseOfTheDenseJacobian) {
   for (int p = 0; p < linearized.graph.num_points; ++p) {
     MatrixXd v = MatrixXd::Zero(3, 3);
     VectorXd b = VectorXd::Zero(3);
@@ -58,12 +58,12 @@ TEST_P(EveryModel, PointBlocksAreThoseOfTheDenseJacobian) {
   }
 }
 
-TEST_P(EveryModel, NormsAreThoseOfAllUnknownsTogether) {
+TEST_P(NormalEquationsOf, NormsAreThoseOfAllUnknownsTogether) {
   EXPECT_NEAR(normal.gradient_max_norm() / gradient.cwiseAbs().maxCoeff(), 1.0, 1e-12);
   EXPECT_NEAR(normal.max_diagonal() / diagonal.maxCoeff(), 1.0, 1e-12);
 }
 
-TEST_P(EveryModel, LossWeightsResidualAndJacobianByTheRootOfItsDerivative) {
+TEST_P(NormalEquationsOf, LossWeightsResidualAndJacobianByTheRootOfItsDerivative) {
   for (LossKind kind : {LossKind::kHuber, LossKind::kCauchy, LossKind::kTukey}) {
     const Loss loss{kind, 5.0};
     linearized.model.set_loss(loss);
@@ -78,7 +78,7 @@ TEST_P(EveryModel, LossWeightsResidualAndJacobianByTheRootOfItsDerivative) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Models,
-                         EveryModel,
+                         NormalEquationsOf,
                          testing::Values(CameraModelId::kCalibrated,
                                          CameraModelId::kPerspective,
                                          CameraModelId::kBal),

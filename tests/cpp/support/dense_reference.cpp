@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/QR>
 
@@ -109,7 +110,9 @@ double model_decrease(const DenseSystem& system, const Eigen::VectorXd& step) {
 }
 
 Eigen::VectorXd flatten(const DenseSystem& system, const linear::Step& step) {
-  Eigen::VectorXd flat(system.jacobian.cols());
+  Eigen::VectorXd flat =
+      Eigen::VectorXd::Constant(system.jacobian.cols(), std::numeric_limits<double>::quiet_NaN());
+  if (step.point.size() != 3 * system.point_column.size()) return flat;  // of a solve that failed
   for (int k = 0; k < system.camera_columns; ++k) flat[k] = step.camera[k];
   for (std::size_t p = 0; p < system.point_column.size(); ++p) {
     for (int k = 0; k < 3; ++k) {

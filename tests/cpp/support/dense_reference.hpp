@@ -33,7 +33,7 @@ Eigen::VectorXd solve_by_qr(const DenseSystem& system, const linear::Damping& da
 // ½‖r‖² − ½‖r − J δ‖².
 double model_decrease(const DenseSystem& system, const Eigen::VectorXd& step);
 
-// A step of the solver in the columns of the dense system.
+// A step of the solver in the columns of the dense system; NaN if the solve failed.
 Eigen::VectorXd flatten(const DenseSystem& system, const linear::Step& step);
 
 }  // namespace sfmcpp::support

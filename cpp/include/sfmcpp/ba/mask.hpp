@@ -15,9 +15,8 @@ namespace sfmcpp {
 
 namespace ba {
 // Bundle adjustment determines a scene up to a similarity. `free`: damping holds those seven
-// degrees of freedom. `fixed`: the first free camera's pose, and the largest coordinate of the
-// baseline to the camera farthest from it, stay as they are. `auto`: fixed for a method without
-// damping.
+// degrees of freedom. `fixed`: as many pose parameters stay as they are as there is freedom left
+// (ba/gauge.hpp). `auto`: fixed for a method without damping.
 enum class Gauge { kAuto, kFree, kFixed };
 }  // namespace ba
 
@@ -34,7 +33,7 @@ namespace ba {
 std::vector<int> free_intrinsics(const Problem& problem, const linear::ObservationGraph& graph);
 
 // Cameras, rows of intrinsics and points without observations get no column. With `fix_gauge`, the
-// first pose and the scale lose theirs, unless fixed cameras or points already hold the gauge.
+// pose parameters of choose_gauge() lose theirs.
 linear::ParameterMap make_parameter_map(const Problem& problem,
                                         const linear::ObservationGraph& graph,
                                         const std::vector<int>& free_intrinsics,

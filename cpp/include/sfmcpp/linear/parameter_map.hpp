@@ -14,12 +14,13 @@ namespace sfmcpp::linear {
 inline constexpr int kNoColumn = -1;
 
 struct ParameterMap {
-  int camera_size = 0;           // columns of a camera block
-  int num_columns = 0;           // columns of the reduced system
-  std::vector<int> column;       // num_cameras × camera_size → reduced column or kNoColumn
-  std::vector<int> block_begin;  // variable blocks of the reduced system, and the end
-  std::vector<int> block_of;     // variable block of each reduced column
-  std::vector<char> free_point;  // per point: may it move?
+  int camera_size = 0;              // columns of a camera block
+  int num_columns = 0;              // columns of the reduced system
+  std::vector<int> column;          // num_cameras × camera_size → reduced column or kNoColumn
+  std::vector<int> block_begin;     // variable blocks of the reduced system, and the end
+  std::vector<int> block_of;        // variable block of each reduced column
+  bool has_shared_columns = false;  // do several cameras have one reduced column?
+  std::vector<char> free_point;     // per point: may it move?
 
   int num_blocks() const { return static_cast<int>(block_begin.size()) - 1; }
   const int* columns_of(int camera) const {

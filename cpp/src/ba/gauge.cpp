@@ -1,0 +1,151 @@
+#include "sfmcpp/ba/gauge.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+
+#include "sfmcpp/math/so3.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+// A similarity close to the identity: rotation ω, translation v, scale s. It moves a world point X
+// by ω × X + v + s X, and turns a camera by Rᵀω in its own frame.
+using Motions = Eigen::Matrix<double, Eigen::Dynamic, 7>;  // a parameter's response, per row
+using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+
+// Relative size below which a response is rounding.
+constexpr double kNegligible = 1e-6;
+
+class GaugeChooser {
+ public:
+  GaugeChooser(const Problem& problem, const linear::ObservationGraph& graph)
+      : problem_(problem), graph_(graph) {
+    normalise();
+    find_free_motions();
+  }
+
+  std::vector<PoseParameter> choose() {
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_free(i)) continue;
+      for (int k = 0; k < kPoseTangent; ++k) hold_if_it_moves({i, k});
+      break;
+    }
+    while (free_.cols() > 0 && hold_if_it_moves(centre_that_moves_most())) {
+    }
+    std::sort(held_.begin(), held_.end());
+    return std::move(held_);
+  }
+
+ private:
+  bool is_observed(int i) const { return graph_.observations_of_camera(i) > 0; }
+  bool is_free(int i) const { return is_observed(i) && !problem_.fixed_cameras[i]; }
+
+  Eigen::Map<const CameraMatrix> camera(int i) const {
+    return Eigen::Map<const CameraMatrix>(problem_.cameras.data() +
+                                          static_cast<long>(kCameraStorage) * i);
+  }
+
+  // Responses are compared in units of the scene: its middle is the origin, its extent one.
+  void normalise() {
+    int count = 0;
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_observed(i)) continue;
+      middle_ += camera(i).col(3);
+      ++count;
+    }
+    middle_ /= std::max(count, 1);
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (is_observed(i)) extent_ = std::max(extent_, (camera(i).col(3) - middle_).norm());
+    }
+    if (extent_ == 0.0) extent_ = 1.0;
+  }
+
+  Motions response_of_position(const Eigen::Vector3d& position) const {
+    const Eigen::Vector3d x = (position - middle_) / extent_;
+    Motions rows(3, 7);
+    rows << -skew(x), Eigen::Matrix3d::Identity(), x;
+    return rows;
+  }
+
+  Motions response_of_camera(int i) const {
+    Motions rows = Motions::Zero(6, 7);
+    rows.topLeftCorner<3, 3>() = camera(i).leftCols<3>().transpose();
+    rows.bottomRows<3>() = response_of_position(camera(i).col(3));
+    return rows;
+  }
+
+  // `free_` ← the motions that leave everything fixed where it is.
+  void find_free_motions() {
+    Eigen::Matrix<double, 7, 7> held = Eigen::Matrix<double, 7, 7>::Zero();
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_observed(i) || is_free(i)) continue;
+      const Motions rows = response_of_camera(i);
+      held += rows.transpose() * rows;
+    }
+    for (int p = 0; p < graph_.num_points; ++p) {
+      if (!problem_.fixed_points[p] || graph_.observations_of_point(p) == 0) continue;
+      const Motions rows =
+          response_of_position(Eigen::Map<const Eigen::Vector3d>(problem_.points.data() + 3L * p));
+      held += rows.transpose() * rows;
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> spectrum(held);
+    const double negligible = kNegligible * kNegligible * spectrum.eigenvalues()[6];
+    const auto dimension = (spectrum.eigenvalues().array() <= negligible).count();
+    free_ = spectrum.eigenvectors().leftCols(dimension);
+  }
+
+  Eigen::RowVectorXd free_response(PoseParameter parameter) const {
+    return response_of_camera(parameter.camera).row(parameter.column) * free_;
+  }
+
+  // Holding a parameter removes from the free motions the one that moves it.
+  bool hold_if_it_moves(PoseParameter parameter) {
+    if (free_.cols() == 0) return false;
+    const Eigen::VectorXd response = free_response(parameter).transpose();
+    if (response.norm() <= kNegligible) return false;
+    held_.push_back(parameter);
+    // The Householder reflection that takes the response to the first axis.
+    Eigen::VectorXd essential(response.size() - 1);
+    double tau = 0.0, beta = 0.0;
+    response.makeHouseholder(essential, tau, beta);
+    Eigen::RowVectorXd workspace(7);
+    Eigen::MatrixXd turned = free_.transpose();
+    turned.applyHouseholderOnTheLeft(essential, tau, workspace.data());
+    free_ = turned.bottomRows(turned.rows() - 1).transpose();
+    return true;
+  }
+
+  PoseParameter centre_that_moves_most() const {
+    PoseParameter best{0, 0};
+    double largest = -1.0;
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_free(i)) continue;
+      for (int k = 3; k < kPoseTangent; ++k) {
+        const double size = free_response({i, k}).norm();
+        if (size <= largest) continue;
+        largest = size;
+        best = {i, k};
+      }
+    }
+    return largest < 0.0 ? PoseParameter{0, 0} : best;
+  }
+
+  const Problem& problem_;
+  const linear::ObservationGraph& graph_;
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
+  double extent_ = 0.0;
+  Eigen::MatrixXd free_;  // 7 × remaining degrees of freedom, orthonormal
+  std::vector<PoseParameter> held_;
+};
+
+}  // namespace
+
+std::vector<PoseParameter> choose_gauge(const Problem& problem,
+                                        const linear::ObservationGraph& graph) {
+  return GaugeChooser(problem, graph).choose();
+}
+
+}  // namespace sfmcpp::ba

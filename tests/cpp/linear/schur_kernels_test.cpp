@@ -1,0 +1,228 @@
+// The kernels of every instruction set and block size against the formulas of schur_kernels.hpp in
+// dense matrices, on a random graph.
+#include "sfmcpp/linear/schur_kernels.hpp"
+
+#include <ostream>
+#include <random>
+
+#include <Eigen/Core>
+#include <gtest/gtest.h>
+
+#include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/linear/observation_graph.hpp"
+#include "sfmcpp/linear/panel_layout.hpp"
+#include "support/instruction_sets.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+struct Case {
+  support::InstructionSet isa;
+  int size;
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << c.isa.name << " " << c.size; }
+
+std::vector<Case> all_cases() {
+  std::vector<Case> cases;
+  for (const auto& isa : support::instruction_sets()) {
+    for (int size : {6, 9, 12, 18}) cases.push_back({isa, size});
+  }
+  return cases;
+}
+
+AlignedVector<double> random_numbers(std::size_t count, std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  AlignedVector<double> numbers(count);
+  for (double& x : numbers) x = normal(random);
+  return numbers;
+}
+
+class SchurKernel : public testing::TestWithParam<Case> {
+ protected:
+  static constexpr int kCameras = 5, kPoints = 40;
+
+  SchurKernel() {
+    std::bernoulli_distribution seen(0.6);
+    std::vector<int> cameras, points;
+    for (int i = 0; i < kCameras; ++i) {
+      for (int p = 0; p < kPoints; ++p) {
+        if (!seen(random)) continue;
+        cameras.push_back(i);
+        points.push_back(p);
+      }
+    }
+    graph = make_observation_graph(kCameras, kPoints, cameras, points);
+    count = graph.num_observations();
+    jacobian = random_numbers(2UL * count * size, random);
+    records = random_numbers(static_cast<std::size_t>(kPointRecord) * count, random);
+    factors = random_numbers(static_cast<std::size_t>(kPointFactor) * kPoints, random);
+    coupling.resize(3UL * count * size);
+    for (int a = 0; a < count; ++a)
+      Eigen::Map<RowMajor>(&coupling[3UL * a * size], 3, size) = p_of(a);
+  }
+
+  MatrixXd j_of(int a) const {
+    return Eigen::Map<const RowMajor>(&jacobian[2UL * a * size], 2, size);
+  }
+  MatrixXd record_of(int a) const { return Eigen::Map<const RowMajor>(&records[8UL * a], 2, 4); }
+  Matrix3d m_of(int p) const {
+    const double* f = &factors[9UL * p];
+    Matrix3d m;
+    m << f[0], 0, 0, f[1], f[2], 0, f[3], f[4], f[5];
+    return m;
+  }
+  Vector3d y_of(int p) const { return Eigen::Map<const Vector3d>(&factors[9UL * p + 6]); }
+  MatrixXd g_of(int a) const { return record_of(a).leftCols(3) * m_of(graph.point[a]).transpose(); }
+  MatrixXd p_of(int a) const { return g_of(a).transpose() * j_of(a); }
+
+  // Block (i, j) of S and the right-hand side −Σ Pᵀ y of camera i.
+  MatrixXd expected_block(int i, int j) const {
+    MatrixXd block = MatrixXd::Zero(size, size);
+    for (int a = 0; a < count; ++a) {
+      for (int b = 0; b < count; ++b) {
+        if (graph.camera[a] != i || graph.camera[b] != j || graph.point[a] != graph.point[b])
+          continue;
+        if (i == j) block += j_of(a).transpose() * j_of(a);
+        block -= p_of(a).transpose() * p_of(b);
+      }
+    }
+    return block;
+  }
+  VectorXd expected_rhs(int i) const {
+    VectorXd rhs = VectorXd::Zero(size);
+    for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
+      rhs -= p_of(a).transpose() * y_of(graph.point[a]);
+    }
+    return rhs;
+  }
+  MatrixXd from_panels(const double* block) const {
+    MatrixXd result(size, size);
+    for (int r = 0; r < size; ++r) {
+      for (int c = 0; c < size; ++c) result(r, c) = block[panel_index(size, r, c)];
+    }
+    return result;
+  }
+
+  static void expect_close(const MatrixXd& actual, const MatrixXd& expected) {
+    ASSERT_TRUE(actual.allFinite());
+    EXPECT_LT((actual - expected).cwiseAbs().maxCoeff(),
+              1e-12 * (1.0 + expected.cwiseAbs().maxCoeff()));
+  }
+  void expect_numbers(const AlignedVector<double>& actual, const VectorXd& expected) {
+    expect_close(Eigen::Map<const VectorXd>(actual.data(), expected.size()), expected);
+  }
+
+  int size = GetParam().size;
+  SchurKernels kernels = GetParam().isa.schur(GetParam().size);
+  std::mt19937 random{17};
+  ObservationGraph graph;
+  int count = 0;
+  AlignedVector<double> jacobian, records, factors, coupling;
+};
+
+TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
+  AlignedVector<double> gradient(size, 1.0), diagonal(size, 2.0);
+  kernels.camera_gradient(count, jacobian.data(), records.data(), gradient.data(), diagonal.data());
+  VectorXd expected = VectorXd::Constant(size, 1.0), squares = VectorXd::Constant(size, 2.0);
+  for (int a = 0; a < count; ++a) {
+    expected += j_of(a).transpose() * record_of(a).col(3);
+    squares += j_of(a).colwise().squaredNorm().transpose();
+  }
+  expect_numbers(gradient, expected);
+  expect_numbers(diagonal, squares);
+}
+
+TEST_P(SchurKernel, CoupleIsTheWhitenedCouplingBlock) {
+  AlignedVector<double> actual(coupling.size(), std::nan(""));
+  kernels.couple(
+      count, records.data(), graph.point.data(), factors.data(), jacobian.data(), actual.data());
+  expect_numbers(actual, Eigen::Map<const VectorXd>(coupling.data(), 3L * count * size));
+}
+
+TEST_P(SchurKernel, WhitenIsThePointJacobianTimesTheTransposedFactor) {
+  AlignedVector<double> whitened(static_cast<std::size_t>(kWhitenedPoint) * count, std::nan(""));
+  kernels.whiten(count, records.data(), graph.point.data(), factors.data(), whitened.data());
+  for (int a = 0; a < count; ++a) {
+    expect_close(Eigen::Map<const RowMajor>(&whitened[6UL * a], 2, 3), g_of(a));
+  }
+}
+
+TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
+  for (int i = 0; i < kCameras; ++i) {
+    std::vector<int> block_of_camera(kCameras);
+    for (int j = 0; j < kCameras; ++j) block_of_camera[j] = j - i;
+    const std::size_t area = static_cast<std::size_t>(size) * size;
+    AlignedVector<double> blocks(area * (kCameras - i), 0.0), rhs(size, std::nan(""));
+    std::fill_n(blocks.begin(), area, std::nan(""));
+    kernels.schur_row({.graph = graph.view(),
+                       .begin = graph.camera_begin[i],
+                       .end = graph.camera_begin[i + 1],
+                       .jacobian = jacobian.data(),
+                       .coupling = coupling.data(),
+                       .factors = factors.data(),
+                       .block_of_camera = block_of_camera.data(),
+                       .diagonal = blocks.data(),
+                       .blocks = blocks.data(),
+                       .rhs = rhs.data()});
+    for (int j = i; j < kCameras; ++j) {
+      expect_close(from_panels(&blocks[area * (j - i)]), expected_block(i, j));
+    }
+    expect_numbers(rhs, expected_rhs(i));
+  }
+}
+
+TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockWithoutStoredCoupling) {
+  AlignedVector<double> whitened(static_cast<std::size_t>(kWhitenedPoint) * count);
+  kernels.whiten(count, records.data(), graph.point.data(), factors.data(), whitened.data());
+  for (int i = 0; i < kCameras; ++i) {
+    const int begin = graph.camera_begin[i];
+    AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan("")),
+        rhs(size, std::nan(""));
+    kernels.schur_diagonal(graph.observations_of_camera(i),
+                           &jacobian[2UL * begin * size],
+                           &whitened[static_cast<std::size_t>(kWhitenedPoint) * begin],
+                           &graph.point[begin],
+                           factors.data(),
+                           block.data(),
+                           rhs.data());
+    expect_close(from_panels(block.data()), expected_block(i, i));
+    expect_numbers(rhs, expected_rhs(i));
+  }
+}
+
+TEST_P(SchurKernel, CoupledSumsAddTheStepsOfTheCamerasThatSeeAPoint) {
+  const AlignedVector<double> steps =
+      random_numbers(static_cast<std::size_t>(kCameras) * size, random);
+  AlignedVector<double> sums(3UL * kPoints, std::nan(""));
+  kernels.coupled_sums(graph.view(), 0, kPoints, coupling.data(), steps.data(), sums.data());
+  VectorXd expected = VectorXd::Zero(3 * kPoints);
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Map<const VectorXd> step(&steps[static_cast<std::size_t>(size) * graph.camera[a]],
+                                          size);
+    expected.segment<3>(3 * graph.point[a]) += p_of(a) * step;
+  }
+  expect_numbers(sums, expected);
+}
+
+TEST_P(SchurKernel, ApplyAndItsTransposeMultiplyByTheJacobian) {
+  const AlignedVector<double> x = random_numbers(size, random),
+                              e = random_numbers(2UL * count, random);
+  AlignedVector<double> product(2UL * count, std::nan("")), transposed(size, 3.0);
+  kernels.apply(count, jacobian.data(), x.data(), product.data());
+  kernels.apply_transposed(count, jacobian.data(), e.data(), transposed.data());
+  const Eigen::Map<const RowMajor> j(jacobian.data(), 2L * count, size);
+  expect_numbers(product, j * Eigen::Map<const VectorXd>(x.data(), size));
+  const VectorXd sum = j.transpose() * Eigen::Map<const VectorXd>(e.data(), 2L * count);
+  expect_numbers(transposed, sum + VectorXd::Constant(size, 3.0));
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernels, SchurKernel, testing::ValuesIn(all_cases()));
+
+}  // namespace
+}  // namespace sfmcpp::linear
