@@ -19,7 +19,7 @@ int block_size(const ParameterMap& map, int block) {
 
 ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
                                          const LinearSolverOptions& options)
-    : normal_(normal), options_(options), factors_(normal) {
+    : normal_(normal), options_(options), elimination_(normal) {
   const ParameterMap& map = normal.map();
   block_offset_.push_back(0);
   for (int b = 0; b < map.num_blocks(); ++b) {
@@ -28,9 +28,6 @@ ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
   }
   preconditioner_.resize(block_offset_.back());
   const auto size = static_cast<std::size_t>(map.camera_size);
-  const auto observations = static_cast<std::size_t>(normal.graph().num_observations());
-  whitened_.resize(observations * kWhitenedPoint);
-  applied_.resize(observations * 2);
   point_sums_.resize(3 * static_cast<std::size_t>(normal.graph().num_points));
   camera_sums_.resize(
       std::max<std::size_t>(normal.graph().chunks.size(), normal.graph().num_cameras) * size);
@@ -40,7 +37,7 @@ ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
 LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>& should_stop) {
-  factors_.factor(damping);
+  elimination_.eliminate(damping);
   prepare(damping);
   const ConjugateGradientResult result =
       conjugate_gradient([this](const auto& in, auto& out) { apply(in, out); },
@@ -51,11 +48,7 @@ LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping,
                          should_stop,
                          step.camera);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
-  apply_cameras(step.camera);
-  step.point.resize(point_sums_.size());
-  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    factors_.back_substitute(p, point_sums_.data() + 3L * p, step.point.data() + 3L * p);
-  });
+  elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
 }
 
@@ -64,24 +57,16 @@ void ImplicitSchurSolver::prepare(const Damping& damping) {
   const ObservationGraph& graph = normal_.graph();
   const long size = map.camera_size;
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
-    const long begin = graph.camera_begin[i];
-    const int count = graph.observations_of_camera(i);
-    const int* point = graph.point.data() + begin;
-    double* whitened = whitened_.data() + kWhitenedPoint * begin;
-    const SchurKernels& kernels = normal_.kernels();
-    kernels.whiten(
-        count, normal_.records() + kPointRecord * begin, point, factors_.data(), whitened);
-    kernels.schur_diagonal(count,
-                           normal_.jacobian() + 2 * size * begin,
-                           whitened,
-                           point,
-                           factors_.data(),
-                           camera_blocks_.data() + size * size * i,
-                           camera_sums_.data() + size * i);
+    const int begin = graph.camera_begin[i];
+    normal_.kernels().schur_diagonal(graph.observations_of_camera(i),
+                                     normal_.jacobian() + 2 * size * begin,
+                                     elimination_.eliminated(begin),
+                                     camera_blocks_.data() + size * size * i,
+                                     camera_sums_.data() + size * i);
   });
   diagonal_.resize(map.num_columns);
   for (int k = 0; k < map.num_columns; ++k) diagonal_[k] = damping(normal_.camera_diagonal()[k]);
-  rhs_ = normal_.camera_rhs();
+  rhs_.assign(map.num_columns, 0.0);
   std::fill(preconditioner_.begin(), preconditioner_.end(), 0.0);
   for (int i = 0; i < graph.num_cameras; ++i) {
     map.fold(camera_sums_.data() + size * i, i, rhs_.data());
@@ -124,37 +109,14 @@ void ImplicitSchurSolver::factor_preconditioner() {
   }
 }
 
-void ImplicitSchurSolver::apply_cameras(const std::vector<double>& x) {
-  const ParameterMap& map = normal_.map();
-  const ObservationGraph& graph = normal_.graph();
-  normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
-    const Chunk& c = graph.chunks[chunk];
-    std::array<double, kMaxCameraSize> block;
-    map.expand(x.data(), c.camera, block.data());
-    normal_.kernels().apply(c.end - c.begin,
-                            normal_.jacobian() + 2L * map.camera_size * c.begin,
-                            block.data(),
-                            applied_.data() + 2L * c.begin);
-  });
-  for_each_point(normal_.pool(), graph.num_points, [&](int p) {
-    double* sum = point_sums_.data() + 3L * p;
-    std::fill_n(sum, 3, 0.0);
-    for (int k = graph.point_begin[p]; k < graph.point_begin[p + 1]; ++k) {
-      const double* g = whitened_.data() + static_cast<long>(kWhitenedPoint) * graph.of_point[k];
-      const double* e = applied_.data() + 2L * graph.of_point[k];
-      for (int c = 0; c < 3; ++c) sum[c] += g[c] * e[0] + g[3 + c] * e[1];
-    }
-  });
-}
-
 // e ← e − G Σ Gᵀ e.
 void ImplicitSchurSolver::subtract_point_part(const Chunk& chunk, double* e) const {
   for (int a = chunk.begin; a < chunk.end; ++a) {
-    const double* g = whitened_.data() + static_cast<long>(kWhitenedPoint) * a;
+    const double* g = elimination_.eliminated(a);
     const double* s = point_sums_.data() + 3L * normal_.graph().point[a];
+    const double* applied = elimination_.applied(a);
     for (int row = 0; row < 2; ++row) {
-      *e++ = applied_[2 * static_cast<std::size_t>(a) + row] -
-             (g[3 * row] * s[0] + g[3 * row + 1] * s[1] + g[3 * row + 2] * s[2]);
+      *e++ = applied[row] - (g[4 * row] * s[0] + g[4 * row + 1] * s[1] + g[4 * row + 2] * s[2]);
     }
   }
 }
@@ -163,7 +125,10 @@ void ImplicitSchurSolver::apply(const std::vector<double>& x, std::vector<double
   const ParameterMap& map = normal_.map();
   const ObservationGraph& graph = normal_.graph();
   const long size = map.camera_size;
-  apply_cameras(x);
+  elimination_.apply_cameras(x);
+  for_each_point(normal_.pool(), graph.num_points, [&](int p) {
+    elimination_.sum_of_point(p, point_sums_.data() + 3L * p);
+  });
   normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
     const Chunk& c = graph.chunks[chunk];
     std::array<double, 2 * kChunkSize> e;

@@ -142,16 +142,6 @@ inline void store_block(const Block<D, kFirst, kWidth>& block, double* out) {
   }
 }
 
-// block += factor · aᵀ a with a of kRank rows.
-template <int D, int kRank>
-inline void add_square(const double* a, double factor, Block<D>& block) {
-  for (int k = 0; k < kRank; ++k) {
-    Row<D> row;
-    load_row(a + k * D, row, factor);
-    add_outer(block, row, a + k * D);
-  }
-}
-
 template <int D, int kFirst = 0>
 inline double dot(const Row<D, kFirst>& a, const Row<D, kFirst>& b) {
   if constexpr (kFirst < D) {

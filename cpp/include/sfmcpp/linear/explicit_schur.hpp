@@ -1,7 +1,7 @@
 #pragma once
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/point_factors.hpp"
+#include "sfmcpp/linear/point_elimination.hpp"
 #include "sfmcpp/linear/reduced_solver.hpp"
 
 namespace sfmcpp::linear {
@@ -17,20 +17,16 @@ class ExplicitSchurSolver final : public LinearSolver {
                           const std::function<bool()>& should_stop) override;
 
  private:
-  void couple();
   void form();
   void form_row(int i, int worker);
   void set_rhs(std::vector<double>& rhs) const;
-  void back_substitute(Step& step);
 
   const NormalEquations& normal_;
   CameraPattern pattern_;
-  PointFactors factors_;
+  PointElimination elimination_;
   std::unique_ptr<ReducedSolver> reduced_;
-  AlignedVector<double> coupling_;                 // P per observation
   AlignedVector<double> blocks_;                   // S
-  AlignedVector<double> rhs_;                      // −Σ Pᵀ y per camera
-  AlignedVector<double> steps_;                    // δc per camera
+  AlignedVector<double> rhs_;                      // Σ Jᵀ r̄ per camera
   std::vector<std::vector<int>> block_of_camera_;  // scratch of each worker
 };
 

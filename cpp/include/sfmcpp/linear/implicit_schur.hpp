@@ -3,11 +3,11 @@
 #include <vector>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/point_factors.hpp"
+#include "sfmcpp/linear/point_elimination.hpp"
 
 namespace sfmcpp::linear {
 
-// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + D x, the sum over the observations
+// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + λD x, the sum over the observations
 // of each point. Memory is that of the Jacobian.
 class ImplicitSchurSolver final : public LinearSolver {
  public:
@@ -19,8 +19,6 @@ class ImplicitSchurSolver final : public LinearSolver {
 
  private:
   void prepare(const Damping& damping);
-  // e = Jc x of every observation, then Σ Gᵀ e of every point.
-  void apply_cameras(const std::vector<double>& x);
   void subtract_point_part(const Chunk& chunk, double* e) const;
   void fold_diagonal_block(int i, const double* block);
   void factor_preconditioner();
@@ -30,14 +28,12 @@ class ImplicitSchurSolver final : public LinearSolver {
 
   const NormalEquations& normal_;
   LinearSolverOptions options_;
-  PointFactors factors_;
+  PointElimination elimination_;
   std::vector<double> diagonal_;  // λD
   std::vector<double> rhs_;
   std::vector<long> block_offset_;  // of each variable block in `preconditioner_`
   std::vector<double>
       preconditioner_;  // Schur–Jacobi: diagonal blocks of S, then their Cholesky factors
-  AlignedVector<double> whitened_;       // G per observation
-  AlignedVector<double> applied_;        // e per observation
   AlignedVector<double> point_sums_;     // Σ Gᵀ e per point
   AlignedVector<double> camera_sums_;    // per chunk or camera: a camera block
   AlignedVector<double> camera_blocks_;  // diagonal block of each camera, panel layout

@@ -4,17 +4,18 @@
 // Notation of one observation a of point p in camera i (EQUATIONS §2; D = camera_size):
 //   J  2×D  derivative by the camera, A  2×3  derivative by the point, r  2  residual
 //   M  3×3  inverse Cholesky factor of the damped V: V*⁻¹ = Mᵀ M;   y = M b_p
-//   G = A Mᵀ  (2×3),  P = Gᵀ J  (3×D): the coupling block Wᵀ, whitened by M
-// Then  S_ij = [i = j] Σ Jᵀ J − Σ P_aᵀ P_b  over the points that i and j both see, the right-hand
-// side is  Σ Jᵀ r − Σ Pᵀ y,  and  δp = Mᵀ (y − Σ P δc).
+//   G = A Mᵀ  (2×3),  r̄ = r − G y  (2)
+// W_a V*⁻¹ W_bᵀ = J_aᵀ (G_a G_bᵀ) J_b has rank two, so W is never formed:
+//   S_ij = [i = j] Σ Jᵀ J − Σ J_aᵀ (G_a G_bᵀ) J_b   over the points that i and j both see,
+// the right-hand side is Σ Jᵀ r̄, and δp = Mᵀ (y − Σ Gᵀ J δc).
+//
+// Records: A|r and G|r̄ are 2×4 row-major with the residual in the last column (one cache line).
 #pragma once
 
 namespace sfmcpp::linear {
 
-inline constexpr int kPointRecord =
-    8;  // A|r: 2×4 row-major, the residual in the last column (a cache line)
-inline constexpr int kPointFactor = 9;    // M (row-major lower triangle: 6), y (3)
-inline constexpr int kWhitenedPoint = 6;  // G
+inline constexpr int kPointRecord = 8;  // A|r or G|r̄
+inline constexpr int kPointFactor = 9;  // M (row-major lower triangle: 6), y (3)
 
 // Points seen by a camera, and cameras that see a point (ObservationGraph).
 struct GraphView {
@@ -30,46 +31,27 @@ struct SchurRow {
   GraphView graph;
   int begin, end;              // observations of camera i
   const double* jacobian;      // J of every observation
-  const double* coupling;      // P of every observation
-  const double* factors;       // M, y of every point
+  const double* eliminated;    // G|r̄ of every observation
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
   double* blocks;              // blocks (i, j), j > i; added to
-  double* rhs;                 // −Σ Pᵀ y; overwritten
+  double* rhs;                 // D numbers; overwritten
 };
 
 struct SchurKernels {
   // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations.
   void (*camera_gradient)(
       int n, const double* jacobian, const double* records, double* gradient, double* diagonal);
-
-  // With the coupling blocks P stored: P of n observations; a row of S; Σ P δc for points [begin,
-  // end), where `steps` holds δc of every camera, D numbers each.
-  void (*couple)(int n,
-                 const double* records,
-                 const int* point,
-                 const double* factors,
-                 const double* jacobian,
-                 double* coupling);
+  // G|r̄ from A|r and the factors of the observations' points.
+  void (*eliminate)(
+      int n, const double* records, const int* point, const double* factors, double* eliminated);
   void (*schur_row)(const SchurRow& row);
-  void (*coupled_sums)(const GraphView& graph,
-                       int begin,
-                       int end,
-                       const double* coupling,
-                       const double* steps,
-                       double* sums);
-
-  // Without them: G of n observations; block (i, i) of S and −Σ Pᵀ y; e = J x; out += Jᵀ e.
-  void (*whiten)(
-      int n, const double* records, const int* point, const double* factors, double* whitened);
-  void (*schur_diagonal)(int n,
-                         const double* jacobian,
-                         const double* whitened,
-                         const int* point,
-                         const double* factors,
-                         double* diagonal,
-                         double* rhs);
+  // Block (i, i) and the right-hand side alone, over the n observations of camera i.
+  void (*schur_diagonal)(
+      int n, const double* jacobian, const double* eliminated, double* diagonal, double* rhs);
+  // e = J x (2 numbers per observation).
   void (*apply)(int n, const double* jacobian, const double* x, double* e);
+  // out += Jᵀ e.
   void (*apply_transposed)(int n, const double* jacobian, const double* e, double* out);
 };
 
