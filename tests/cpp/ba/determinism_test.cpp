@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
-#include "support/small_scenes.hpp"
+#include "support/linearized_problem.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -54,6 +54,31 @@ TEST_P(Determinism, StatesHaveTheSameBitsForEveryNumberOfThreadsAndEveryRun) {
     EXPECT_EQ(state.cameras, reference.cameras) << threads << " threads";
     EXPECT_EQ(state.intrinsics, reference.intrinsics) << threads << " threads";
     EXPECT_EQ(state.points, reference.points) << threads << " threads";
+  }
+}
+
+// Many cameras add to the same entries of the few columns that they share. With the gauge fixed
+// there are no more variable blocks than cameras.
+TEST(SharedIntrinsics, OneRowOfIntrinsicsForAllGivesTheSameBitsWhateverIsFixed) {
+  support::SceneOptions options = support::perturbed(CameraModelId::kPerspective);
+  options.num_groups = 1;
+  options.num_cameras = 60;
+  options.num_points = 100;
+  options.free_intrinsics = std::vector<int>{0, 1, 2, 3, 5, 6, 10, 11};
+  const support::OwnedProblem scene = make_circle_scene(options);
+  const linear::Damping damping{1e-3, linear::DampingMatrix::kDiagonal};
+  for (bool fix_gauge : {false, true}) {
+    linear::Step reference;
+    for (int threads : {1, 2, 3, 5}) {
+      const support::LinearizedProblem work(scene, fix_gauge, threads);
+      for (int repeat = 0; repeat < 5; ++repeat) {
+        linear::Step step;
+        ASSERT_TRUE(work.solve({LinearSolverKind::kDense}, damping, step).success);
+        if (threads == 1) reference = step;
+        ASSERT_EQ(step.camera, reference.camera) << threads << " threads";
+        ASSERT_EQ(step.point, reference.point) << threads << " threads";
+      }
+    }
   }
 }
 

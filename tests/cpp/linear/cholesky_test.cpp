@@ -130,6 +130,19 @@ TEST_P(SparseCholeskySizes, SolvesLikeDenseForSeveralMatricesOfOnePattern) {
   }
 }
 
+TEST_P(SparseCholeskySizes, RefusesAMatrixThatIsNotPositiveDefiniteAndGoesOnWithTheNext) {
+  const int n = GetParam();
+  const MatrixXd good = random_sparse_spd(n, 10);
+  const auto cholesky = make_sparse_cholesky(lower_of(good));
+  MatrixXd bad = good;
+  bad(n / 2, n / 2) = -5.0;
+  EXPECT_FALSE(cholesky->factorize(lower_of(bad)));
+  ASSERT_TRUE(cholesky->factorize(lower_of(good)));
+  std::vector<double> x(n, 1.0);
+  cholesky->solve(x);
+  EXPECT_LT((good * Eigen::Map<VectorXd>(x.data(), n) - VectorXd::Ones(n)).norm(), 1e-10);
+}
+
 INSTANTIATE_TEST_SUITE_P(Sizes, SparseCholeskySizes, testing::Values(1, 5, 60, 300));
 
 }  // namespace

@@ -67,6 +67,19 @@ TEST_P(LinearSolverLimits, APointSeenOnceHasAFiniteUndampedStep) {
   EXPECT_LT((flat.head(expected.size()) - expected).norm(), 1e-6 * expected.norm());
 }
 
+TEST_P(LinearSolverLimits, WithEveryCameraFixedSolvesForThePointsAlone) {
+  OwnedProblem intersection = scene(CameraModelId::kCalibrated);
+  std::fill(intersection.fixed_cameras.begin(), intersection.fixed_cameras.end(), 1);
+  const LinearizedProblem linearized(intersection);
+  ASSERT_EQ(linearized.map.num_columns, 0);
+  const auto dense = make_dense_system(linearized);
+  const Damping damping{1e-3, DampingMatrix::kDiagonal};
+  Step step;
+  ASSERT_TRUE(linearized.solve(options, damping, step).success);
+  const VectorXd reference = solve_by_qr(dense, damping);
+  EXPECT_LT((flatten(dense, step) - reference).norm(), 1e-10 * reference.norm());
+}
+
 TEST_P(LinearSolverLimits, WithEveryPointFixedSolvesForTheCamerasAlone) {
   OwnedProblem resection = scene();
   std::fill(resection.fixed_points.begin(), resection.fixed_points.end(), 1);

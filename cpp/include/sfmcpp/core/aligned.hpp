@@ -11,6 +11,9 @@ namespace sfmcpp {
 
 inline constexpr std::size_t kCacheLine = 64;
 
+void* allocate_large(std::size_t bytes);
+void free_large(void* memory, std::size_t bytes);
+
 template <class T>
 struct CacheLineAllocator {
   using value_type = T;
@@ -18,9 +21,9 @@ struct CacheLineAllocator {
   template <class U>
   CacheLineAllocator(const CacheLineAllocator<U>&) {}
   T* allocate(std::size_t n) {
-    return static_cast<T*>(::operator new (n * sizeof(T), std::align_val_t{kCacheLine}));
+    return static_cast<T*>(allocate_large(n * sizeof(T)));
   }
-  void deallocate(T* p, std::size_t) { ::operator delete (p, std::align_val_t{kCacheLine}); }
+  void deallocate(T* p, std::size_t n) { free_large(p, n * sizeof(T)); }
   // Growing leaves numbers uninitialised: every array of the core is written before it is read, and
   // touching the memory first would cost as much as one iteration of a small problem.
   template <class U, class... Args>

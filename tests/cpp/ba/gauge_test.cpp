@@ -1,0 +1,104 @@
+// The fixed gauge takes exactly the freedom that is left: the minimum stays where it is.
+#include "sfmcpp/ba/gauge.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <ostream>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/ba/solve.hpp"
+#include "support/linearized_problem.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using support::OwnedProblem;
+
+OwnedProblem scene() { return make_circle_scene(support::perturbed(CameraModelId::kCalibrated)); }
+
+std::vector<PoseParameter> gauge_of(const OwnedProblem& problem) {
+  const Problem p = problem.view();
+  return choose_gauge(p,
+                      linear::make_observation_graph(
+                          p.num_cameras(), p.num_points(), p.camera_index, p.point_index));
+}
+
+double cost_with(const OwnedProblem& problem, Gauge gauge) {
+  SolveOptions options;
+  options.gauge = gauge;
+  options.minimizer.termination.function_tolerance = 1e-14;
+  options.minimizer.termination.max_iterations = 200;
+  optim::State state = state_of(problem.view());
+  return solve(problem.view(), options, {}, state).minimizer.final_cost;
+}
+
+// What is fixed, and how many degrees of freedom of a similarity that leaves.
+struct Case {
+  const char* name;
+  std::vector<int> cameras, points;
+  std::size_t freedom;
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
+
+class GaugeLeft : public testing::TestWithParam<Case> {
+ protected:
+  GaugeLeft() {
+    for (int i : GetParam().cameras) problem.fixed_cameras[i] = 1;
+    for (int p : GetParam().points) problem.fixed_points[p] = 1;
+  }
+  OwnedProblem problem = scene();
+};
+
+TEST_P(GaugeLeft, AsManyParametersAreHeldAsThereIsFreedom) {
+  const std::vector<PoseParameter> held = gauge_of(problem);
+  EXPECT_EQ(held.size(), GetParam().freedom);
+  EXPECT_EQ(std::adjacent_find(held.begin(), held.end()), held.end());
+  for (const PoseParameter& parameter : held) EXPECT_FALSE(problem.fixed_cameras[parameter.camera]);
+}
+
+TEST_P(GaugeLeft, CostAtTheMinimumIsThatWithTheGaugeFree) {
+  EXPECT_NEAR(cost_with(problem, Gauge::kFixed) / cost_with(problem, Gauge::kFree), 1.0, 1e-9);
+}
+
+INSTANTIATE_TEST_SUITE_P(Fixed,
+                         GaugeLeft,
+                         testing::Values(Case{"Nothing", {}, {}, 7},
+                                         Case{"OneCamera", {4}, {}, 1},
+                                         Case{"TwoCameras", {1, 2}, {}, 0},
+                                         Case{"OnePoint", {}, {0}, 4},
+                                         Case{"TwoPoints", {}, {0, 1}, 1},
+                                         Case{"ThreePoints", {}, {0, 1, 2}, 0},
+                                         Case{"CameraAndPoint", {0}, {0}, 0},
+                                         Case{"Much", {0, 3, 5}, {0, 7, 8}, 0}),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST(ChooseGauge, FixedThingsThatNobodySeesHoldNothing) {
+  OwnedProblem problem = scene();
+  for (int k = 0; k < 3; ++k) {
+    problem.points.insert(problem.points.end(), {1.0 * k, 2.0, 0.5 * k * k});
+    problem.fixed_points.push_back(1);
+  }
+  EXPECT_EQ(gauge_of(problem).size(), 7u);
+}
+
+TEST(ChooseGauge, ThreePointsOnALineLeaveTheTurnAboutIt) {
+  OwnedProblem problem = scene();
+  for (int p = 0; p < 3; ++p) {
+    problem.fixed_points[p] = 1;
+    for (int k = 0; k < 3; ++k) problem.points[3 * p + k] = (1.0 + p) * (0.5 - k);
+  }
+  EXPECT_EQ(gauge_of(problem).size(), 1u);
+}
+
+TEST(ChooseGauge, IsThatOfTheShapeNotOfItsSizeAndPlace) {
+  const OwnedProblem problem = scene();
+  OwnedProblem far = problem;
+  for (std::size_t k = 0; k < far.cameras.size(); ++k) {
+    if (k % 4 == 3) far.cameras[k] = 1e-3 * far.cameras[k] + 50.0;
+  }
+  EXPECT_EQ(gauge_of(far), gauge_of(problem));
+}
+
+}  // namespace
+}  // namespace sfmcpp::ba
