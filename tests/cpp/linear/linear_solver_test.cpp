@@ -85,8 +85,9 @@ TEST_P(LinearSolverAgainstQr, DirectSolversAgreeForIdentityDamping) {
 }
 
 // Two fixed cameras hold the gauge as well.
-TEST_P(LinearSolverAgainstQr, UndampedGaussNewtonStepsAgreeWhereTheGaugeIsHeld) {
-  if (!GetParam().fix_gauge && !GetParam().some_fixed) return;
+class UndampedSolverAgainstQr : public LinearSolverAgainstQr {};
+
+TEST_P(UndampedSolverAgainstQr, GaussNewtonStepsAgreeWhereTheGaugeIsHeld) {
   const Damping none{0.0, DampingMatrix::kIdentity};
   const VectorXd reference = solve_by_qr(dense, none);
   for (LinearSolverKind kind : {LinearSolverKind::kDense, LinearSolverKind::kSparse}) {
@@ -141,17 +142,20 @@ TEST_P(LinearSolverAgainstQr, ATighterToleranceTakesMoreIterationsAndComesCloser
   const Damping damping{1e-3, DampingMatrix::kDiagonal};
   const VectorXd reference = solve_by_qr(dense, damping);
   int previous_iterations = 0;
-  double previous_error = 1e300;
+  double previous_error = 1e300, first_error = 0.0;
   for (double tolerance : {1e-1, 1e-3, 1e-6, 1e-9}) {
     Step step;
     const LinearSolverOptions options{LinearSolverKind::kIterative, tolerance, 5000};
     const LinearSolveResult result = linearized.solve(options, damping, step);
     const double error = model_error(flatten(dense, step) - reference, damping);
-    EXPECT_GT(result.iterations, previous_iterations);
-    EXPECT_LT(error, previous_error);
+    // The last digits may all come with one iteration, when those before have met every unknown.
+    EXPECT_GE(result.iterations, previous_iterations);
+    EXPECT_LE(error, previous_error);
+    if (previous_iterations == 0) first_error = error;
     previous_iterations = result.iterations;
     previous_error = error;
   }
+  EXPECT_LT(previous_error, 1e-3 * first_error);
 }
 
 std::vector<Case> all_cases() {
@@ -174,6 +178,17 @@ std::vector<Case> all_cases() {
 INSTANTIATE_TEST_SUITE_P(Problems,
                          LinearSolverAgainstQr,
                          testing::ValuesIn(all_cases()),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+std::vector<Case> cases_with_gauge_held() {
+  std::vector<Case> held = all_cases();
+  std::erase_if(held, [](const Case& c) { return !c.fix_gauge && !c.some_fixed; });
+  return held;
+}
+
+INSTANTIATE_TEST_SUITE_P(Problems,
+                         UndampedSolverAgainstQr,
+                         testing::ValuesIn(cases_with_gauge_held()),
                          [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace

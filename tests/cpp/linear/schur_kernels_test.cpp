@@ -62,9 +62,8 @@ class SchurKernel : public testing::TestWithParam<Case> {
     jacobian = random_numbers(2UL * count * size, random);
     records = random_numbers(static_cast<std::size_t>(kPointRecord) * count, random);
     factors = random_numbers(static_cast<std::size_t>(kPointFactor) * kPoints, random);
-    coupling.resize(3UL * count * size);
-    for (int a = 0; a < count; ++a)
-      Eigen::Map<RowMajor>(&coupling[3UL * a * size], 3, size) = p_of(a);
+    eliminated.resize(records.size());
+    for (int a = 0; a < count; ++a) Eigen::Map<RowMajor>(&eliminated[8UL * a], 2, 4) = g_r_of(a);
   }
 
   MatrixXd j_of(int a) const {
@@ -79,9 +78,15 @@ class SchurKernel : public testing::TestWithParam<Case> {
   }
   Vector3d y_of(int p) const { return Eigen::Map<const Vector3d>(&factors[9UL * p + 6]); }
   MatrixXd g_of(int a) const { return record_of(a).leftCols(3) * m_of(graph.point[a]).transpose(); }
+  // G | r̄.
+  MatrixXd g_r_of(int a) const {
+    MatrixXd result(2, 4);
+    result << g_of(a), record_of(a).col(3) - g_of(a) * y_of(graph.point[a]);
+    return result;
+  }
   MatrixXd p_of(int a) const { return g_of(a).transpose() * j_of(a); }
 
-  // Block (i, j) of S and the right-hand side −Σ Pᵀ y of camera i.
+  // Block (i, j) of S and the right-hand side Σ Jᵀ r̄ of camera i.
   MatrixXd expected_block(int i, int j) const {
     MatrixXd block = MatrixXd::Zero(size, size);
     for (int a = 0; a < count; ++a) {
@@ -97,7 +102,7 @@ class SchurKernel : public testing::TestWithParam<Case> {
   VectorXd expected_rhs(int i) const {
     VectorXd rhs = VectorXd::Zero(size);
     for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
-      rhs -= p_of(a).transpose() * y_of(graph.point[a]);
+      rhs += j_of(a).transpose() * g_r_of(a).col(3);
     }
     return rhs;
   }
@@ -123,7 +128,7 @@ class SchurKernel : public testing::TestWithParam<Case> {
   std::mt19937 random{17};
   ObservationGraph graph;
   int count = 0;
-  AlignedVector<double> jacobian, records, factors, coupling;
+  AlignedVector<double> jacobian, records, factors, eliminated;
 };
 
 TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
@@ -138,19 +143,10 @@ TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
   expect_numbers(diagonal, squares);
 }
 
-TEST_P(SchurKernel, CoupleIsTheWhitenedCouplingBlock) {
-  AlignedVector<double> actual(coupling.size(), std::nan(""));
-  kernels.couple(
-      count, records.data(), graph.point.data(), factors.data(), jacobian.data(), actual.data());
-  expect_numbers(actual, Eigen::Map<const VectorXd>(coupling.data(), 3L * count * size));
-}
-
-TEST_P(SchurKernel, WhitenIsThePointJacobianTimesTheTransposedFactor) {
-  AlignedVector<double> whitened(static_cast<std::size_t>(kWhitenedPoint) * count, std::nan(""));
-  kernels.whiten(count, records.data(), graph.point.data(), factors.data(), whitened.data());
-  for (int a = 0; a < count; ++a) {
-    expect_close(Eigen::Map<const RowMajor>(&whitened[6UL * a], 2, 3), g_of(a));
-  }
+TEST_P(SchurKernel, EliminateWhitensThePointJacobianAndTakesItsShareOfTheResidual) {
+  AlignedVector<double> actual(records.size(), std::nan(""));
+  kernels.eliminate(count, records.data(), graph.point.data(), factors.data(), actual.data());
+  expect_numbers(actual, Eigen::Map<const VectorXd>(eliminated.data(), 8L * count));
 }
 
 TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
@@ -164,8 +160,7 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
                        .begin = graph.camera_begin[i],
                        .end = graph.camera_begin[i + 1],
                        .jacobian = jacobian.data(),
-                       .coupling = coupling.data(),
-                       .factors = factors.data(),
+                       .eliminated = eliminated.data(),
                        .block_of_camera = block_of_camera.data(),
                        .diagonal = blocks.data(),
                        .blocks = blocks.data(),
@@ -177,37 +172,19 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
   }
 }
 
-TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockWithoutStoredCoupling) {
-  AlignedVector<double> whitened(static_cast<std::size_t>(kWhitenedPoint) * count);
-  kernels.whiten(count, records.data(), graph.point.data(), factors.data(), whitened.data());
+TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
   for (int i = 0; i < kCameras; ++i) {
-    const int begin = graph.camera_begin[i];
-    AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan("")),
-        rhs(size, std::nan(""));
+    const std::size_t begin = graph.camera_begin[i];
+    AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan(""));
+    AlignedVector<double> rhs(size, std::nan(""));
     kernels.schur_diagonal(graph.observations_of_camera(i),
-                           &jacobian[2UL * begin * size],
-                           &whitened[static_cast<std::size_t>(kWhitenedPoint) * begin],
-                           &graph.point[begin],
-                           factors.data(),
+                           &jacobian[2 * begin * size],
+                           &eliminated[kPointRecord * begin],
                            block.data(),
                            rhs.data());
     expect_close(from_panels(block.data()), expected_block(i, i));
     expect_numbers(rhs, expected_rhs(i));
   }
-}
-
-TEST_P(SchurKernel, CoupledSumsAddTheStepsOfTheCamerasThatSeeAPoint) {
-  const AlignedVector<double> steps =
-      random_numbers(static_cast<std::size_t>(kCameras) * size, random);
-  AlignedVector<double> sums(3UL * kPoints, std::nan(""));
-  kernels.coupled_sums(graph.view(), 0, kPoints, coupling.data(), steps.data(), sums.data());
-  VectorXd expected = VectorXd::Zero(3 * kPoints);
-  for (int a = 0; a < count; ++a) {
-    const Eigen::Map<const VectorXd> step(&steps[static_cast<std::size_t>(size) * graph.camera[a]],
-                                          size);
-    expected.segment<3>(3 * graph.point[a]) += p_of(a) * step;
-  }
-  expect_numbers(sums, expected);
 }
 
 TEST_P(SchurKernel, ApplyAndItsTransposeMultiplyByTheJacobian) {
