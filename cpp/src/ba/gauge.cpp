@@ -28,18 +28,22 @@ class GaugeChooser {
   }
 
   std::vector<PoseParameter> choose() {
-    for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_free(i)) continue;
-      for (int k = 0; k < kPoseTangent; ++k) hold_if_it_moves({i, k});
-      break;
-    }
-    while (free_.cols() > 0 && hold_if_it_moves(centre_that_moves_most())) {
+    if (free_.cols() == 7) hold_first_pose();
+    while (hold_if_it_moves(parameter_that_moves_most())) {
     }
     std::sort(held_.begin(), held_.end());
     return std::move(held_);
   }
 
  private:
+  void hold_first_pose() {
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_free(i)) continue;
+      for (int k = 0; k < kPoseTangent; ++k) hold_if_it_moves({i, k});
+      return;
+    }
+  }
+
   bool is_observed(int i) const { return graph_.observations_of_camera(i) > 0; }
   bool is_free(int i) const { return is_observed(i) && !problem_.fixed_cameras[i]; }
 
@@ -118,19 +122,20 @@ class GaugeChooser {
     return true;
   }
 
-  PoseParameter centre_that_moves_most() const {
+  // Holding a parameter that hardly responds would be a constraint rather than a choice of gauge.
+  PoseParameter parameter_that_moves_most() const {
     PoseParameter best{0, 0};
-    double largest = -1.0;
+    double largest = 0.0;
     for (int i = 0; i < graph_.num_cameras; ++i) {
       if (!is_free(i)) continue;
-      for (int k = 3; k < kPoseTangent; ++k) {
+      for (int k = 0; k < kPoseTangent; ++k) {
         const double size = free_response({i, k}).norm();
         if (size <= largest) continue;
         largest = size;
         best = {i, k};
       }
     }
-    return largest < 0.0 ? PoseParameter{0, 0} : best;
+    return best;
   }
 
   const Problem& problem_;

@@ -27,6 +27,15 @@ double rms(const std::vector<double>& residuals) {
   return std::sqrt(sum / static_cast<double>(residuals.size()));
 }
 
+void check_state(const Problem& problem, const optim::State& state) {
+  if (state.cameras.size() == problem.cameras.size() &&
+      state.intrinsics.size() == problem.intrinsics.size() &&
+      state.points.size() == problem.points.size()) {
+    return;
+  }
+  throw InvalidArgument("state: its sizes differ from those of the problem");
+}
+
 Loss make_loss(const SolveOptions& options, const std::vector<double>& residuals) {
   if (!options.automatic_loss_scale) return {options.loss, options.loss_scale_px};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
@@ -119,6 +128,7 @@ SolveSummary solve(const Problem& problem,
   const Stopwatch clock;
   options.validate();
   check_arrays(problem);
+  check_state(problem, state);
   Workspace work(problem, options);
   check_duplicates(problem, work.graph);
   check_determined(work.graph, work.map);

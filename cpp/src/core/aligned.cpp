@@ -24,6 +24,8 @@ void* allocate_large(std::size_t bytes) {
   return memory;
 }
 
-void free_large(void* memory, std::size_t bytes) { ::operator delete(memory, alignment_for(bytes)); }
+void free_large(void* memory, std::size_t bytes) {
+  ::operator delete(memory, alignment_for(bytes));
+}
 
 }  // namespace sfmcpp

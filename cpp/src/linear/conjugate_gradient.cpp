@@ -37,7 +37,12 @@ ConjugateGradientResult conjugate_gradient(const LinearMap& a,
   while (rz > target && result.iterations < max_iterations) {
     a(direction, a_direction);
     const double curvature = dot(direction, a_direction);
-    if (!(curvature > 0.0)) break;  // rounding has used up what the matrix can tell
+    if (!(curvature > 0.0)) {
+      // After some steps: rounding has used up what the matrix can tell. At once: it is not
+      // definite.
+      result.finite = result.iterations > 0;
+      break;
+    }
     const double alpha = rz / curvature;
     add_scaled(alpha, direction, x);
     add_scaled(-alpha, a_direction, residual);
@@ -49,7 +54,7 @@ ConjugateGradientResult conjugate_gradient(const LinearMap& a,
     ++result.iterations;
     if (result.iterations % kIterationsBetweenStopChecks == 0 && should_stop()) break;
   }
-  result.finite = std::isfinite(rz);
+  result.finite = result.finite && std::isfinite(rz);
   result.relative_residual = start > 0.0 ? std::sqrt(rz / start) : 0.0;
   return result;
 }

@@ -1,7 +1,7 @@
 #include "sfmcpp/optim/minimizer.hpp"
 
+#include <algorithm>
 #include <cmath>
-#include <optional>
 
 namespace sfmcpp::optim {
 namespace {
@@ -20,6 +20,11 @@ double norm(const State& state) {
   return std::sqrt(squared_norm(state.cameras) + squared_norm(state.intrinsics) +
                    squared_norm(state.points));
 }
+
+// Relative decreases of the cost below this are rounding.
+constexpr double kRounding = 1e-9;
+// A cost, in squared standard deviations, far below what any measurement can tell.
+constexpr double kNothing = 1e-18;
 
 class Minimizer {
  public:
@@ -58,12 +63,13 @@ class Minimizer {
  private:
   void start() {
     cost_ = summary_.initial_cost = model_.cost(state_);
-    if (!std::isfinite(cost_)) {
+    now_ = Iteration{.cost = cost_};
+    if (std::isfinite(cost_)) {
+      linearize();
+      now_.gradient_norm = gradient_norm();
+    } else {
       finish(Termination::kNumericalFailure, "the cost at the start is not finite");
-      return;
     }
-    linearize();
-    now_ = Iteration{.cost = cost_, .gradient_norm = gradient_norm()};
     record();
   }
 
@@ -84,10 +90,9 @@ class Minimizer {
     now_.linear_solver_iterations = result_.linear_solver_iterations;
     if (!result_.valid) return;
     now_.step_norm = norm(step_);
-    if (now_.step_norm <= options_.termination.parameter_tolerance * norm(state_)) {
-      finish(Termination::kConverged,
-             "the step is negligible: within parameter_tolerance of the unknowns");
-    }
+    promise_ = std::max(promise_, result_.predicted_decrease);
+    if (now_.step_norm <= options_.termination.parameter_tolerance * norm(state_))
+      finish_negligible();
   }
 
   void evaluate_candidate() {
@@ -120,10 +125,21 @@ class Minimizer {
     } else if (strategy_->can_retry()) {
       return;
     } else if (!result_.valid) {
-      finish(Termination::kNumericalFailure,
-             "the normal equations are singular and the method has no damping");
+      finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
     } else {
-      finish(Termination::kConverged, "no step decreases the cost any more");
+      finish_negligible();
+    }
+  }
+
+  // The steps have come to nothing: at a minimum, or because no step keeps what the model promises.
+  void finish_negligible() {
+    if (cost_ < summary_.initial_cost || promise_ <= std::max(kRounding * cost_, kNothing)) {
+      finish(Termination::kConverged,
+             "the step is negligible: within parameter_tolerance of the unknowns");
+    } else {
+      finish(Termination::kNumericalFailure,
+             "no step decreases the cost, though the gradient is not zero: a point may lie in the "
+             "plane of its camera");
     }
   }
 
@@ -181,6 +197,7 @@ class Minimizer {
   StepResult result_;
   Iteration now_;
   double cost_ = 0.0;
+  double promise_ = 0.0;  // largest decrease that the model has predicted
   double candidate_cost_ = 0.0;
   bool finished_ = false;
   MinimizerSummary summary_;

@@ -15,10 +15,9 @@ struct PoseParameter {
   auto operator<=>(const PoseParameter&) const = default;
 };
 
-// Observed cameras and points that are fixed take away some of the seven degrees of freedom of a
-// similarity. For each that is left, one parameter is chosen: those of the first free camera as far
-// as they help, then the centre coordinate that the rest moves most (in the usual case: the first
-// pose, and the scale through the camera farthest away). Sorted.
+// If nothing observed is fixed: the first pose, and for the scale the centre coordinate that it
+// moves most. Fixed cameras and points take away some of the seven degrees of freedom of a
+// similarity; for each that is left, the pose parameter that it moves most. Sorted.
 std::vector<PoseParameter> choose_gauge(const Problem& problem,
                                         const linear::ObservationGraph& graph);
 

@@ -20,9 +20,7 @@ struct CacheLineAllocator {
   CacheLineAllocator() = default;
   template <class U>
   CacheLineAllocator(const CacheLineAllocator<U>&) {}
-  T* allocate(std::size_t n) {
-    return static_cast<T*>(allocate_large(n * sizeof(T)));
-  }
+  T* allocate(std::size_t n) { return static_cast<T*>(allocate_large(n * sizeof(T))); }
   void deallocate(T* p, std::size_t n) { free_large(p, n * sizeof(T)); }
   // Growing leaves numbers uninitialised: every array of the core is written before it is read, and
   // touching the memory first would cost as much as one iteration of a small problem.

@@ -40,7 +40,7 @@ struct TerminationOptions {
   double max_seconds = std::numeric_limits<double>::infinity();
   double function_tolerance = 1e-6;    // relative decrease of the cost by an accepted step
   double gradient_tolerance = 1e-10;   // largest entry of the gradient
-  double parameter_tolerance = 1e-10;  // norm of the step, relative to that of the unknowns
+  double parameter_tolerance = 1e-12;  // norm of the step, relative to that of the unknowns
 };
 
 struct MinimizerOptions {
