@@ -126,6 +126,9 @@ class Minimizer {
       return;
     } else if (!result_.valid) {
       finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
+    } else if (strategy_->damping() == 0.0) {
+      finish(Termination::kNumericalFailure,
+             "the step of a method without damping does not decrease the cost; use a damped one");
     } else {
       finish_negligible();
     }
