@@ -127,16 +127,18 @@ class Minimizer {
     } else if (!result_.valid) {
       finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
     } else if (strategy_->damping() == 0.0) {
-      finish(Termination::kNumericalFailure,
-             "the step of a method without damping does not decrease the cost; use a damped one");
+      finish(progressed() ? Termination::kConverged : Termination::kNumericalFailure,
+             "the step does not decrease the cost, and the method has no damping to shorten it");
     } else {
       finish_negligible();
     }
   }
 
+  bool progressed() const { return cost_ < summary_.initial_cost; }
+
   // The steps have come to nothing: at a minimum, or because no step keeps what the model promises.
   void finish_negligible() {
-    if (cost_ < summary_.initial_cost || promise_ <= std::max(kRounding * cost_, kNothing)) {
+    if (progressed() || promise_ <= std::max(kRounding * cost_, kNothing)) {
       finish(Termination::kConverged,
              "the step is negligible: within parameter_tolerance of the unknowns");
     } else {
