@@ -1,4 +1,5 @@
-// A BAL problem as read from its file: nine parameters a camera (angle-axis, translation, f, k1, k2), three a point.
+// A BAL problem as read from its file: nine parameters a camera (angle-axis, translation, f, k1,
+// k2), three a point.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
 // What the driver reports, in the form the harness reads (harness/protocol.py, class Outcome).
 #pragma once
 
-#include <ceres/ceres.h>
-
 #include <string>
+
+#include <ceres/ceres.h>
 
 struct Memory {
   long start_bytes;
@@ -11,4 +11,6 @@ struct Memory {
   long peak_bytes;
 };
 
-void WriteOutcome(const ceres::Solver::Summary& summary, const Memory& memory, const std::string& path);
+void WriteOutcome(const ceres::Solver::Summary& summary,
+                  const Memory& memory,
+                  const std::string& path);

@@ -4,5 +4,6 @@
 long ResidentBytes();
 long PeakResidentBytes();
 
-// Restarts the peak at the present resident size, so that it no longer counts what reading the file took.
+// Restarts the peak at the present resident size, so that it no longer counts what reading the file
+// took.
 void ResetPeak();

@@ -2,13 +2,14 @@
 //
 //     r = f (1 + k1 |p|^2 + k2 |p|^4) p - observed,      camera = (w, t, f, k1, k2).
 //
-// Twice: with Ceres' automatic derivatives, and with derivatives by hand, to give Ceres the faster one.
+// Twice: with Ceres' automatic derivatives, and with derivatives by hand, to give Ceres the faster
+// one.
 #pragma once
+
+#include <cmath>
 
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
-
-#include <cmath>
 
 struct AutoDiffReprojection {
   double u_px, v_px;
@@ -33,8 +34,8 @@ struct AutoDiffReprojection {
   }
 };
 
-// Rotation matrix (row major) of an angle-axis vector, and the coefficients of the left Jacobian of SO(3),
-// Jl = s I + (1 - s) a a' + c [a]x   (Barfoot, State Estimation for Robotics, eq. 7.77).
+// Rotation matrix (row major) of an angle-axis vector, and the coefficients of the left Jacobian of
+// SO(3), Jl = s I + (1 - s) a a' + c [a]x   (Barfoot, State Estimation for Robotics, eq. 7.77).
 struct Rotation {
   double R[9];
   double a[3];
@@ -43,7 +44,8 @@ struct Rotation {
   explicit Rotation(const double* w) {
     const double angle = std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
     const double inverse = angle > 0.0 ? 1.0 / angle : 0.0;
-    const double sin_angle = std::sin(angle), cos_angle = std::cos(angle), versine = 1.0 - cos_angle;
+    const double sin_angle = std::sin(angle), cos_angle = std::cos(angle),
+                 versine = 1.0 - cos_angle;
     for (int i = 0; i < 3; ++i) a[i] = w[i] * inverse;
     s = angle > 0.0 ? sin_angle * inverse : 1.0;
     c = versine * inverse;
@@ -66,7 +68,9 @@ class AnalyticReprojection final : public ceres::SizedCostFunction<2, 9, 3> {
  public:
   AnalyticReprojection(double u_px, double v_px) : observed_{u_px, v_px} {}
 
-  bool Evaluate(double const* const* parameters, double* residual, double** jacobians) const override {
+  bool Evaluate(double const* const* parameters,
+                double* residual,
+                double** jacobians) const override {
     const double *camera = parameters[0], *point = parameters[1];
     const Rotation rotation(camera);
     double rotated[3];
@@ -75,7 +79,8 @@ class AnalyticReprojection final : public ceres::SizedCostFunction<2, 9, 3> {
       rotated[i] = row[0] * point[0] + row[1] * point[1] + row[2] * point[2];
     }
     const double inverse_z = 1.0 / (rotated[2] + camera[5]);
-    const double p[2] = {-(rotated[0] + camera[3]) * inverse_z, -(rotated[1] + camera[4]) * inverse_z};
+    const double p[2] = {-(rotated[0] + camera[3]) * inverse_z,
+                         -(rotated[1] + camera[4]) * inverse_z};
     const double f = camera[6], r2 = p[0] * p[0] + p[1] * p[1];
     const double distortion = 1.0 + r2 * (camera[7] + camera[8] * r2);
     for (int i = 0; i < 2; ++i) residual[i] = f * distortion * p[i] - observed_[i];
@@ -85,7 +90,8 @@ class AnalyticReprojection final : public ceres::SizedCostFunction<2, 9, 3> {
     for (int i = 0; i < 2; ++i) {
       double by_p[2] = {slope * p[i] * p[0], slope * p[i] * p[1]};
       by_p[i] += f * distortion;
-      const double by_P[3] = {-by_p[0] * inverse_z, -by_p[1] * inverse_z,
+      const double by_P[3] = {-by_p[0] * inverse_z,
+                              -by_p[1] * inverse_z,
                               -(by_p[0] * p[0] + by_p[1] * p[1]) * inverse_z};
       if (jacobians[0]) {
         double* row = jacobians[0] + 9 * i;
@@ -104,13 +110,17 @@ class AnalyticReprojection final : public ceres::SizedCostFunction<2, 9, 3> {
 
  private:
   // d(R X)/dw = -[R X]x Jl, hence row = h' Jl with h = (R X) x by_P.
-  static void ByRotation(const Rotation& rotation, const double* rotated, const double* by_P, double* row) {
+  static void ByRotation(const Rotation& rotation,
+                         const double* rotated,
+                         const double* by_P,
+                         double* row) {
     double h[3], h_cross_a[3];
     Cross(rotated, by_P, h);
     Cross(h, rotation.a, h_cross_a);
     const double along = h[0] * rotation.a[0] + h[1] * rotation.a[1] + h[2] * rotation.a[2];
     for (int k = 0; k < 3; ++k) {
-      row[k] = rotation.s * h[k] + (1.0 - rotation.s) * along * rotation.a[k] + rotation.c * h_cross_a[k];
+      row[k] = rotation.s * h[k] + (1.0 - rotation.s) * along * rotation.a[k] +
+               rotation.c * h_cross_a[k];
     }
   }
 

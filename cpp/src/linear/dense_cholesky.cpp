@@ -1,166 +1,114 @@
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
 #include <algorithm>
-#include <cmath>
 
-#ifdef SFMCPP_WITH_LAPACK
-#include "sfmcpp/linear/blas_threads.hpp"
-
-extern "C" {
-void dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
-void dpotrs_(const char* uplo,
-             const int* n,
-             const int* nrhs,
-             const double* a,
-             const int* lda,
-             double* b,
-             const int* ldb,
-             int* info);
-void dtrsm_(const char* side,
-            const char* uplo,
-            const char* transa,
-            const char* diag,
-            const int* m,
-            const int* n,
-            const double* alpha,
-            const double* a,
-            const int* lda,
-            double* b,
-            const int* ldb);
-void dsyrk_(const char* uplo,
-            const char* trans,
-            const int* n,
-            const int* k,
-            const double* alpha,
-            const double* a,
-            const int* lda,
-            const double* beta,
-            double* c,
-            const int* ldc);
-void dgemm_(const char* transa,
-            const char* transb,
-            const int* m,
-            const int* n,
-            const int* k,
-            const double* alpha,
-            const double* a,
-            const int* lda,
-            const double* b,
-            const int* ldb,
-            const double* beta,
-            double* c,
-            const int* ldc);
-}
-#else
-#include <Eigen/Cholesky>
-#endif
+#include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/linear/cholesky_isa.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
-#ifdef SFMCPP_WITH_LAPACK
+constexpr int kTile = 64;         // columns factored at a time
+constexpr int kLarge = 1024;      // from here on tasks are several strips, which share a block of b
+constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
 
-constexpr double kOne = 1.0, kMinusOne = -1.0;
+int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
 
-// Right-looking Cholesky by tiles.
-class TiledCholesky {
+// One factorisation under way.
+class Factorization {
  public:
-  TiledCholesky(int n, double* matrix, ThreadPool& pool)
-      : n_(n),
-        tile_(n < kLarge ? 64 : 144),
-        count_((n + tile_ - 1) / tile_),
+  Factorization(const CholeskyKernels& kernels, double* matrix, long ld, int size, ThreadPool& pool)
+      : kernels_(kernels),
         matrix_(matrix),
+        ld_(ld),
+        size_(size),
+        rows_per_task_(size < kLarge ? kStrip : 4 * kStrip),
         pool_(pool) {}
 
-  bool factor() {
-    for (int k = 0; k < count_; ++k) {
-      const int size = rows(k);
-      int info = 0;
-      dpotrf_("L", &size, at(k, k), &n_, &info);
-      if (info != 0) return false;
-      const int below = count_ - k - 1;
-      pool_.parallel_for(below, [&](int task) { solve_panel(k, k + 1 + task); });
-      pool_.parallel_for(below * (below + 1) / 2, [&](int task) { update(k, task); });
+  bool run() {
+    for (int column = 0; column < size_; column += kTile) {
+      const int width = std::min(kTile, size_ - column);
+      for_each_task(column, [&](int begin, int end) { update(begin, end, column, width); });
+      if (!kernels_.factor(at(column, column), ld_, width)) return false;
+      for_each_task(column + width, [&](int begin, int end) { solve(begin, end, column, width); });
     }
     return true;
   }
 
  private:
-  static constexpr int kLarge = 1500;
+  double* at(int row, int column) const { return matrix_ + column * ld_ + row; }
 
-  int rows(int tile) const { return std::min(tile_, n_ - tile * tile_); }
-  double* at(int row_tile, int column_tile) const {
-    return matrix_ + static_cast<long>(column_tile) * tile_ * n_ +
-           static_cast<long>(row_tile) * tile_;
+  // f(begin, end) for the rows from `first` on, in parallel.
+  template <class F>
+  void for_each_task(int first, const F& f) {
+    pool_.parallel_for((size_ - first + rows_per_task_ - 1) / rows_per_task_, [&](int task) {
+      const int begin = first + task * rows_per_task_;
+      f(begin, std::min(begin + rows_per_task_, size_));
+    });
   }
 
-  // L_ik = A_ik L_kk⁻ᵀ
-  void solve_panel(int k, int i) const {
-    const int m = rows(i), n = rows(k);
-    dtrsm_("R", "L", "T", "N", &m, &n, &kOne, at(k, k), &n_, at(i, k), &n_);
-  }
-
-  // A_ij −= L_ik L_jkᵀ for the task-th tile of the lower triangle that remains below tile k.
-  void update(int k, int task) const {
-    int i = 0;
-    while ((i + 1) * (i + 2) / 2 <= task) ++i;
-    const int j = task - i * (i + 1) / 2;
-    const int row = k + 1 + i, column = k + 1 + j;
-    const int m = rows(row), n = rows(column), inner = rows(k);
-    if (row == column) {
-      dsyrk_("L", "N", &m, &inner, &kMinusOne, at(row, k), &n_, &kOne, at(row, row), &n_);
-    } else {
-      dgemm_("N",
-             "T",
-             &m,
-             &n,
-             &inner,
-             &kMinusOne,
-             at(row, k),
-             &n_,
-             at(column, k),
-             &n_,
-             &kOne,
-             at(row, column),
-             &n_);
+  void update(int begin, int end, int column, int width) const {
+    for (int inner = 0; inner < column; inner += kInnerBlock) {
+      const int count = std::min(kInnerBlock, column - inner);
+      for (int row = begin; row < end; row += kStrip) {
+        kernels_.update(at(row, inner), at(column, inner), at(row, column), ld_, count, width);
+      }
     }
   }
 
-  const int n_;
-  const int tile_;
-  const int count_;
+  void solve(int begin, int end, int column, int width) const {
+    for (int row = begin; row < end; row += kStrip) {
+      kernels_.solve_strip(at(column, column), at(row, column), ld_, width);
+    }
+  }
+
+  const CholeskyKernels& kernels_;
   double* matrix_;
+  long ld_;
+  int size_;
+  int rows_per_task_;
   ThreadPool& pool_;
 };
 
-bool factor_and_solve(int n, double* matrix, std::span<double> x, ThreadPool& pool) {
-  const SingleThreadedBlas single_threaded;
-  if (!TiledCholesky(n, matrix, pool).factor()) return false;
-  const int one = 1;
-  int info = 0;
-  dpotrs_("L", &n, &one, matrix, &n, x.data(), &n, &info);
-  return info == 0;
-}
-
-#else
-
-bool factor_and_solve(int n, double* matrix, std::span<double> x, ThreadPool&) {
-  Eigen::Map<Eigen::MatrixXd> a(matrix, n, n);
-  Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>, Eigen::Lower> cholesky(a);
-  if (cholesky.info() != Eigen::Success) return false;
-  Eigen::Map<Eigen::VectorXd> b(x.data(), n);
-  cholesky.solveInPlace(b);
-  return true;
-}
-
-#endif
-
 }  // namespace
 
-bool dense_cholesky_solve(int n, double* matrix, std::span<double> x, ThreadPool& pool) {
-  if (n == 0) return true;
-  if (!factor_and_solve(n, matrix, x, pool)) return false;
-  return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
+CholeskyKernels cholesky_kernels() {
+  switch (active_isa()) {
+#if defined(__x86_64__)
+    case Isa::kAvx512:
+      return avx512::cholesky_kernels_of();
+    case Isa::kAvx2:
+      return avx2::cholesky_kernels_of();
+#endif
+    default:
+      return baseline::cholesky_kernels_of();
+  }
+}
+
+DenseCholesky::DenseCholesky(int size, const CholeskyKernels& kernels)
+    : kernels_(kernels),
+      padded_size_(round_up(size, kStrip)),
+      size_(size),
+      ld_(padded_size_ + kPanel),
+      matrix_(static_cast<std::size_t>(padded_size_) * ld_) {}
+
+void DenseCholesky::set_zero(ThreadPool& pool) {
+  pool.parallel_for(padded_size_ / kStrip, [this](int task) {
+    for (int c = task * kStrip; c < (task + 1) * kStrip; ++c) {
+      // From the strip of the diagonal on: the kernels read whole strips.
+      std::fill(&at(task * kStrip, c), &at(task * kStrip, c) + (padded_size_ - task * kStrip), 0.0);
+      if (c >= size_) at(c, c) = 1.0;
+    }
+  });
+}
+
+bool DenseCholesky::factorize(ThreadPool& pool) {
+  return Factorization(kernels_, matrix_.data(), ld_, padded_size_, pool).run();
+}
+
+void DenseCholesky::solve(std::span<double> x) {
+  kernels_.forward(matrix_.data(), ld_, size_, x.data());
+  kernels_.backward(matrix_.data(), ld_, size_, x.data());
 }
 
 }  // namespace sfmcpp::linear

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/reduced_solver.hpp"
@@ -9,39 +10,24 @@ namespace {
 class DenseReducedSolver final : public ReducedSolver {
  public:
   DenseReducedSolver(const CameraPattern& pattern, const ParameterMap& map, ThreadPool& pool)
-      : pattern_(pattern),
-        map_(map),
-        pool_(pool),
-        matrix_(static_cast<std::size_t>(size()) * size()) {}
+      : pattern_(pattern), map_(map), pool_(pool), cholesky_(map.num_columns) {}
 
   bool solve(const double* blocks,
              const std::vector<double>& diagonal,
              std::vector<double>& x) override {
-    clear();
+    cholesky_.set_zero(pool_);
     assemble(blocks);
-    for (int k = 0; k < size(); ++k) at(k, k) += diagonal[k];
-    return dense_cholesky_solve(size(), matrix_.data(), x, pool_);
+    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) += diagonal[k];
+    if (!cholesky_.factorize(pool_)) return false;
+    cholesky_.solve(x);
+    return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
   }
 
  private:
-  int size() const { return map_.num_columns; }
-  double& at(int row, int column) {
-    return matrix_[static_cast<std::size_t>(column) * size() + row];
-  }
-
-  void clear() {
-    constexpr int kColumns = 64;
-    pool_.parallel_for((size() + kColumns - 1) / kColumns, [this](int task) {
-      const int end = std::min((task + 1) * kColumns, size());
-      for (int c = task * kColumns; c < end; ++c)
-        std::fill(&at(c, c), &at(c, c) + (size() - c), 0.0);
-    });
-  }
-
   void assemble(const double* blocks) {
     const auto add_row = [&](int i) {
       for_each_reduced_entry(pattern_, map_, i, blocks, [this](int row, int column, double value) {
-        at(row, column) += value;
+        cholesky_.at(row, column) += value;
       });
     };
     if (map_.has_shared_columns) {  // rows add to common entries
@@ -54,7 +40,7 @@ class DenseReducedSolver final : public ReducedSolver {
   const CameraPattern& pattern_;
   const ParameterMap& map_;
   ThreadPool& pool_;
-  AlignedVector<double> matrix_;
+  DenseCholesky cholesky_;
 };
 
 }  // namespace

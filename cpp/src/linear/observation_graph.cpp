@@ -18,7 +18,10 @@ std::vector<int> bucket_begins(std::span<const int> keys, int num_buckets) {
 
 // Positions of `items` sorted by the key of each; equal keys keep their order.
 template <class Key>
-std::vector<int> stable_sorted(std::span<const int> items, const Key& key, std::vector<int> begin) {
+std::vector<int> stable_sorted(std::span<const int> items,
+                               const Key& key,
+                               const std::vector<int>& bucket_begin) {
+  std::vector<int> begin = bucket_begin;
   std::vector<int> sorted(items.size());
   for (int item : items) {
     int& place = begin[key(item)];

@@ -9,8 +9,8 @@
 namespace sfmcpp::linear {
 namespace {
 
-// Flops per second, in order of magnitude, on one core of today: only their ratios matter. Dense
-// LAPACK on large fronts, sparse supernodal, and passes bound by memory.
+// Flops per second, in order of magnitude, on one core of today: only their ratios matter.
+// Dense Cholesky, sparse supernodal, and passes bound by memory.
 constexpr double kDenseRate = 30e9;
 constexpr double kSparseRate = 8e9;
 constexpr double kFormRate = 20e9;

@@ -7,8 +7,8 @@
 namespace sfmcpp::ba {
 namespace {
 
-// Camera 3 is fixed and camera 1, the first free one, is opposite: their centres differ by 20 m in y, in x
-// by the error of the start alone. A scale held through x is a constraint, no gauge.
+// Camera 3 is fixed and camera 1, the first free one, is opposite: their centres differ by 20 m in
+// y, in x by the error of the start alone. A scale held through x is a constraint, no gauge.
 TEST(ChooseGauge, HoldsTheScaleThroughALongCoordinateOfABaseline) {
   for (unsigned seed = 1; seed <= 12; ++seed) {
     support::SceneOptions options = support::perturbed(CameraModelId::kCalibrated);
@@ -21,7 +21,8 @@ TEST(ChooseGauge, HoldsTheScaleThroughALongCoordinateOfABaseline) {
     scene.pixels.clear();
     for (std::size_t k = 0; k < all.camera_index.size(); ++k) {
       if (all.camera_index[k] == 0) continue;  // not observed
-      scene.observe(all.camera_index[k], all.point_index[k], all.pixels[2 * k], all.pixels[2 * k + 1]);
+      scene.observe(
+          all.camera_index[k], all.point_index[k], all.pixels[2 * k], all.pixels[2 * k + 1]);
     }
     scene.fixed_cameras[3] = 1;
     double costs[2];

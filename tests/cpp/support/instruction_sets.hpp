@@ -4,6 +4,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sfmcpp/linear/cholesky_isa.hpp"
 #include "sfmcpp/linear/schur_isa.hpp"
 #include "sfmcpp/residuals/reprojection_isa.hpp"
 
@@ -13,17 +14,26 @@ struct InstructionSet {
   std::string_view name;
   residuals::ReprojectionKernels (*reprojection)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size);
+  linear::CholeskyKernels (*cholesky)();
 };
 
 inline std::vector<InstructionSet> instruction_sets() {
-  std::vector<InstructionSet> sets{
-      {"baseline", &residuals::baseline::kernels_for, &linear::baseline::kernels_for}};
+  std::vector<InstructionSet> sets{{"baseline",
+                                    &residuals::baseline::kernels_for,
+                                    &linear::baseline::kernels_for,
+                                    &linear::baseline::cholesky_kernels_of}};
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("x86-64-v3")) {
-    sets.push_back({"avx2", &residuals::avx2::kernels_for, &linear::avx2::kernels_for});
+    sets.push_back({"avx2",
+                    &residuals::avx2::kernels_for,
+                    &linear::avx2::kernels_for,
+                    &linear::avx2::cholesky_kernels_of});
   }
   if (__builtin_cpu_supports("x86-64-v4")) {
-    sets.push_back({"avx512", &residuals::avx512::kernels_for, &linear::avx512::kernels_for});
+    sets.push_back({"avx512",
+                    &residuals::avx512::kernels_for,
+                    &linear::avx512::kernels_for,
+                    &linear::avx512::cholesky_kernels_of});
   }
 #endif
   return sets;

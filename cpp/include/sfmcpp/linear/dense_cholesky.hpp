@@ -2,16 +2,38 @@
 
 #include <span>
 
+#include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/cholesky_kernels.hpp"
 
 namespace sfmcpp::linear {
 
-// Factors the lower triangle of the column-major n×n matrix in place (A = L Lᵀ) and solves A x = b
-// in `x`. Returns false if A is not positive definite.
+// A symmetric positive definite matrix by its lower triangle, column-major, and its factorisation
+// in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
+// (a power of two would map whole rows to a few sets of the cache).
 //
-// The matrix is cut into fixed tiles; each tile operation is one call of a single-threaded BLAS,
-// and the pool runs those that do not depend on each other. The bits do not depend on the number of
-// threads, and BLAS threads do not spin against ours.
-bool dense_cholesky_solve(int n, double* matrix, std::span<double> x, ThreadPool& pool);
+// The factorisation is left-looking by tiles of columns; the strips of a tile are independent
+// tasks, so the bits do not depend on the number of threads. It is our own because calls of
+// OpenBLAS from two threads wait for each other, and its own threads spin against ours.
+class DenseCholesky {
+ public:
+  explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
+
+  int size() const { return size_; }
+  double& at(int row, int column) { return matrix_[static_cast<std::size_t>(column) * ld_ + row]; }
+
+  void set_zero(ThreadPool& pool);
+  // False if the matrix is not positive definite.
+  bool factorize(ThreadPool& pool);
+  // x ← A⁻¹ x.
+  void solve(std::span<double> x);
+
+ private:
+  CholeskyKernels kernels_;
+  int padded_size_;
+  int size_;
+  long ld_;
+  AlignedVector<double> matrix_;
+};
 
 }  // namespace sfmcpp::linear

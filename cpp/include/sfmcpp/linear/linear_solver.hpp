@@ -1,5 +1,5 @@
 // Linear solvers of the damped normal equations (JᵀJ + λD) δ = Jᵀ r, all by the Schur complement:
-//   dense      S formed, Cholesky by LAPACK
+//   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
 //   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi
 //   preconditioner
