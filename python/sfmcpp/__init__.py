@@ -1,7 +1,7 @@
 """Bundle adjustment, structure from motion and multi-sensor SLAM: a Python package with a C++ core."""
 
-from sfmcpp._core import SolveOptions, __version__
-from sfmcpp.ba import Iteration, Summary, check, check_jacobians, cost, residuals, solve
+from sfmcpp._core import __version__
+from sfmcpp.ba import Iteration, SolveOptions, Summary, check, check_jacobians, cost, residuals, solve
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.io import convert, formats, read, write
 from sfmcpp.model import CAMERA_MODELS, CameraModel, Metadata, Problem

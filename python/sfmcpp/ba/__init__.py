@@ -1,5 +1,6 @@
 """Bundle adjustment: the solve and its options, checks and summary."""
 
+from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.solve import (
     GAUGES,
     LINEAR_SOLVERS,
@@ -19,6 +20,7 @@ __all__ = [
     "LOSSES",
     "METHODS",
     "Iteration",
+    "SolveOptions",
     "Summary",
     "check",
     "check_jacobians",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
+from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, Summary
-from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 
 METHODS: tuple[str, ...] = _core.METHODS
@@ -105,7 +105,8 @@ def solve(
         "threads": threads,
         "gauge": gauge,
     }
-    options = _options({**values, **more})
+    options = SolveOptions(**values, **more)
+    options.validate()
     report = None if callback is None else lambda core: callback(_iteration(core))
     return _summary(_core.solve(_arrays(problem), options, report), method, loss)
 
@@ -186,19 +187,6 @@ def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.Jac
         `entries` compared, and the `worst_error` with its `worst_observation` and `worst_parameter`.
     """
     return _core.check_jacobians(_arrays(problem), max_observations)
-
-
-def _options(values: dict[str, Any]) -> _core.SolveOptions:
-    options = _core.SolveOptions()
-    for name, value in values.items():
-        if name.startswith("_") or not hasattr(options, name):
-            raise TypeError(f"solve() got an unexpected keyword argument {name!r}")
-        try:
-            setattr(options, name, value)
-        except TypeError:
-            raise InvalidArgument(f"{name} = {value!r}: wrong type {type(value).__name__}") from None
-    options.validate()
-    return options
 
 
 def _arrays(problem: Problem) -> dict[str, Any]:

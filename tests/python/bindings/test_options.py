@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+import pickle
+
 import pytest
 
 import sfmcpp
@@ -93,6 +96,23 @@ def test_automatic_loss_scale_is_reported(problem: Problem) -> None:
     truth = sfmcpp.circle_scene(10, 300, pixel_sigma_px=1.5, seed=6)
     summary = sfmcpp.solve(truth, loss="tukey", loss_scale_px="auto")
     assert summary.loss_scale_px == pytest.approx(4.6851 * 1.5, rel=0.1)
+
+
+def test_options_are_values() -> None:
+    options = sfmcpp.SolveOptions(method="lm", loss="huber", loss_scale_px="auto", max_seconds=3.5)
+    assert options != sfmcpp.SolveOptions()
+    assert sfmcpp.SolveOptions.from_dict(options.to_dict()) == options
+    assert pickle.loads(pickle.dumps(options)) == options
+    assert "loss='huber'" in repr(options)
+    assert eval(repr(options), {"SolveOptions": sfmcpp.SolveOptions}) == options
+
+
+def test_defaults_of_solve_are_those_of_the_core() -> None:
+    defaults = sfmcpp.SolveOptions().to_dict()
+    parameters = inspect.signature(sfmcpp.solve).parameters
+    given = {name: p.default for name, p in parameters.items() if name in defaults}
+    assert given == {name: defaults[name] for name in given}
+    assert len(given) == 9
 
 
 def test_options_read_back_what_was_set() -> None:
