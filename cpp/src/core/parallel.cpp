@@ -19,7 +19,7 @@ inline void relax() {
 
 }  // namespace
 
-ThreadPool::ThreadPool(int num_threads) {
+ThreadPool::ThreadPool(int num_threads) : ranges_(std::max(num_threads, 1)) {
   for (int worker = 1; worker < num_threads; ++worker) {
     workers_.emplace_back([this, worker] { worker_main(worker); });
   }
@@ -39,7 +39,11 @@ void ThreadPool::run(const Job& job) {
   }
   // No worker is joined here: the last job was closed and left before it returned.
   job_ = job;
-  next_task_ = 0;
+  const auto threads = static_cast<long>(ranges_.size());
+  for (long k = 0; k < threads; ++k) {
+    ranges_[k].next = static_cast<int>(k * job.count / threads);
+    ranges_[k].end = static_cast<int>((k + 1) * job.count / threads);
+  }
   open_ = true;
   ++generation_;
   generation_.notify_all();
@@ -54,8 +58,11 @@ void ThreadPool::run(const Job& job) {
 }
 
 void ThreadPool::work(int worker) {
-  for (int task; (task = next_task_.fetch_add(1, std::memory_order_relaxed)) < job_.count;) {
-    job_.call(job_.function, task, worker);
+  for (std::size_t k = 0; k < ranges_.size(); ++k) {
+    Range& range = ranges_[(worker + k) % ranges_.size()];
+    for (int task; (task = range.next.fetch_add(1, std::memory_order_relaxed)) < range.end;) {
+      job_.call(job_.function, task, worker);
+    }
   }
 }
 

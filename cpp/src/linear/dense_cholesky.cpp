@@ -8,8 +8,9 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kTile = 64;         // columns factored at a time
-constexpr int kLarge = 1024;      // from here on tasks are several strips, which share a block of b
+// From this size on, tiles of columns are wider, and tasks are several strips that share a block of
+// b.
+constexpr int kLarge = 1024;
 constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
 
 int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
@@ -22,12 +23,13 @@ class Factorization {
         matrix_(matrix),
         ld_(ld),
         size_(size),
+        tile_(size < kLarge ? 32 : 64),
         rows_per_task_(size < kLarge ? kStrip : 4 * kStrip),
         pool_(pool) {}
 
   bool run() {
-    for (int column = 0; column < size_; column += kTile) {
-      const int width = std::min(kTile, size_ - column);
+    for (int column = 0; column < size_; column += tile_) {
+      const int width = std::min(tile_, size_ - column);
       for_each_task(column, [&](int begin, int end) { update(begin, end, column, width); });
       if (!kernels_.factor(at(column, column), ld_, width)) return false;
       for_each_task(column + width, [&](int begin, int end) { solve(begin, end, column, width); });
@@ -66,6 +68,7 @@ class Factorization {
   double* matrix_;
   long ld_;
   int size_;
+  int tile_;  // columns factored at a time
   int rows_per_task_;
   ThreadPool& pool_;
 };

@@ -64,8 +64,15 @@ class ThreadPool {
   void worker_main(int worker);
   unsigned wait_for_job(unsigned seen) const;
 
+  // Each thread has a range of the tasks of its own, so that it meets the same data again in the
+  // next region; who is done first takes from the ranges of the others.
+  struct alignas(64) Range {
+    std::atomic<int> next{0};
+    int end = 0;
+  };
+
   Job job_;
-  std::atomic<int> next_task_{0};
+  std::vector<Range> ranges_;
   std::atomic<unsigned> generation_{0};
   std::atomic<bool> open_{false};  // may workers join the job?
   std::atomic<int> joined_{0};     // workers that look at the job now
