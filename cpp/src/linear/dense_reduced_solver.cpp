@@ -12,31 +12,25 @@ class DenseReducedSolver final : public ReducedSolver {
   DenseReducedSolver(const CameraPattern& pattern, const ParameterMap& map, ThreadPool& pool)
       : pattern_(pattern), map_(map), pool_(pool), cholesky_(map.num_columns) {}
 
-  bool solve(const double* blocks,
-             const std::vector<double>& diagonal,
-             std::vector<double>& x) override {
+  void start(const std::vector<double>& diagonal) override {
     cholesky_.set_zero(pool_);
-    assemble(blocks);
-    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) += diagonal[k];
+    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) = diagonal[k];
+  }
+
+  void add_row(int i, const double* row_blocks) override {
+    for_each_reduced_entry(
+        pattern_, map_, i, row_blocks, [this](int row, int column, double value) {
+          cholesky_.at(row, column) += value;
+        });
+  }
+
+  bool solve(std::vector<double>& x) override {
     if (!cholesky_.factorize(pool_)) return false;
     cholesky_.solve(x);
     return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
   }
 
  private:
-  void assemble(const double* blocks) {
-    const auto add_row = [&](int i) {
-      for_each_reduced_entry(pattern_, map_, i, blocks, [this](int row, int column, double value) {
-        cholesky_.at(row, column) += value;
-      });
-    };
-    if (map_.has_shared_columns) {  // rows add to common entries
-      for (int i = 0; i < pattern_.num_rows(); ++i) add_row(i);
-    } else {
-      pool_.parallel_for(pattern_.num_rows(), add_row);
-    }
-  }
-
   const CameraPattern& pattern_;
   const ParameterMap& map_;
   ThreadPool& pool_;

@@ -7,7 +7,7 @@ namespace sfmcpp::linear {
 ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind)
     : normal_(normal), pattern_(make_camera_pattern(normal.graph())), elimination_(normal) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
-  blocks_.resize(static_cast<std::size_t>(pattern_.num_blocks()) * size * size);
+  rows_.resize(normal.map().has_shared_columns ? pattern_.num_rows() : normal.pool().num_threads());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
   block_of_camera_.assign(normal.pool().num_threads(),
                           std::vector<int>(normal.graph().num_cameras));
@@ -19,13 +19,14 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSo
 LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>&) {
-  elimination_.eliminate(damping);
-  form();
+  elimination_.factor(damping);
   const std::vector<double>& undamped = normal_.camera_diagonal();
   std::vector<double> diagonal(undamped.size());
   for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping(undamped[k]);
+  reduced_->start(diagonal);
+  form();
   set_rhs(step.camera);
-  if (!reduced_->solve(blocks_.data(), diagonal, step.camera)) return {};
+  if (!reduced_->solve(step.camera)) return {};
   elimination_.back_substitute(step);
   return {.success = true, .iterations = 0};
 }
@@ -39,11 +40,16 @@ void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
 }
 
 void ExplicitSchurSolver::form() {
-  normal_.pool().parallel_for_worker(pattern_.num_rows(),
-                                     [this](int i, int worker) { form_row(i, worker); });
+  const bool in_order = normal_.map().has_shared_columns;
+  normal_.pool().parallel_for_worker(pattern_.num_rows(), [&](int i, int worker) {
+    AlignedVector<double>& row = rows_[in_order ? i : worker];
+    form_row(i, worker, row);
+    if (!in_order) reduced_->add_row(i, row.data());
+  });
+  for (int i = 0; in_order && i < pattern_.num_rows(); ++i) reduced_->add_row(i, rows_[i].data());
 }
 
-void ExplicitSchurSolver::form_row(int i, int worker) {
+void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row) {
   const ObservationGraph& graph = normal_.graph();
   const long size = normal_.map().camera_size;
   const long first = pattern_.row_begin[i], end = pattern_.row_begin[i + 1];
@@ -51,16 +57,16 @@ void ExplicitSchurSolver::form_row(int i, int worker) {
   for (long block = first; block < end; ++block) {
     block_of_camera[pattern_.column[block]] = static_cast<int>(block - first);
   }
-  double* row_blocks = blocks_.data() + first * size * size;
-  std::fill(row_blocks + size * size, row_blocks + (end - first) * size * size, 0.0);
+  row.assign(static_cast<std::size_t>((end - first) * size * size), 0.0);
   normal_.kernels().schur_row({.graph = graph.view(),
                                .begin = graph.camera_begin[i],
                                .end = graph.camera_begin[i + 1],
                                .jacobian = normal_.jacobian(),
-                               .eliminated = elimination_.eliminated(0),
+                               .records = normal_.records(),
+                               .factors = elimination_.factors(),
                                .block_of_camera = block_of_camera,
-                               .diagonal = row_blocks,
-                               .blocks = row_blocks,
+                               .diagonal = row.data(),
+                               .blocks = row.data(),
                                .rhs = rhs_.data() + size * i});
 }
 

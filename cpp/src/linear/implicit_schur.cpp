@@ -1,7 +1,6 @@
 #include "sfmcpp/linear/implicit_schur.hpp"
 
 #include <algorithm>
-#include <array>
 
 #include <Eigen/Cholesky>
 
@@ -28,7 +27,7 @@ ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
   }
   preconditioner_.resize(block_offset_.back());
   const auto size = static_cast<std::size_t>(map.camera_size);
-  point_sums_.resize(3 * static_cast<std::size_t>(normal.graph().num_points));
+  shifts_.resize(3 * static_cast<std::size_t>(normal.graph().num_points));
   camera_sums_.resize(
       std::max<std::size_t>(normal.graph().chunks.size(), normal.graph().num_cameras) * size);
   camera_blocks_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size * size);
@@ -37,7 +36,7 @@ ImplicitSchurSolver::ImplicitSchurSolver(const NormalEquations& normal,
 LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>& should_stop) {
-  elimination_.eliminate(damping);
+  elimination_.factor(damping);
   prepare(damping);
   const ConjugateGradientResult result =
       conjugate_gradient([this](const auto& in, auto& out) { apply(in, out); },
@@ -60,7 +59,9 @@ void ImplicitSchurSolver::prepare(const Damping& damping) {
     const int begin = graph.camera_begin[i];
     normal_.kernels().schur_diagonal(graph.observations_of_camera(i),
                                      normal_.jacobian() + 2 * size * begin,
-                                     elimination_.eliminated(begin),
+                                     normal_.records() + static_cast<long>(kPointRecord) * begin,
+                                     graph.point.data() + begin,
+                                     elimination_.factors(),
                                      camera_blocks_.data() + size * size * i,
                                      camera_sums_.data() + size * i);
   });
@@ -109,34 +110,33 @@ void ImplicitSchurSolver::factor_preconditioner() {
   }
 }
 
-// e ← e − G Σ Gᵀ e.
-void ImplicitSchurSolver::subtract_point_part(const Chunk& chunk, double* e) const {
-  for (int a = chunk.begin; a < chunk.end; ++a) {
-    const double* g = elimination_.eliminated(a);
-    const double* s = point_sums_.data() + 3L * normal_.graph().point[a];
-    const double* applied = elimination_.applied(a);
-    for (int row = 0; row < 2; ++row) {
-      *e++ = applied[row] - (g[4 * row] * s[0] + g[4 * row + 1] * s[1] + g[4 * row + 2] * s[2]);
-    }
-  }
+void ImplicitSchurSolver::set_shifts(const double* sums) {
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
+    const double* m = elimination_.factors() + static_cast<long>(kPointFactor) * p;
+    const double* s = sums + 3L * p;
+    double* t = shifts_.data() + 3L * p;
+    t[0] = m[0] * s[0] + m[1] * s[1] + m[3] * s[2];
+    t[1] = m[2] * s[1] + m[4] * s[2];
+    t[2] = m[5] * s[2];
+  });
 }
 
 void ImplicitSchurSolver::apply(const std::vector<double>& x, std::vector<double>& out) {
   const ParameterMap& map = normal_.map();
   const ObservationGraph& graph = normal_.graph();
   const long size = map.camera_size;
-  elimination_.apply_cameras(x);
-  for_each_point(normal_.pool(), graph.num_points, [&](int p) {
-    elimination_.sum_of_point(p, point_sums_.data() + 3L * p);
-  });
+  set_shifts(elimination_.point_sums(x));
   normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
     const Chunk& c = graph.chunks[chunk];
-    std::array<double, 2 * kChunkSize> e;
-    subtract_point_part(c, e.data());
     double* sum = camera_sums_.data() + size * chunk;
     std::fill_n(sum, size, 0.0);
-    normal_.kernels().apply_transposed(
-        c.end - c.begin, normal_.jacobian() + 2 * size * c.begin, e.data(), sum);
+    normal_.kernels().schur_product(c.end - c.begin,
+                                    normal_.jacobian() + 2 * size * c.begin,
+                                    normal_.records() + static_cast<long>(kPointRecord) * c.begin,
+                                    graph.point.data() + c.begin,
+                                    shifts_.data(),
+                                    elimination_.expanded(c.camera),
+                                    sum);
   });
   for (std::size_t k = 0; k < out.size(); ++k) out[k] = diagonal_[k] * x[k];
   for (std::size_t chunk = 0; chunk < graph.chunks.size(); ++chunk) {

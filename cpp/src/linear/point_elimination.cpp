@@ -11,9 +11,6 @@ namespace {
 // along that direction.
 constexpr double kPivotTolerance = 1e-13;
 
-// How many observations ahead a record is asked for: those of a point lie anywhere in memory.
-constexpr int kAhead = 8;
-
 double inverse_root(double pivot, double diagonal) {
   return pivot > kPivotTolerance * diagonal && pivot > 0.0 ? 1.0 / std::sqrt(pivot) : 0.0;
 }
@@ -21,10 +18,15 @@ double inverse_root(double pivot, double diagonal) {
 }  // namespace
 
 PointElimination::PointElimination(const NormalEquations& normal) : normal_(normal) {
-  const auto observations = static_cast<std::size_t>(normal.graph().num_observations());
-  factors_.resize(static_cast<std::size_t>(normal.graph().num_points) * kPointFactor);
-  eliminated_.resize(observations * kPointRecord);
-  applied_.resize(observations * 2);
+  const ObservationGraph& graph = normal.graph();
+  factors_.resize(static_cast<std::size_t>(graph.num_points) * kPointFactor);
+  steps_.resize(static_cast<std::size_t>(graph.num_cameras) * normal.map().camera_size);
+  sums_.resize(3 * static_cast<std::size_t>(graph.num_points));
+}
+
+void PointElimination::factor(const Damping& damping) {
+  for_each_point(
+      normal_.pool(), normal_.graph().num_points, [&](int p) { factor_point(p, damping); });
 }
 
 void PointElimination::factor_point(int p, const Damping& damping) {
@@ -51,58 +53,39 @@ void PointElimination::factor_point(int p, const Damping& damping) {
   m[8] = m20 * v[6] + m21 * v[7] + m22 * v[8];
 }
 
-void PointElimination::eliminate(const Damping& damping) {
-  const ObservationGraph& graph = normal_.graph();
-  for_each_point(normal_.pool(), graph.num_points, [&](int p) { factor_point(p, damping); });
-  normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
-    const Chunk& c = graph.chunks[chunk];
-    const long begin = static_cast<long>(kPointRecord) * c.begin;
-    normal_.kernels().eliminate(c.end - c.begin,
-                                normal_.records() + begin,
-                                graph.point.data() + c.begin,
-                                factors_.data(),
-                                eliminated_.data() + begin);
-  });
+const double* PointElimination::expanded(int i) const {
+  return steps_.data() + static_cast<long>(normal_.map().camera_size) * i;
 }
 
-void PointElimination::apply_cameras(const std::vector<double>& x) {
+const double* PointElimination::point_sums(const std::vector<double>& x) {
   const ObservationGraph& graph = normal_.graph();
   const ParameterMap& map = normal_.map();
-  normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
-    const Chunk& c = graph.chunks[chunk];
-    std::array<double, kMaxCameraSize> block;
-    map.expand(x.data(), c.camera, block.data());
-    normal_.kernels().apply(c.end - c.begin,
-                            normal_.jacobian() + 2L * map.camera_size * c.begin,
-                            block.data(),
-                            applied_.data() + 2L * c.begin);
-  });
-}
-
-void PointElimination::sum_of_point(int p, double* sum) const {
-  std::fill_n(sum, 3, 0.0);
-  const ObservationGraph& graph = normal_.graph();
-  const auto last = static_cast<int>(graph.of_point.size()) - 1;
-  for (int k = graph.point_begin[p]; k < graph.point_begin[p + 1]; ++k) {
-    const int ahead = graph.of_point[std::min(k + kAhead, last)];
-    __builtin_prefetch(eliminated(ahead));
-    __builtin_prefetch(applied(ahead));
-    const double* g = eliminated(graph.of_point[k]);
-    const double* e = applied(graph.of_point[k]);
-    for (int c = 0; c < 3; ++c) sum[c] += g[c] * e[0] + g[4 + c] * e[1];
+  for (int i = 0; i < graph.num_cameras; ++i) {
+    map.expand(x.data(), i, steps_.data() + static_cast<long>(map.camera_size) * i);
   }
+  normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
+    const int begin = task * kPointsPerTask;
+    const int end = std::min(begin + kPointsPerTask, graph.num_points);
+    normal_.kernels().point_sums(graph.view(),
+                                 begin,
+                                 end,
+                                 normal_.jacobian(),
+                                 normal_.records(),
+                                 factors_.data(),
+                                 steps_.data(),
+                                 sums_.data() + 3L * begin);
+  });
+  return sums_.data();
 }
 
 void PointElimination::back_substitute(Step& step) {
-  apply_cameras(step.camera);
-  const int num_points = normal_.graph().num_points;
-  step.point.resize(3 * static_cast<std::size_t>(num_points));
-  for_each_point(normal_.pool(), num_points, [&](int p) {
-    double sum[3];
-    sum_of_point(p, sum);
+  const double* sums = point_sums(step.camera);
+  step.point.resize(sums_.size());
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
     const double* m = factors_.data() + static_cast<long>(kPointFactor) * p;
+    const double* sum = sums + 3L * p;
     const double z[3] = {m[6] - sum[0], m[7] - sum[1], m[8] - sum[2]};
-    double* delta = step.point.data() + 3 * static_cast<std::size_t>(p);
+    double* delta = step.point.data() + 3L * p;
     delta[0] = m[0] * z[0] + m[1] * z[1] + m[3] * z[2];
     delta[1] = m[2] * z[1] + m[4] * z[2];
     delta[2] = m[5] * z[2];

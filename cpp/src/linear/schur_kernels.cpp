@@ -23,20 +23,18 @@ void camera_gradient(
   store_row(diagonal, squares);
 }
 
-void eliminate(
-    int n, const double* records, const int* point, const double* factors, double* eliminated) {
-  for (long a = 0; a < n; ++a) {
-    const double* m = factors + static_cast<long>(kPointFactor) * point[a];
-    const double* y = m + 6;
-    for (int row = 0; row < 2; ++row) {
-      const double* in = records + kPointRecord * a + 4 * row;
-      double* g = eliminated + kPointRecord * a + 4 * row;
-      g[0] = in[0] * m[0];
-      g[1] = in[0] * m[1] + in[1] * m[2];
-      g[2] = in[0] * m[3] + in[1] * m[4] + in[2] * m[5];
-      g[3] = in[3] - (g[0] * y[0] + g[1] * y[1] + g[2] * y[2]);
-    }
+// G of one observation from A|r and the factor M of its point: two rows of three.
+inline void whiten(const double* record, const double* m, double* g) {
+  for (int row = 0; row < 2; ++row) {
+    const double* a = record + 4 * row;
+    g[3 * row] = a[0] * m[0];
+    g[3 * row + 1] = a[0] * m[1] + a[1] * m[2];
+    g[3 * row + 2] = a[0] * m[3] + a[1] * m[4] + a[2] * m[5];
   }
+}
+
+inline const double* factor_of(const double* factors, int point) {
+  return factors + static_cast<long>(kPointFactor) * point;
 }
 
 inline double dot3(const double* a, const double* b) {
@@ -63,24 +61,33 @@ struct Rows {
 
 // diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄.
 template <int D>
-void schur_diagonal(
-    int n, const double* jacobian, const double* eliminated, double* diagonal, double* rhs) {
+void schur_diagonal(int n,
+                    const double* jacobian,
+                    const double* records,
+                    const int* point,
+                    const double* factors,
+                    double* diagonal,
+                    double* rhs) {
   Block<D> block;
   set_zero(block);
   Row<D> sum;
   set_zero(sum);
   for (long a = 0; a < n; ++a) {
     const double* j = jacobian + a * 2 * D;
-    const double* g = eliminated + a * kPointRecord;
+    const double* record = records + a * kPointRecord;
+    const double* m = factor_of(factors, point[a]);
+    double g[6];
+    whiten(record, m, g);
     const Rows<D> rows(j);
-    const double cross = -dot3(g, g + 4);
+    const double cross = -dot3(g, g + 3);
     Row<D> weighted;
     rows.combine(1.0 - dot3(g, g), cross, weighted);
     add_outer(block, weighted, j);
-    rows.combine(cross, 1.0 - dot3(g + 4, g + 4), weighted);
+    rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted);
     add_outer(block, weighted, j + D);
-    add_scaled(sum, rows.first, g[3]);
-    add_scaled(sum, rows.second, g[7]);
+    const double* y = m + 6;
+    add_scaled(sum, rows.first, record[3] - dot3(g, y));
+    add_scaled(sum, rows.second, record[7] - dot3(g + 3, y));
   }
   store_block(block, diagonal);
   store_row(rhs, sum);
@@ -96,7 +103,7 @@ inline void prefetch_partners(const SchurRow& in, int a) {
     const long b = in.graph.of_point[position];
     const double* jacobian = in.jacobian + 2 * D * b;
     for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + k);
-    __builtin_prefetch(in.eliminated + kPointRecord * b);
+    __builtin_prefetch(in.records + kPointRecord * b);
   }
 }
 
@@ -105,8 +112,8 @@ template <int D>
 inline void subtract_pair(
     const Rows<D>& rows, const double* ga, const double* jb, const double* gb, double* block) {
   Row<D> weighted[2];
-  rows.combine(-dot3(ga, gb), -dot3(ga + 4, gb), weighted[0]);
-  rows.combine(-dot3(ga, gb + 4), -dot3(ga + 4, gb + 4), weighted[1]);
+  rows.combine(-dot3(ga, gb), -dot3(ga + 3, gb), weighted[0]);
+  rows.combine(-dot3(ga, gb + 3), -dot3(ga + 3, gb + 3), weighted[1]);
   const Row<D>* pointers[2] = {&weighted[0], &weighted[1]};
   rank_update<D, 2>(pointers, jb, block);
 }
@@ -118,45 +125,81 @@ void schur_row(const SchurRow& in) {
   const long first = in.begin;
   schur_diagonal<D>(in.end - in.begin,
                     in.jacobian + first * 2 * D,
-                    in.eliminated + first * kPointRecord,
+                    in.records + first * kPointRecord,
+                    graph.point + first,
+                    in.factors,
                     in.diagonal,
                     in.rhs);
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners<D>(in, a + kAhead);
+    const double* m = factor_of(in.factors, graph.point[a]);
     const Rows<D> rows(in.jacobian + 2L * D * a);
-    const double* ga = in.eliminated + static_cast<long>(kPointRecord) * a;
+    double ga[6];
+    whiten(in.records + static_cast<long>(kPointRecord) * a, m, ga);
     const int end = graph.point_begin[graph.point[a] + 1];
     for (int position = graph.rank[a] + 1; position < end; ++position) {
       const long b = graph.of_point[position];
       const long block = in.block_of_camera[graph.camera[b]];
-      subtract_pair<D>(rows,
-                       ga,
-                       in.jacobian + b * 2 * D,
-                       in.eliminated + b * kPointRecord,
-                       in.blocks + block * D * D);
+      double gb[6];
+      whiten(in.records + b * kPointRecord, m, gb);
+      subtract_pair<D>(rows, ga, in.jacobian + b * 2 * D, gb, in.blocks + block * D * D);
     }
   }
 }
 
+// Σ Gᵀ J x = M Σ Aᵀ J x.
 template <int D>
-void apply(int n, const double* jacobian, const double* x, double* e) {
-  Row<D> step;
-  load_row(x, step);
-  for (long k = 0; k < 2L * n; ++k) {
-    Row<D> row;
-    load_row(jacobian + k * D, row);
-    e[k] = dot(row, step);
+void point_sums(const GraphView& graph,
+                int begin,
+                int end,
+                const double* jacobian,
+                const double* records,
+                const double* factors,
+                const double* steps,
+                double* sums) {
+  constexpr int kAhead = 8;
+  const int last = graph.point_begin[end];
+  for (int p = begin; p < end; ++p) {
+    double s[3] = {0.0, 0.0, 0.0};
+    for (int position = graph.point_begin[p]; position < graph.point_begin[p + 1]; ++position) {
+      if (position + kAhead < last) {
+        const long ahead = graph.of_point[position + kAhead];
+        for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + ahead * 2 * D + k);
+        __builtin_prefetch(records + ahead * kPointRecord);
+      }
+      const long b = graph.of_point[position];
+      const Rows<D> rows(jacobian + b * 2 * D);
+      Row<D> step;
+      load_row(steps + static_cast<long>(D) * graph.camera[b], step);
+      const double e0 = dot(rows.first, step), e1 = dot(rows.second, step);
+      const double* a = records + b * kPointRecord;
+      for (int k = 0; k < 3; ++k) s[k] += a[k] * e0 + a[4 + k] * e1;
+    }
+    const double* m = factor_of(factors, p);
+    double* sum = sums + 3L * (p - begin);
+    sum[0] = m[0] * s[0];
+    sum[1] = m[1] * s[0] + m[2] * s[1];
+    sum[2] = m[3] * s[0] + m[4] * s[1] + m[5] * s[2];
   }
 }
 
 template <int D>
-void apply_transposed(int n, const double* jacobian, const double* e, double* out) {
-  Row<D> sum;
+void schur_product(int n,
+                   const double* jacobian,
+                   const double* records,
+                   const int* point,
+                   const double* shifts,
+                   const double* x,
+                   double* out) {
+  Row<D> step, sum;
+  load_row(x, step);
   load_row(out, sum);
-  for (long k = 0; k < 2L * n; ++k) {
-    Row<D> row;
-    load_row(jacobian + k * D, row);
-    add_scaled(sum, row, e[k]);
+  for (long a = 0; a < n; ++a) {
+    const Rows<D> rows(jacobian + a * 2 * D);
+    const double* record = records + a * kPointRecord;
+    const double* t = shifts + 3L * point[a];
+    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(record, t));
+    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(record + 4, t));
   }
   store_row(out, sum);
 }
@@ -164,11 +207,10 @@ void apply_transposed(int n, const double* jacobian, const double* e, double* ou
 template <int D>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
-          .eliminate = &eliminate,
           .schur_row = &schur_row<D>,
           .schur_diagonal = &schur_diagonal<D>,
-          .apply = &apply<D>,
-          .apply_transposed = &apply_transposed<D>};
+          .point_sums = &point_sums<D>,
+          .schur_product = &schur_product<D>};
 }
 
 }  // namespace

@@ -24,19 +24,25 @@ class BlockCompressed {
     return first_[position_[block]] + column - map_.block_begin[block];
   }
 
-  // Consecutive entries mostly fall into the same pair of blocks: its place is kept.
-  void add(int row, int column, double value) {
+  // The pair of blocks that an entry fell into last, and where its rows begin in the columns.
+  struct Pair {
+    int row_block = -1, column_block = -1, offset = 0;
+  };
+
+  // Consecutive entries mostly fall into the same pair of blocks: its place is kept in `last`.
+  void add(int row, int column, double value, Pair& last) {
     int r = place(row), c = place(column);
     int row_block = position_[map_.block_of[row]], column_block = position_[map_.block_of[column]];
     if (r < c) {
       std::swap(r, c);
       std::swap(row_block, column_block);
     }
-    if (row_block != last_row_block_ || column_block != last_column_block_)
-      look_up(row_block, column_block);
+    if (row_block != last.row_block || column_block != last.column_block) {
+      last = look_up(row_block, column_block);
+    }
     // Column c starts at its diagonal entry; rows before c of its own block are not stored.
     const int skipped = c - first_[column_block];
-    matrix_.value[matrix_.column_begin[c] + last_offset_ - skipped + (r - first_[row_block])] +=
+    matrix_.value[matrix_.column_begin[c] + last.offset - skipped + (r - first_[row_block])] +=
         value;
   }
 
@@ -75,13 +81,11 @@ class BlockCompressed {
     matrix_.value.resize(matrix_.row.size());
   }
 
-  void look_up(int row_block, int column_block) {
-    last_row_block_ = row_block;
-    last_column_block_ = column_block;
-    last_offset_ = 0;
+  Pair look_up(int row_block, int column_block) const {
+    Pair pair{row_block, column_block, 0};
     for (int block : rows_[column_block]) {
-      if (block == row_block) return;
-      last_offset_ += size_[block];
+      if (block == row_block) return pair;
+      pair.offset += size_[block];
     }
     throw Error("an entry of the reduced system lies outside its analysed pattern");
   }
@@ -93,7 +97,6 @@ class BlockCompressed {
   std::vector<std::vector<int>>
       rows_;  // blocks on and below the diagonal of a block column, by place
   SparseLower matrix_;
-  int last_row_block_ = -1, last_column_block_ = -1, last_offset_ = 0;
 };
 
 class SparseReducedSolver final : public ReducedSolver {
@@ -106,10 +109,21 @@ class SparseReducedSolver final : public ReducedSolver {
         compressed_(graph, order_blocks(graph), map),
         cholesky_(make_sparse_cholesky(compressed_.matrix())) {}
 
-  bool solve(const double* blocks,
-             const std::vector<double>& diagonal,
-             std::vector<double>& x) override {
-    assemble(blocks, diagonal);
+  void start(const std::vector<double>& diagonal) override {
+    std::vector<double>& values = compressed_.matrix().value;
+    std::fill(values.begin(), values.end(), 0.0);
+    BlockCompressed::Pair last;
+    for (int k = 0; k < map_.num_columns; ++k) compressed_.add(k, k, diagonal[k], last);
+  }
+
+  void add_row(int i, const double* row_blocks) override {
+    BlockCompressed::Pair last;
+    for_each_reduced_entry(pattern_, map_, i, row_blocks, [&](int row, int column, double value) {
+      compressed_.add(row, column, value, last);
+    });
+  }
+
+  bool solve(std::vector<double>& x) override {
     if (!cholesky_->factorize(compressed_.matrix())) return false;
     std::vector<double> placed(x.size());
     for (int k = 0; k < map_.num_columns; ++k) placed[compressed_.place(k)] = x[k];
@@ -119,17 +133,6 @@ class SparseReducedSolver final : public ReducedSolver {
   }
 
  private:
-  void assemble(const double* blocks, const std::vector<double>& diagonal) {
-    std::vector<double>& values = compressed_.matrix().value;
-    std::fill(values.begin(), values.end(), 0.0);
-    for (int i = 0; i < pattern_.num_rows(); ++i) {
-      for_each_reduced_entry(pattern_, map_, i, blocks, [this](int row, int column, double value) {
-        compressed_.add(row, column, value);
-      });
-    }
-    for (int k = 0; k < map_.num_columns; ++k) compressed_.add(k, k, diagonal[k]);
-  }
-
   const CameraPattern& pattern_;
   const ParameterMap& map_;
   BlockCompressed compressed_;

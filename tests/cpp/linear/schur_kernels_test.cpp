@@ -62,8 +62,6 @@ class SchurKernel : public testing::TestWithParam<Case> {
     jacobian = random_numbers(2UL * count * size, random);
     records = random_numbers(static_cast<std::size_t>(kPointRecord) * count, random);
     factors = random_numbers(static_cast<std::size_t>(kPointFactor) * kPoints, random);
-    eliminated.resize(records.size());
-    for (int a = 0; a < count; ++a) Eigen::Map<RowMajor>(&eliminated[8UL * a], 2, 4) = g_r_of(a);
   }
 
   MatrixXd j_of(int a) const {
@@ -128,7 +126,7 @@ class SchurKernel : public testing::TestWithParam<Case> {
   std::mt19937 random{17};
   ObservationGraph graph;
   int count = 0;
-  AlignedVector<double> jacobian, records, factors, eliminated;
+  AlignedVector<double> jacobian, records, factors;
 };
 
 TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
@@ -143,12 +141,6 @@ TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
   expect_numbers(diagonal, squares);
 }
 
-TEST_P(SchurKernel, EliminateWhitensThePointJacobianAndTakesItsShareOfTheResidual) {
-  AlignedVector<double> actual(records.size(), std::nan(""));
-  kernels.eliminate(count, records.data(), graph.point.data(), factors.data(), actual.data());
-  expect_numbers(actual, Eigen::Map<const VectorXd>(eliminated.data(), 8L * count));
-}
-
 TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
   for (int i = 0; i < kCameras; ++i) {
     std::vector<int> block_of_camera(kCameras);
@@ -160,7 +152,8 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
                        .begin = graph.camera_begin[i],
                        .end = graph.camera_begin[i + 1],
                        .jacobian = jacobian.data(),
-                       .eliminated = eliminated.data(),
+                       .records = records.data(),
+                       .factors = factors.data(),
                        .block_of_camera = block_of_camera.data(),
                        .diagonal = blocks.data(),
                        .blocks = blocks.data(),
@@ -179,7 +172,9 @@ TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
     AlignedVector<double> rhs(size, std::nan(""));
     kernels.schur_diagonal(graph.observations_of_camera(i),
                            &jacobian[2 * begin * size],
-                           &eliminated[kPointRecord * begin],
+                           &records[kPointRecord * begin],
+                           graph.point.data() + begin,
+                           factors.data(),
                            block.data(),
                            rhs.data());
     expect_close(from_panels(block.data()), expected_block(i, i));
@@ -187,16 +182,45 @@ TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
   }
 }
 
-TEST_P(SchurKernel, ApplyAndItsTransposeMultiplyByTheJacobian) {
+TEST_P(SchurKernel, PointSumsAddTheWhitenedStepsOfThePointsCameras) {
+  const AlignedVector<double> steps =
+      random_numbers(static_cast<std::size_t>(kCameras) * size, random);
+  AlignedVector<double> sums(3UL * kPoints, std::nan(""));
+  kernels.point_sums(graph.view(),
+                     0,
+                     kPoints,
+                     jacobian.data(),
+                     records.data(),
+                     factors.data(),
+                     steps.data(),
+                     sums.data());
+  VectorXd expected = VectorXd::Zero(3L * kPoints);
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Map<const VectorXd> step(&steps[static_cast<std::size_t>(size) * graph.camera[a]],
+                                          size);
+    expected.segment<3>(3L * graph.point[a]) += p_of(a) * step;
+  }
+  expect_numbers(sums, expected);
+}
+
+TEST_P(SchurKernel, SchurProductAddsWhatTheShiftedPointsLeaveOfTheStep) {
   const AlignedVector<double> x = random_numbers(size, random),
-                              e = random_numbers(2UL * count, random);
-  AlignedVector<double> product(2UL * count, std::nan("")), transposed(size, 3.0);
-  kernels.apply(count, jacobian.data(), x.data(), product.data());
-  kernels.apply_transposed(count, jacobian.data(), e.data(), transposed.data());
-  const Eigen::Map<const RowMajor> j(jacobian.data(), 2L * count, size);
-  expect_numbers(product, j * Eigen::Map<const VectorXd>(x.data(), size));
-  const VectorXd sum = j.transpose() * Eigen::Map<const VectorXd>(e.data(), 2L * count);
-  expect_numbers(transposed, sum + VectorXd::Constant(size, 3.0));
+                              shifts = random_numbers(3UL * kPoints, random);
+  AlignedVector<double> out(size, 3.0);
+  kernels.schur_product(count,
+                        jacobian.data(),
+                        records.data(),
+                        graph.point.data(),
+                        shifts.data(),
+                        x.data(),
+                        out.data());
+  VectorXd expected = VectorXd::Constant(size, 3.0);
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Map<const VectorXd> step(x.data(), size);
+    const Eigen::Map<const Eigen::Vector3d> shift(&shifts[3UL * graph.point[a]]);
+    expected += j_of(a).transpose() * (j_of(a) * step - record_of(a).leftCols(3) * shift);
+  }
+  expect_numbers(out, expected);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernels, SchurKernel, testing::ValuesIn(all_cases()));

@@ -7,7 +7,9 @@
 namespace sfmcpp::linear {
 
 // Forms S block row by block row: row i is gathered by one task from the points that camera i sees,
-// so that there are no locks and every block has its terms added in one fixed order.
+// so that there are no locks and every block has its terms added in one fixed order. A row goes to
+// the reduced matrix at once; only where cameras share columns all rows are kept and added in
+// order.
 class ExplicitSchurSolver final : public LinearSolver {
  public:
   ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind);
@@ -18,14 +20,15 @@ class ExplicitSchurSolver final : public LinearSolver {
 
  private:
   void form();
-  void form_row(int i, int worker);
+  void form_row(int i, int worker, AlignedVector<double>& row);
   void set_rhs(std::vector<double>& rhs) const;
 
   const NormalEquations& normal_;
   CameraPattern pattern_;
   PointElimination elimination_;
   std::unique_ptr<ReducedSolver> reduced_;
-  AlignedVector<double> blocks_;                   // S
+  // The block row that each worker forms; of each camera where cameras share columns.
+  std::vector<AlignedVector<double>> rows_;
   AlignedVector<double> rhs_;                      // Σ Jᵀ r̄ per camera
   std::vector<std::vector<int>> block_of_camera_;  // scratch of each worker
 };

@@ -8,7 +8,7 @@
 namespace sfmcpp::linear {
 
 // S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + λD x, the sum over the observations
-// of each point. Memory is that of the Jacobian.
+// of each point; and G Σ Gᵀ e = A t with t = Mᵀ Σ Gᵀ e. Memory is that of the Jacobian.
 class ImplicitSchurSolver final : public LinearSolver {
  public:
   ImplicitSchurSolver(const NormalEquations& normal, const LinearSolverOptions& options);
@@ -19,7 +19,7 @@ class ImplicitSchurSolver final : public LinearSolver {
 
  private:
   void prepare(const Damping& damping);
-  void subtract_point_part(const Chunk& chunk, double* e) const;
+  void set_shifts(const double* sums);
   void fold_diagonal_block(int i, const double* block);
   void factor_preconditioner();
   void apply(const std::vector<double>& x, std::vector<double>& out);
@@ -34,7 +34,7 @@ class ImplicitSchurSolver final : public LinearSolver {
   std::vector<long> block_offset_;  // of each variable block in `preconditioner_`
   std::vector<double>
       preconditioner_;  // Schur–Jacobi: diagonal blocks of S, then their Cholesky factors
-  AlignedVector<double> point_sums_;     // Σ Gᵀ e per point
+  AlignedVector<double> shifts_;         // t per point
   AlignedVector<double> camera_sums_;    // per chunk or camera: a camera block
   AlignedVector<double> camera_blocks_;  // diagonal block of each camera, panel layout
 };

@@ -1,6 +1,6 @@
 // Elimination of the points from the damped normal equations, shared by all linear solvers
-// (note eqs 18–22): for each point V* = L Lᵀ, M = L⁻¹, y = M b_p; for each observation G|r̄
-// (notation of schur_kernels.hpp). Afterwards δp = Mᵀ (y − Σ Gᵀ Jc δc).
+// (note eqs 18–22): for each point V* = L Lᵀ, M = L⁻¹, y = M b_p. Afterwards
+// δp = Mᵀ (y − Σ Gᵀ Jc δc), in the notation of schur_kernels.hpp.
 #pragma once
 
 #include "sfmcpp/core/aligned.hpp"
@@ -12,17 +12,15 @@ class PointElimination {
  public:
   explicit PointElimination(const NormalEquations& normal);
 
-  void eliminate(const Damping& damping);
+  void factor(const Damping& damping);
 
-  // G|r̄ from this observation on.
-  const double* eliminated(int observation) const {
-    return eliminated_.data() + static_cast<long>(kPointRecord) * observation;
-  }
+  // M and y of every point, kPointFactor numbers each.
+  const double* factors() const { return factors_.data(); }
 
-  // e = Jc x of every observation; then Σ Gᵀ e of a point.
-  void apply_cameras(const std::vector<double>& x);
-  const double* applied(int observation) const { return applied_.data() + 2L * observation; }
-  void sum_of_point(int p, double* sum) const;
+  // Σ Gᵀ Jc x of every point, for reduced camera columns x.
+  const double* point_sums(const std::vector<double>& x);
+  // x of camera i, as `point_sums` was given it: a camera block.
+  const double* expanded(int i) const;
 
   // δp of every point, given δc in `step.camera`.
   void back_substitute(Step& step);
@@ -31,9 +29,9 @@ class PointElimination {
   void factor_point(int p, const Damping& damping);
 
   const NormalEquations& normal_;
-  AlignedVector<double> factors_;     // M, y per point
-  AlignedVector<double> eliminated_;  // G|r̄ per observation
-  AlignedVector<double> applied_;     // e per observation
+  AlignedVector<double> factors_;
+  AlignedVector<double> steps_;  // x per camera
+  AlignedVector<double> sums_;   // per point
 };
 
 }  // namespace sfmcpp::linear

@@ -11,16 +11,20 @@
 
 namespace sfmcpp::linear {
 
+// The matrix is handed over row by row: start, add_row for every camera, then solve.
 class ReducedSolver {
  public:
   virtual ~ReducedSolver() = default;
 
-  // `blocks` in the order of the pattern, panel layout. `x` holds the right-hand side before and
-  // the solution after. Returns false if the matrix is not positive definite; x is then
-  // meaningless.
-  virtual bool solve(const double* blocks,
-                     const std::vector<double>& diagonal,
-                     std::vector<double>& x) = 0;
+  // Sets the matrix to diag.
+  virtual void start(const std::vector<double>& diagonal) = 0;
+  // Adds the blocks of camera row i, panel layout. Rows of cameras that share no column may be
+  // added at the same time by several threads; else the order of the calls is the order of the
+  // sums.
+  virtual void add_row(int i, const double* row_blocks) = 0;
+  // `x` holds the right-hand side before and the solution after. Returns false if the matrix is not
+  // positive definite; x is then meaningless.
+  virtual bool solve(std::vector<double>& x) = 0;
 };
 
 // The references must outlive the solver. The sparse one analyses the pattern once, here.
@@ -36,14 +40,14 @@ template <class F>
 void for_each_reduced_entry(const CameraPattern& pattern,
                             const ParameterMap& map,
                             int i,
-                            const double* blocks,
+                            const double* row_blocks,
                             const F& f) {
   const int size = map.camera_size;
   const int* rows = map.columns_of(i);
   for (long block = pattern.row_begin[i]; block < pattern.row_begin[i + 1]; ++block) {
     const int j = pattern.column[block];
     const int* columns = map.columns_of(j);
-    const double* values = blocks + block * size * size;
+    const double* values = row_blocks + (block - pattern.row_begin[i]) * size * size;
     int first = 0;
     while (first < size) {
       const int width = panel_width(size - first);

@@ -9,12 +9,13 @@
 //   S_ij = [i = j] Σ Jᵀ J − Σ J_aᵀ (G_a G_bᵀ) J_b   over the points that i and j both see,
 // the right-hand side is Σ Jᵀ r̄, and δp = Mᵀ (y − Σ Gᵀ J δc).
 //
-// Records: A|r and G|r̄ are 2×4 row-major with the residual in the last column (one cache line).
+// G and r̄ are not stored either: they follow from A|r and the factor of the point.
 #pragma once
 
 namespace sfmcpp::linear {
 
-inline constexpr int kPointRecord = 8;  // A|r or G|r̄
+inline constexpr int kPointRecord =
+    8;  // A|r: 2×4 row-major, the residual in the last column (a cache line)
 inline constexpr int kPointFactor = 9;  // M (row-major lower triangle: 6), y (3)
 
 // Points seen by a camera, and cameras that see a point (ObservationGraph).
@@ -31,7 +32,8 @@ struct SchurRow {
   GraphView graph;
   int begin, end;              // observations of camera i
   const double* jacobian;      // J of every observation
-  const double* eliminated;    // G|r̄ of every observation
+  const double* records;       // A|r of every observation
+  const double* factors;       // M, y of every point
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
   double* blocks;              // blocks (i, j), j > i; added to
@@ -42,17 +44,32 @@ struct SchurKernels {
   // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations.
   void (*camera_gradient)(
       int n, const double* jacobian, const double* records, double* gradient, double* diagonal);
-  // G|r̄ from A|r and the factors of the observations' points.
-  void (*eliminate)(
-      int n, const double* records, const int* point, const double* factors, double* eliminated);
   void (*schur_row)(const SchurRow& row);
   // Block (i, i) and the right-hand side alone, over the n observations of camera i.
-  void (*schur_diagonal)(
-      int n, const double* jacobian, const double* eliminated, double* diagonal, double* rhs);
-  // e = J x (2 numbers per observation).
-  void (*apply)(int n, const double* jacobian, const double* x, double* e);
-  // out += Jᵀ e.
-  void (*apply_transposed)(int n, const double* jacobian, const double* e, double* out);
+  void (*schur_diagonal)(int n,
+                         const double* jacobian,
+                         const double* records,
+                         const int* point,
+                         const double* factors,
+                         double* diagonal,
+                         double* rhs);
+  // Σ Gᵀ J x for the points [begin, end), with x of every camera in `steps`, D numbers each.
+  void (*point_sums)(const GraphView& graph,
+                     int begin,
+                     int end,
+                     const double* jacobian,
+                     const double* records,
+                     const double* factors,
+                     const double* steps,
+                     double* sums);
+  // out += Jᵀ (J x − A t), with t of every point in `shifts`, three numbers each.
+  void (*schur_product)(int n,
+                        const double* jacobian,
+                        const double* records,
+                        const int* point,
+                        const double* shifts,
+                        const double* x,
+                        double* out);
 };
 
 // `camera_size` must be one of padded_camera_size().
