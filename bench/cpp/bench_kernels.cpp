@@ -8,6 +8,8 @@
 namespace sfmcpp::bench {
 namespace {
 
+using Bench = support::LinearizedProblem;
+
 void count_observations(benchmark::State& state, const Bench& bench) {
   state.counters["observations/s"] =
       benchmark::Counter(static_cast<double>(bench.graph.num_observations()),
@@ -16,7 +18,7 @@ void count_observations(benchmark::State& state, const Bench& bench) {
 
 void cost(benchmark::State& state, CameraModelId model) {
   const auto scene = make_scene(model);
-  Bench bench(scene, static_cast<int>(state.range(0)));
+  Bench bench(scene, false, static_cast<int>(state.range(0)));
   double value = 0.0;
   for (auto _ : state) benchmark::DoNotOptimize(value = bench.model.cost(bench.state));
   if (!(value > 0.0) || !std::isfinite(value))
@@ -26,7 +28,7 @@ void cost(benchmark::State& state, CameraModelId model) {
 
 void linearize(benchmark::State& state, CameraModelId model) {
   const auto scene = make_scene(model);
-  Bench bench(scene, static_cast<int>(state.range(0)));
+  Bench bench(scene, false, static_cast<int>(state.range(0)));
   for (auto _ : state) bench.model.linearize(bench.state);
   const double gradient = bench.model.normal_equations().gradient_max_norm();
   if (!(gradient > 0.0) || !std::isfinite(gradient))

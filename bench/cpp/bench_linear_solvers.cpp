@@ -9,10 +9,12 @@
 namespace sfmcpp::bench {
 namespace {
 
+using Bench = support::LinearizedProblem;
+
 using linear::LinearSolverKind;
 
 void solve(benchmark::State& state, LinearSolverKind kind, const support::OwnedProblem& scene) {
-  Bench bench(scene, static_cast<int>(state.range(0)));
+  Bench bench(scene, false, static_cast<int>(state.range(0)));
   bench.model.linearize(bench.state);
   const auto solver = linear::make_linear_solver(bench.model.normal_equations(), {.kind = kind});
   const linear::Damping damping{1e-4};

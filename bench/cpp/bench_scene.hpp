@@ -1,9 +1,7 @@
-// The scene that the benchmarks share, and the objects of a solve, step by step.
+// The scene that the benchmarks share.
 #pragma once
 
-#include "sfmcpp/ba/bundle_model.hpp"
-#include "sfmcpp/ba/mask.hpp"
-#include "support/small_scenes.hpp"
+#include "support/linearized_problem.hpp"
 
 namespace sfmcpp::bench {
 
@@ -18,27 +16,5 @@ inline support::OwnedProblem make_scene(CameraModelId model = CameraModelId::kBa
   options.window = window;
   return support::make_circle_scene(options);
 }
-
-struct Bench {
-  explicit Bench(const support::OwnedProblem& scene, int threads = 1)
-      : problem(scene.view()),
-        graph(linear::make_observation_graph(problem.num_cameras(),
-                                             problem.num_points(),
-                                             problem.camera_index,
-                                             problem.point_index)),
-        intrinsics(ba::free_intrinsics(problem, graph)),
-        map(ba::make_parameter_map(problem, graph, intrinsics, false)),
-        pool(threads),
-        model(problem, graph, map, intrinsics, pool),
-        state(ba::state_of(problem)) {}
-
-  ba::Problem problem;
-  linear::ObservationGraph graph;
-  std::vector<int> intrinsics;
-  linear::ParameterMap map;
-  ThreadPool pool;
-  ba::BundleModel model;
-  optim::State state;
-};
 
 }  // namespace sfmcpp::bench

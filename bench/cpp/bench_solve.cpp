@@ -7,6 +7,8 @@
 namespace sfmcpp::bench {
 namespace {
 
+using Bench = support::LinearizedProblem;
+
 void whole_solve(benchmark::State& state, optim::Method method) {
   const auto scene = make_scene();
   const ba::Problem problem = scene.view();
@@ -23,7 +25,7 @@ void whole_solve(benchmark::State& state, optim::Method method) {
   state.counters["iterations"] = static_cast<double>(summary.minimizer.iterations.size()) - 1;
 }
 
-void check_and_set_up(benchmark::State& state) {
+void set_up_and_linearize(benchmark::State& state) {
   const auto scene = make_scene();
   for (auto _ : state) benchmark::DoNotOptimize(Bench(scene).graph.num_observations());
 }
@@ -36,7 +38,7 @@ BENCHMARK_CAPTURE(whole_solve, lm_nielsen, optim::Method::kLevenbergMarquardtNie
     ->Arg(1)
     ->Arg(2)
     ->Unit(benchmark::kMillisecond);
-BENCHMARK(check_and_set_up)->Unit(benchmark::kMillisecond);
+BENCHMARK(set_up_and_linearize)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace sfmcpp::bench

@@ -112,12 +112,7 @@ void ImplicitSchurSolver::factor_preconditioner() {
 
 void ImplicitSchurSolver::set_shifts(const double* sums) {
   for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    const double* m = elimination_.factors() + static_cast<long>(kPointFactor) * p;
-    const double* s = sums + 3L * p;
-    double* t = shifts_.data() + 3L * p;
-    t[0] = m[0] * s[0] + m[1] * s[1] + m[3] * s[2];
-    t[1] = m[2] * s[1] + m[4] * s[2];
-    t[2] = m[5] * s[2];
+    multiply_by_transposed_factor(elimination_.factor(p), sums + 3L * p, shifts_.data() + 3L * p);
   });
 }
 

@@ -82,13 +82,10 @@ void PointElimination::back_substitute(Step& step) {
   const double* sums = point_sums(step.camera);
   step.point.resize(sums_.size());
   for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    const double* m = factors_.data() + static_cast<long>(kPointFactor) * p;
+    const double* m = factor(p);
     const double* sum = sums + 3L * p;
     const double z[3] = {m[6] - sum[0], m[7] - sum[1], m[8] - sum[2]};
-    double* delta = step.point.data() + 3L * p;
-    delta[0] = m[0] * z[0] + m[1] * z[1] + m[3] * z[2];
-    delta[1] = m[2] * z[1] + m[4] * z[2];
-    delta[2] = m[5] * z[2];
+    multiply_by_transposed_factor(m, z, step.point.data() + 3L * p);
   });
 }
 

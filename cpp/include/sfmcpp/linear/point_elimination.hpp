@@ -8,6 +8,13 @@
 
 namespace sfmcpp::linear {
 
+// out = Mᵀ z, with M as the factors hold it.
+inline void multiply_by_transposed_factor(const double* m, const double* z, double* out) {
+  out[0] = m[0] * z[0] + m[1] * z[1] + m[3] * z[2];
+  out[1] = m[2] * z[1] + m[4] * z[2];
+  out[2] = m[5] * z[2];
+}
+
 class PointElimination {
  public:
   explicit PointElimination(const NormalEquations& normal);
@@ -16,6 +23,7 @@ class PointElimination {
 
   // M and y of every point, kPointFactor numbers each.
   const double* factors() const { return factors_.data(); }
+  const double* factor(int p) const { return factors() + static_cast<long>(kPointFactor) * p; }
 
   // Σ Gᵀ Jc x of every point, for reduced camera columns x.
   const double* point_sums(const std::vector<double>& x);
