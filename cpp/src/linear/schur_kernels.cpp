@@ -107,13 +107,24 @@ inline void prefetch_partners(const SchurRow& in, int a) {
   }
 }
 
-// block −= J_aᵀ (G_a G_bᵀ) J_b.
+// t = G M: two rows of three. Then G_a G_bᵀ = t_a A_bᵀ, with no loss of accuracy: V* ≥ AᵀA bounds G
+// by one, so rounding is of order √cond(V*) either way, and no partner needs whitening.
+inline void unwhiten(const double* g, const double* m, double* t) {
+  for (int row = 0; row < 2; ++row) {
+    const double* in = g + 3 * row;
+    t[3 * row] = in[0] * m[0] + in[1] * m[1] + in[2] * m[3];
+    t[3 * row + 1] = in[1] * m[2] + in[2] * m[4];
+    t[3 * row + 2] = in[2] * m[5];
+  }
+}
+
+// block −= J_aᵀ (t_a A_bᵀ) J_b.
 template <int D>
 inline void subtract_pair(
-    const Rows<D>& rows, const double* ga, const double* jb, const double* gb, double* block) {
+    const Rows<D>& rows, const double* t, const double* jb, const double* record_b, double* block) {
   Row<D> weighted[2];
-  rows.combine(-dot3(ga, gb), -dot3(ga + 3, gb), weighted[0]);
-  rows.combine(-dot3(ga, gb + 3), -dot3(ga + 3, gb + 3), weighted[1]);
+  rows.combine(-dot3(t, record_b), -dot3(t + 3, record_b), weighted[0]);
+  rows.combine(-dot3(t, record_b + 4), -dot3(t + 3, record_b + 4), weighted[1]);
   const Row<D>* pointers[2] = {&weighted[0], &weighted[1]};
   rank_update<D, 2>(pointers, jb, block);
 }
@@ -134,15 +145,18 @@ void schur_row(const SchurRow& in) {
     prefetch_partners<D>(in, a + kAhead);
     const double* m = factor_of(in.factors, graph.point[a]);
     const Rows<D> rows(in.jacobian + 2L * D * a);
-    double ga[6];
-    whiten(in.records + static_cast<long>(kPointRecord) * a, m, ga);
+    double g[6], t[6];
+    whiten(in.records + static_cast<long>(kPointRecord) * a, m, g);
+    unwhiten(g, m, t);
     const int end = graph.point_begin[graph.point[a] + 1];
     for (int position = graph.rank[a] + 1; position < end; ++position) {
       const long b = graph.of_point[position];
       const long block = in.block_of_camera[graph.camera[b]];
-      double gb[6];
-      whiten(in.records + b * kPointRecord, m, gb);
-      subtract_pair<D>(rows, ga, in.jacobian + b * 2 * D, gb, in.blocks + block * D * D);
+      subtract_pair<D>(rows,
+                       t,
+                       in.jacobian + b * 2 * D,
+                       in.records + b * kPointRecord,
+                       in.blocks + block * D * D);
     }
   }
 }
