@@ -13,8 +13,9 @@ namespace sfmcpp::linear {
 // (a power of two would map whole rows to a few sets of the cache).
 //
 // The factorisation is left-looking by tiles of columns; the strips of a tile are independent
-// tasks, so the bits do not depend on the number of threads. It is our own because calls of
-// OpenBLAS from two threads wait for each other, and its own threads spin against ours.
+// tasks, so the bits do not depend on the number of threads. It is our own because
+// OpenBLAS' threads spin against ours, and tiles of its single-threaded calls gained nothing from a
+// second thread.
 class DenseCholesky {
  public:
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
