@@ -14,10 +14,11 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+// Diagonally dominant, hence positive definite.
 MatrixXd random_spd(int n, unsigned seed) {
   std::srand(seed);
   const MatrixXd a = MatrixXd::Random(n, n);
-  return a * a.transpose() + MatrixXd::Identity(n, n);
+  return 0.5 * (a + a.transpose()) + n * MatrixXd::Identity(n, n);
 }
 
 MatrixXd random_sparse_spd(int n, unsigned seed) {
