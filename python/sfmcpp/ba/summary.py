@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -129,10 +128,3 @@ class Summary:
             ("seconds", f"{self.seconds_total:.4g}"),
         ]
         return rows + [("warning", warning) for warning in self.warnings]
-
-
-def relative_change(iterations: list[Iteration]) -> float:
-    """Relative decrease of the cost over the last of `iterations`; NaN where there is no step yet."""
-    if len(iterations) < 2 or iterations[-2].cost == 0.0:
-        return math.nan
-    return 1.0 - iterations[-1].cost / iterations[-2].cost

@@ -5,8 +5,6 @@
 
 #include <vector>
 
-#include "sfmcpp/core/aligned.hpp"
-#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 
 namespace sfmcpp::linear {

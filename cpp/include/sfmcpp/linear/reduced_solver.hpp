@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/camera_blocks.hpp"
 #include "sfmcpp/linear/panel_layout.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
