@@ -22,6 +22,11 @@ optim::State state_of(const Problem& problem) {
           .points = {problem.points.begin(), problem.points.end()}};
 }
 
+linear::ObservationGraph graph_of(const Problem& problem) {
+  return linear::make_observation_graph(
+      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+}
+
 BundleModel::BundleModel(const Problem& problem,
                          const linear::ObservationGraph& graph,
                          const linear::ParameterMap& map,

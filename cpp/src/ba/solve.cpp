@@ -54,10 +54,7 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
 // Everything a solve owns, in the order it must be made.
 struct Workspace {
   Workspace(const Problem& problem, const SolveOptions& options)
-      : graph(linear::make_observation_graph(problem.num_cameras(),
-                                             problem.num_points(),
-                                             problem.camera_index,
-                                             problem.point_index)),
+      : graph(graph_of(problem)),
         intrinsics(free_intrinsics(problem, graph)),
         map(make_parameter_map(problem, graph, intrinsics, fixes_gauge(options))),
         pool(resolve_num_threads(options.num_threads, problem.num_observations())),

@@ -14,8 +14,7 @@ namespace {
 std::vector<std::string> check(const py::dict& arrays) {
   const ba::Problem problem = problem_of(arrays);
   ba::check_arrays(problem);
-  const linear::ObservationGraph graph = linear::make_observation_graph(
-      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  const linear::ObservationGraph graph = ba::graph_of(problem);
   ba::check_duplicates(problem, graph);
   ba::check_determined(
       graph, ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph), false));
@@ -26,8 +25,7 @@ std::vector<std::string> check(const py::dict& arrays) {
 py::array_t<double> residuals(const py::dict& arrays) {
   const ba::Problem problem = problem_of(arrays);
   ba::check_arrays(problem);
-  const linear::ObservationGraph graph = linear::make_observation_graph(
-      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  const linear::ObservationGraph graph = ba::graph_of(problem);
   const linear::ParameterMap map = ba::make_parameter_map(problem, graph, {}, false);
   ThreadPool pool(1);
   ba::BundleModel model(problem, graph, map, {}, pool);

@@ -15,10 +15,7 @@ struct LinearizedProblem {
   explicit LinearizedProblem(const OwnedProblem& scene, bool fix_gauge = false, int threads = 1)
       : owned(scene),
         problem(owned.view()),
-        graph(linear::make_observation_graph(problem.num_cameras(),
-                                             problem.num_points(),
-                                             problem.camera_index,
-                                             problem.point_index)),
+        graph(ba::graph_of(problem)),
         free_intrinsics(ba::free_intrinsics(problem, graph)),
         map(ba::make_parameter_map(problem, graph, free_intrinsics, fix_gauge)),
         pool(threads),

@@ -31,7 +31,7 @@ class BundleModel final : public optim::LeastSquaresModel {
             optim::StepLengths lengths,
             optim::State& result) const override;
 
-  // Residual lengths over σ, ‖r‖, and signed residuals over σ (2 per observation), in stored order.
+  // Residuals over σ (2 per observation), in stored order.
   std::vector<double> residuals(const optim::State& state);
   // Observations whose point is not in front of the camera.
   int num_behind_camera(const optim::State& state);

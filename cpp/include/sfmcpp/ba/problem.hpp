@@ -5,6 +5,7 @@
 #include <span>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::ba {
@@ -34,5 +35,8 @@ struct Problem {
 
 // A copy of the unknowns.
 optim::State state_of(const Problem& problem);
+
+// Which camera sees which point. Requires every index to be in range (check_arrays).
+linear::ObservationGraph graph_of(const Problem& problem);
 
 }  // namespace sfmcpp::ba
