@@ -75,18 +75,7 @@ class Factorization {
 
 }  // namespace
 
-CholeskyKernels cholesky_kernels() {
-  switch (active_isa()) {
-#if defined(__x86_64__)
-    case Isa::kAvx512:
-      return avx512::cholesky_kernels_of();
-    case Isa::kAvx2:
-      return avx2::cholesky_kernels_of();
-#endif
-    default:
-      return baseline::cholesky_kernels_of();
-  }
-}
+CholeskyKernels cholesky_kernels() { return SFMCPP_FOR_ACTIVE_ISA(cholesky_kernels_of()); }
 
 DenseCholesky::DenseCholesky(int size, const CholeskyKernels& kernels)
     : kernels_(kernels),

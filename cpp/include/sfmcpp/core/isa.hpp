@@ -20,3 +20,14 @@ std::string_view isa_name(Isa isa);
 Isa active_isa();
 
 }  // namespace sfmcpp
+
+// The call of a function of the same name in the namespace of the active instruction set, each of
+// them below the namespace in which this stands.
+#if defined(__x86_64__)
+#define SFMCPP_FOR_ACTIVE_ISA(call)                                \
+  (::sfmcpp::active_isa() == ::sfmcpp::Isa::kAvx512 ? avx512::call \
+   : ::sfmcpp::active_isa() == ::sfmcpp::Isa::kAvx2 ? avx2::call   \
+                                                    : baseline::call)
+#else
+#define SFMCPP_FOR_ACTIVE_ISA(call) baseline::call
+#endif

@@ -56,6 +56,15 @@ struct Pack {
   SFMCPP_INLINE double operator[](int lane) const { return v[lane]; }
 };
 
+// a < b ? yes : no in each lane; no where either is not a number.
+template <int W>
+SFMCPP_INLINE Pack<W> select_less(Pack<W> a, Pack<W> b, Pack<W> yes, Pack<W> no) {
+  return Pack<W>(a.v < b.v ? yes.v : no.v);
+}
+SFMCPP_INLINE double select_less(double a, double b, double yes, double no) {
+  return a < b ? yes : no;
+}
+
 template <int W>
 SFMCPP_INLINE Pack<W> load(const double* p) {
   Pack<W> r;
