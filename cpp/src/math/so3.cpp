@@ -36,6 +36,19 @@ Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation) {
   return scale * q.vec();
 }
 
+// J = I + ½ [w]× + (1 − (a/2) cot(a/2)) / a² [w]×², a = ‖w‖ (Chirikjian, Stochastic Models,
+// Information Theory, and Lie Groups, vol. 2, §10.8).
+Eigen::Matrix3d inverse_right_jacobian_so3(const Eigen::Vector3d& w) {
+  const double squared = w.squaredNorm();
+  double quadratic = 1.0 / 12.0 * (1.0 + squared / 60.0 * (1.0 + squared / 42.0));
+  if (squared > kSmallSquaredAngle) {
+    const double half = 0.5 * std::sqrt(squared);
+    quadratic = (1.0 - half / std::tan(half)) / squared;
+  }
+  const Eigen::Matrix3d k = skew(w);
+  return Eigen::Matrix3d::Identity() + 0.5 * k + quadratic * k * k;
+}
+
 Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& m) {
   return 1.5 * m - 0.5 * m * m.transpose() * m;
 }

@@ -17,6 +17,9 @@ Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w);
 // The w of smallest norm with exp([w]×) = rotation; the norm is in [0, π].
 Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation);
 
+// The J with log(exp([w]×) exp([δ]×)) = w + J δ to first order; regular up to one turn.
+Eigen::Matrix3d inverse_right_jacobian_so3(const Eigen::Vector3d& w);
+
 // The rotation next to a matrix that is almost one (one polar Newton step; quadratic convergence).
 Eigen::Matrix3d orthonormalized(const Eigen::Matrix3d& almost_rotation);
 
