@@ -20,10 +20,7 @@ LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>&) {
   elimination_.factor(damping);
-  const std::vector<double>& undamped = normal_.camera_diagonal();
-  std::vector<double> diagonal(undamped.size());
-  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping(undamped[k]);
-  reduced_->start(diagonal);
+  reduced_->start(normal_.camera_damping(damping));
   form();
   set_rhs(step.camera);
   if (!reduced_->solve(step.camera)) return {};

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace sfmcpp::linear {
 namespace {
@@ -12,6 +13,25 @@ constexpr double kMaxDiagonal = 1e32;
 
 // How many observations ahead a record is asked for: the records of a point lie anywhere in memory.
 constexpr int kAhead = 12;
+
+// Σ ‖Jc δc + A δp‖² over the observations of a chunk.
+double chunk_curvature(const NormalEquations& normal, const Chunk& chunk, const Step& step) {
+  const int size = normal.map().camera_size;
+  double x[kMaxCameraSize];
+  normal.map().expand(step.camera.data(), chunk.camera, x);
+  double sum = 0.0;
+  for (long a = chunk.begin; a < chunk.end; ++a) {
+    const double* point = step.point.data() + 3L * normal.graph().point[a];
+    for (int row = 0; row < 2; ++row) {
+      const double* j = normal.jacobian() + (2 * a + row) * size;
+      const double* record = normal.records() + a * kPointRecord + 4L * row;
+      double e = record[0] * point[0] + record[1] * point[1] + record[2] * point[2];
+      for (int k = 0; k < size; ++k) e += j[k] * x[k];
+      sum += e * e;
+    }
+  }
+  return sum;
+}
 
 }  // namespace
 
@@ -83,6 +103,12 @@ void NormalEquations::gather_point(int p) {
   std::copy_n(block, kPointFactor, point_blocks_.data() + static_cast<long>(kPointFactor) * p);
 }
 
+std::vector<double> NormalEquations::camera_damping(const Damping& damping) const {
+  std::vector<double> diagonal(camera_diagonal_.size());
+  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping(camera_diagonal_[k]);
+  return diagonal;
+}
+
 double NormalEquations::max_diagonal() const {
   double largest = 0.0;
   for (double d : camera_diagonal_) largest = std::max(largest, d);
@@ -90,6 +116,28 @@ double NormalEquations::max_diagonal() const {
     for (int k : {0, 2, 5}) largest = std::max(largest, point_block(p)[k]);
   }
   return largest;
+}
+
+Slopes NormalEquations::slopes(const Step& step) const {
+  const double camera =
+      std::inner_product(camera_rhs_.begin(), camera_rhs_.end(), step.camera.begin(), 0.0);
+  double point = 0.0;
+  for (int p = 0; p < graph_.num_points; ++p) {
+    const double* b = point_block(p) + 6;
+    const double* delta = step.point.data() + 3L * p;
+    point += b[0] * delta[0] + b[1] * delta[1] + b[2] * delta[2];
+  }
+  return {-camera, -point};
+}
+
+double NormalEquations::curvature(const Step& step) const {
+  return pool_.sum(static_cast<int>(graph_.chunks.size()),
+                   [&](int chunk) { return chunk_curvature(*this, graph_.chunks[chunk], step); });
+}
+
+double NormalEquations::model_decrease(const Step& step) const {
+  const Slopes slope = slopes(step);
+  return -slope.camera - slope.point - 0.5 * curvature(step);
 }
 
 double NormalEquations::predicted_decrease(const Step& step, const Damping& damping) const {

@@ -78,6 +78,17 @@ const double* PointElimination::point_sums(const std::vector<double>& x) {
   return sums_.data();
 }
 
+void PointElimination::solve(const std::vector<double>& g, std::vector<double>& x) const {
+  x.resize(g.size());
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
+    const double* m = factor(p);
+    const double* in = g.data() + 3L * p;
+    const double z[3] = {
+        m[0] * in[0], m[1] * in[0] + m[2] * in[1], m[3] * in[0] + m[4] * in[1] + m[5] * in[2]};
+    multiply_by_transposed_factor(m, z, x.data() + 3L * p);
+  });
+}
+
 void PointElimination::back_substitute(Step& step) {
   const double* sums = point_sums(step.camera);
   step.point.resize(sums_.size());

@@ -37,7 +37,7 @@ OwnedProblem make_scene(const Case& c) {
   if (c.some_fixed) {
     scene.fixed_cameras[2] = scene.fixed_cameras[3] = 1;
     scene.fixed_points[0] = scene.fixed_points[17] = 1;
-    if (c.model != CameraModelId::kCalibrated) scene.fixed_intrinsics[0] = 1;
+    if (has_free_intrinsics(c.model)) scene.fixed_intrinsics[0] = 1;
   }
   return scene;
 }
@@ -59,7 +59,7 @@ class LinearSolverAgainstQr : public testing::TestWithParam<Case> {
   DenseSystem dense = make_dense_system(linearized);
 };
 
-// Along the seven directions of a free gauge only λD holds the step: there rounding is amplified by
+// Along the directions of a free gauge only λD holds the step: there rounding is amplified by
 // 1/λ, and what is compared is the effect of the step, ‖[J; √(λD)] (δ − δ_QR)‖.
 TEST_P(LinearSolverAgainstQr, DirectSolversAgreeForEveryDamping) {
   for (double lambda : {1e-8, 1e-3, 10.0}) {
@@ -84,7 +84,7 @@ TEST_P(LinearSolverAgainstQr, DirectSolversAgreeForIdentityDamping) {
   }
 }
 
-// Two fixed cameras hold the gauge as well.
+// Two fixed cameras hold the gauge as well, but not the scales of homogeneous coordinates.
 class UndampedSolverAgainstQr : public LinearSolverAgainstQr {};
 
 TEST_P(UndampedSolverAgainstQr, GaussNewtonStepsAgreeWhereTheGaugeIsHeld) {
@@ -172,7 +172,9 @@ std::vector<Case> all_cases() {
           {"BalShared", Id::kBal, 2},
           {"BalSomeFixed", Id::kBal, 0, true},
           {"BalGaugeFixed", Id::kBal, 0, false, true},
-          {"BalSharedGaugeFixed", Id::kBal, 3, false, true}};
+          {"BalSharedGaugeFixed", Id::kBal, 3, false, true},
+          {"Projective", Id::kProjective},
+          {"ProjectiveSomeFixed", Id::kProjective, 0, true}};
 }
 
 INSTANTIATE_TEST_SUITE_P(Problems,
@@ -182,7 +184,8 @@ INSTANTIATE_TEST_SUITE_P(Problems,
 
 std::vector<Case> cases_with_gauge_held() {
   std::vector<Case> held = all_cases();
-  std::erase_if(held, [](const Case& c) { return !c.fix_gauge && !c.some_fixed; });
+  std::erase_if(
+      held, [](const Case& c) { return !is_metric(c.model) || (!c.fix_gauge && !c.some_fixed); });
   return held;
 }
 

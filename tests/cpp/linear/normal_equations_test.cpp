@@ -4,7 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "support/dense_reference.hpp"
+#include "support/all_models.hpp"
+#include "support/block_diagonal.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -77,12 +78,32 @@ TEST_P(NormalEquationsOf, LossWeightsResidualAndJacobianByTheRootOfItsDerivative
   }
 }
 
+TEST_P(NormalEquationsOf, SlopesAndCurvatureAreThoseOfTheDenseModel) {
+  const Step step = support::random_step(linearized, 7);
+  const VectorXd flat = flatten(dense, step);
+  const VectorXd of_cameras = flat.head(dense.camera_columns);
+  const VectorXd of_points = flat.tail(flat.size() - of_cameras.size());
+  const Slopes slopes = normal.slopes(step);
+  const double tolerance = 1e-12 * gradient.norm() * flat.norm();
+  EXPECT_NEAR(slopes.camera, -gradient.head(of_cameras.size()).dot(of_cameras), tolerance);
+  EXPECT_NEAR(slopes.point, -gradient.tail(of_points.size()).dot(of_points), tolerance);
+  EXPECT_NEAR(normal.curvature(step) / (dense.jacobian * flat).squaredNorm(), 1.0, 1e-12);
+  EXPECT_NEAR(normal.model_decrease(step) / model_decrease(dense, flat), 1.0, 1e-10);
+}
+
+TEST_P(NormalEquationsOf, ThreadsDoNotChangeABitOfTheCurvature) {
+  support::SceneOptions options = support::perturbed(GetParam());
+  options.num_points = 1500;  // several chunks to a camera
+  const support::OwnedProblem large = make_circle_scene(options);
+  const LinearizedProblem one(large), two(large, false, 2);
+  const Step step = support::random_step(one, 7);
+  EXPECT_EQ(one.normal().curvature(step), two.normal().curvature(step));
+}
+
 INSTANTIATE_TEST_SUITE_P(Models,
                          NormalEquationsOf,
-                         testing::Values(CameraModelId::kCalibrated,
-                                         CameraModelId::kPerspective,
-                                         CameraModelId::kBal),
-                         [](const auto& test) { return std::string(enum_name(test.param)); });
+                         testing::ValuesIn(support::all_models()),
+                         support::name_of_model);
 
 TEST(Damping, IdentityAddsLambdaWhateverTheDiagonal) {
   const Damping damping{0.25, DampingMatrix::kIdentity};

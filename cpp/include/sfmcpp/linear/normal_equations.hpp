@@ -5,6 +5,7 @@
 // the gradient of the cost. U and W are never formed. Linearise once, solve for many dampings.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -29,6 +30,12 @@ struct Damping {
   DampingMatrix matrix = DampingMatrix::kDiagonal;
 
   double operator()(double diagonal_entry) const;
+};
+
+// Derivative of the cost along the cameras' and along the points' part of a step.
+struct Slopes {
+  double camera = 0.0;
+  double point = 0.0;
 };
 
 class NormalEquations {
@@ -61,10 +68,18 @@ class NormalEquations {
 
   const std::vector<double>& camera_rhs() const { return camera_rhs_; }            // Jcᵀ r
   const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }  // diag(JcᵀJc)
+  std::vector<double> camera_damping(const Damping& damping) const;                // λD
   double gradient_max_norm() const { return gradient_max_norm_; }
   double max_diagonal() const;
 
-  // What the quadratic model promises: ½ δᵀ (b + λ D δ), for the δ that solves the damped system.
+  // −bᵀδ, in its two parts.
+  Slopes slopes(const Step& step) const;
+  // ‖Jδ‖²: the quadratic model along the step is F + α slope + ½ α² curvature.
+  double curvature(const Step& step) const;
+  // What the model falls by along the whole of any step: −slope − ½ curvature.
+  double model_decrease(const Step& step) const;
+
+  // The same for the δ that solves the damped system, at no cost: ½ δᵀ (b + λ D δ).
   double predicted_decrease(const Step& step, const Damping& damping) const;
 
  private:

@@ -30,6 +30,9 @@ class PointElimination {
   // x of camera i, as `point_sums` was given it: a camera block.
   const double* expanded(int i) const;
 
+  // x = (V + λD)⁻¹ g, three numbers per point.
+  void solve(const std::vector<double>& g, std::vector<double>& x) const;
+
   // δp of every point, given δc in `step.camera`.
   void back_substitute(Step& step);
 

@@ -1,0 +1,42 @@
+// A block for each variable block of the reduced camera system: a camera, or intrinsics that
+// several share. The preconditioner of the reduced system (of S) and of gradient methods (of U).
+//
+// Left out are the terms of a pose with intrinsics that it shares and, in S, those between two
+// cameras that share intrinsics. What is left is a sum of blocks Jᵀ (I − G Gᵀ) J: never indefinite.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+
+namespace sfmcpp::linear {
+
+class CameraBlockDiagonal {
+ public:
+  explicit CameraBlockDiagonal(const NormalEquations& normal);
+
+  // The diagonal blocks of Σ Jᵀ (I − G Gᵀ) J, and Σ Jᵀ r̄ in `rhs`, with M and y of every point in
+  // `factors` (schur_kernels.hpp). Where all of them are zero this is U and Jᵀ r.
+  void assemble(const double* factors, std::vector<double>& rhs);
+
+  // Adds `diagonal`, one number per reduced column, and factors. A block that is not positive
+  // definite is replaced by its diagonal.
+  void factor(const std::vector<double>& diagonal);
+
+  // `out` ← blocks⁻¹ `in`.
+  void solve(const std::vector<double>& in, std::vector<double>& out) const;
+
+ private:
+  void fold_block(int camera, const double* panels);
+  int size(int b) const { return map_.block_begin[b + 1] - map_.block_begin[b]; }
+
+  const NormalEquations& normal_;
+  const ParameterMap& map_;
+  std::vector<long> offset_;             // of each variable block in `blocks_`
+  std::vector<double> blocks_;           // column by column; after `factor` the Cholesky factors
+  AlignedVector<double> camera_rhs_;     // per camera: a camera block
+  AlignedVector<double> camera_blocks_;  // per camera, panel layout
+};
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,84 @@
+#include "sfmcpp/linear/camera_block_diagonal.hpp"
+
+#include <algorithm>
+
+#include <Eigen/Cholesky>
+
+#include "sfmcpp/linear/panel_layout.hpp"
+
+namespace sfmcpp::linear {
+
+CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
+    : normal_(normal), map_(normal.map()) {
+  offset_.push_back(0);
+  for (int b = 0; b < map_.num_blocks(); ++b) {
+    offset_.push_back(offset_.back() + static_cast<long>(size(b)) * size(b));
+  }
+  blocks_.resize(offset_.back());
+  const auto camera_size = static_cast<std::size_t>(map_.camera_size);
+  const auto cameras = static_cast<std::size_t>(normal.graph().num_cameras);
+  camera_rhs_.resize(cameras * camera_size);
+  camera_blocks_.resize(cameras * camera_size * camera_size);
+}
+
+void CameraBlockDiagonal::assemble(const double* factors, std::vector<double>& rhs) {
+  const ObservationGraph& graph = normal_.graph();
+  const long size = map_.camera_size;
+  normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
+    const int begin = graph.camera_begin[i];
+    normal_.kernels().schur_diagonal(graph.observations_of_camera(i),
+                                     normal_.jacobian() + 2 * size * begin,
+                                     normal_.records() + static_cast<long>(kPointRecord) * begin,
+                                     graph.point.data() + begin,
+                                     factors,
+                                     camera_blocks_.data() + size * size * i,
+                                     camera_rhs_.data() + size * i);
+  });
+  rhs.assign(map_.num_columns, 0.0);
+  std::fill(blocks_.begin(), blocks_.end(), 0.0);
+  for (int i = 0; i < graph.num_cameras; ++i) {
+    map_.fold(camera_rhs_.data() + size * i, i, rhs.data());
+    fold_block(i, camera_blocks_.data() + size * size * i);
+  }
+}
+
+void CameraBlockDiagonal::fold_block(int camera, const double* panels) {
+  const int camera_size = map_.camera_size;
+  const int* columns = map_.columns_of(camera);
+  for (int c = 0; c < camera_size; ++c) {
+    for (int r = 0; r < camera_size; ++r) {
+      if (columns[r] == kNoColumn || columns[c] == kNoColumn) continue;
+      const int b = map_.block_of[columns[r]];
+      if (b != map_.block_of[columns[c]]) continue;
+      const int first = map_.block_begin[b];
+      blocks_[offset_[b] + static_cast<long>(columns[c] - first) * size(b) + columns[r] - first] +=
+          panels[panel_index(camera_size, r, c)];
+    }
+  }
+}
+
+void CameraBlockDiagonal::factor(const std::vector<double>& diagonal) {
+  for (int b = 0; b < map_.num_blocks(); ++b) {
+    Eigen::Map<Eigen::MatrixXd> matrix(blocks_.data() + offset_[b], size(b), size(b));
+    for (int k = 0; k < size(b); ++k) matrix(k, k) += diagonal[map_.block_begin[b] + k];
+    Eigen::LLT<Eigen::MatrixXd> cholesky(matrix);
+    if (cholesky.info() == Eigen::Success) {
+      matrix = cholesky.matrixL();
+    } else {  // fall back to the scaling of each parameter
+      matrix =
+          matrix.diagonal().cwiseAbs().cwiseMax(1e-300).cwiseSqrt().asDiagonal().toDenseMatrix();
+    }
+  }
+}
+
+void CameraBlockDiagonal::solve(const std::vector<double>& in, std::vector<double>& out) const {
+  out = in;
+  for (int b = 0; b < map_.num_blocks(); ++b) {
+    const Eigen::Map<const Eigen::MatrixXd> lower(blocks_.data() + offset_[b], size(b), size(b));
+    Eigen::Map<Eigen::VectorXd> x(out.data() + map_.block_begin[b], size(b));
+    lower.triangularView<Eigen::Lower>().solveInPlace(x);
+    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+  }
+}
+
+}  // namespace sfmcpp::linear

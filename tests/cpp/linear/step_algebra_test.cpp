@@ -1,0 +1,53 @@
+#include "sfmcpp/linear/step_algebra.hpp"
+
+#include <gtest/gtest.h>
+
+#include "support/block_diagonal.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::VectorXd;
+using support::LinearizedProblem;
+
+class StepAlgebra : public testing::TestWithParam<support::BlockScene> {
+ protected:
+  VectorXd flat(const Step& step) const { return flatten(dense, step); }
+
+  LinearizedProblem linearized{make_block_scene(GetParam())};
+  support::DenseSystem dense = make_dense_system(linearized);
+  const NormalEquations& normal = linearized.normal();
+  Step x = support::random_step(linearized, 1), y = support::random_step(linearized, 2);
+};
+
+TEST_P(StepAlgebra, IsThatOfTheDenseVectors) {
+  const VectorXd dx = flat(x), dy = flat(y);
+  EXPECT_NEAR(dot(x, y), dx.dot(dy), 1e-12 * dx.norm() * dy.norm());
+  add_scaled(-2.5, x, y);
+  EXPECT_LT((flat(y) - (dy - 2.5 * dx)).norm(), 1e-12 * dy.norm());
+  scale(0.25, x);
+  EXPECT_EQ(flat(x), 0.25 * dx);
+}
+
+TEST_P(StepAlgebra, GradientAndMetricAreThoseOfTheDenseJacobian) {
+  const VectorXd gradient = dense.jacobian.transpose() * dense.residual;
+  EXPECT_LT((flat(negative_gradient(normal)) - gradient).norm(), 1e-12 * gradient.norm());
+  for (DampingMatrix matrix : {DampingMatrix::kDiagonal, DampingMatrix::kIdentity}) {
+    const Step metric = damping_entries(normal, matrix);
+    const VectorXd d = damping_diagonal(dense, {1.0, matrix});
+    EXPECT_LT((flat(metric) - d).norm(), 1e-12 * d.norm());
+    const VectorXd dx = flat(x), dy = flat(y);
+    const double length = dx.cwiseProduct(d).dot(dx);
+    EXPECT_NEAR(norm(x, metric) / std::sqrt(length), 1.0, 1e-12);
+    EXPECT_NEAR(dot(x, metric, y), dx.cwiseProduct(d).dot(dy), 1e-12 * length);
+    EXPECT_LT((flat(divide(x, metric)) - dx.cwiseQuotient(d)).norm(), 1e-12 * dx.norm());
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes,
+                         StepAlgebra,
+                         testing::ValuesIn(support::kBlockScenes),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+}  // namespace
+}  // namespace sfmcpp::linear
