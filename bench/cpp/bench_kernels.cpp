@@ -45,6 +45,10 @@ BENCHMARK_CAPTURE(cost, perspective, CameraModelId::kPerspective)
     ->Arg(2)
     ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(cost, bal, CameraModelId::kBal)->Arg(1)->Arg(2)->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(cost, projective, CameraModelId::kProjective)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(linearize, calibrated, CameraModelId::kCalibrated)
     ->Arg(1)
     ->Arg(2)
@@ -54,6 +58,10 @@ BENCHMARK_CAPTURE(linearize, perspective, CameraModelId::kPerspective)
     ->Arg(2)
     ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(linearize, bal, CameraModelId::kBal)
+    ->Arg(1)
+    ->Arg(2)
+    ->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(linearize, projective, CameraModelId::kProjective)
     ->Arg(1)
     ->Arg(2)
     ->Unit(benchmark::kMicrosecond);

@@ -14,6 +14,15 @@ using residuals::kReadAhead;
 
 using ChunkBuffer = std::array<double, kChunkSize + kReadAhead>;
 
+// Values of the caller's observations in stored order, readable beyond the end.
+template <class F>
+std::vector<double> stored_order(const linear::ObservationGraph& graph, const F& value_of) {
+  std::vector<double> values(graph.source.size() + kReadAhead, 1.0);
+  for (std::size_t k = 0; k < graph.source.size(); ++k)
+    values[k] = value_of(static_cast<std::size_t>(graph.source[k]));
+  return values;
+}
+
 }  // namespace
 
 optim::State state_of(const Problem& problem) {
@@ -37,17 +46,19 @@ BundleModel::BundleModel(const Problem& problem,
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
       pool_(pool),
+      point_storage_(problem.point_storage()),
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
-      normal_(graph, map, pool) {
-  const auto count = static_cast<std::size_t>(graph.num_observations());
-  for (auto* values : {&u_, &v_, &inverse_sigma_}) values->assign(count + kReadAhead, 1.0);
-  for (std::size_t k = 0; k < count; ++k) {
-    const auto source = static_cast<std::size_t>(graph.source[k]);
-    u_[k] = problem.pixels[2 * source];
-    v_[k] = problem.pixels[2 * source + 1];
-    if (!problem.sigma_px.empty()) inverse_sigma_[k] = 1.0 / problem.sigma_px[source];
-  }
-}
+      u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
+      v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
+      inverse_sigma_(stored_order(graph,
+                                  [&](std::size_t source) {
+                                    return problem.sigma_px.empty()
+                                               ? 1.0
+                                               : 1.0 / problem.sigma_px[source];
+                                  })),
+      weights_(inverse_sigma_),
+      normal_(graph, map, pool),
+      algebraic_(problem, graph, map, free_intrinsics_, u_, v_, pool) {}
 
 residuals::ObservationBatch BundleModel::batch(const State& state, const Chunk& chunk) const {
   const int group = problem_.intrinsics_index[chunk.camera];
@@ -86,14 +97,19 @@ void BundleModel::linearize(const State& state) {
   normal_.finish();
 }
 
+residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* point) const {
+  return {.free_intrinsics = free_intrinsics_.data(),
+          .num_free_intrinsics = static_cast<int>(free_intrinsics_.size()),
+          .camera_size = map_.camera_size,
+          .camera = camera,
+          .point = point};
+}
+
 void BundleModel::linearize_chunk(const State& state, int c) {
   const Chunk& chunk = graph_.chunks[c];
-  kernels_.linearize(batch(state, chunk),
-                     {.free_intrinsics = free_intrinsics_.data(),
-                      .num_free_intrinsics = static_cast<int>(free_intrinsics_.size()),
-                      .camera_size = map_.camera_size,
-                      .camera = normal_.camera_jacobian(chunk.begin),
-                      .point = normal_.point_record(chunk.begin)});
+  kernels_.linearize(
+      batch(state, chunk),
+      jacobian_output(normal_.camera_jacobian(chunk.begin), normal_.point_record(chunk.begin)));
   if (loss_.kind != LossKind::kSquared) apply_loss(chunk);
   normal_.accumulate(c);
 }
@@ -105,6 +121,7 @@ void BundleModel::apply_loss(const Chunk& chunk) {
     double* record = normal_.point_record(k);
     const double weight =
         std::sqrt(loss_.derivative(record[3] * record[3] + record[7] * record[7]));
+    weights_[k] = weight * inverse_sigma_[k];
     double* jacobian = normal_.camera_jacobian(k);
     for (int e = 0; e < linear::kPointRecord; ++e) record[e] *= weight;
     for (int e = 0; e < 2 * map_.camera_size; ++e) jacobian[e] *= weight;
@@ -119,57 +136,88 @@ void BundleModel::plus(const State& state,
   pool_.parallel_for(1 + linear::num_point_tasks(graph_.num_points), [&](int task) {
     if (task == 0) {
       for (int i = 0; i < graph_.num_cameras; ++i)
-        plus_camera(state, step, lengths.camera, i, result);
-      return;
+        move_camera(state, step, lengths.camera, i, result);
+    } else {
+      const int begin = (task - 1) * linear::kPointsPerTask;
+      const int end = std::min(begin + linear::kPointsPerTask, graph_.num_points);
+      for (int p = begin; p < end; ++p) move_point(state, step, lengths.point, p, result);
     }
-    const std::size_t begin = static_cast<std::size_t>(task - 1) * 3 * linear::kPointsPerTask;
-    const std::size_t end = std::min(begin + 3 * linear::kPointsPerTask, state.points.size());
-    for (std::size_t k = begin; k < end; ++k)
-      result.points[k] = state.points[k] + lengths.point * step.point[k];
   });
 }
 
-void BundleModel::plus_camera(
+void BundleModel::move_point(
+    const State& state, const linear::Step& step, double length, int p, State& result) const {
+  double delta[kPointTangent];
+  for (int k = 0; k < kPointTangent; ++k)
+    delta[k] = length * step.point[static_cast<std::size_t>(kPointTangent) * p + k];
+  const long offset = static_cast<long>(point_storage_) * p;
+  if (point_storage_ == kPointTangent) {
+    for (int k = 0; k < kPointTangent; ++k)
+      result.points[offset + k] = state.points[offset + k] + delta[k];
+  } else {
+    plus_point(
+        problem_.camera_model, state.points.data() + offset, delta, result.points.data() + offset);
+  }
+}
+
+void BundleModel::move_camera(
     const State& state, const linear::Step& step, double length, int camera, State& result) const {
   std::array<double, linear::kMaxCameraSize> delta;
   map_.expand(step.camera.data(), camera, delta.data());
   for (int k = 0; k < map_.camera_size; ++k) delta[k] *= length;
   const long offset = static_cast<long>(kCameraStorage) * camera;
-  if (std::any_of(delta.begin(), delta.begin() + kPoseTangent, [](double d) { return d != 0.0; })) {
-    plus_pose(state.cameras.data() + offset, delta.data(), result.cameras.data() + offset);
+  const double* from = state.cameras.data() + offset;
+  double* to = result.cameras.data() + offset;
+  const int tangent = camera_tangent(problem_.camera_model);
+  if (std::any_of(delta.begin(), delta.begin() + tangent, [](double d) { return d != 0.0; })) {
+    plus_camera(problem_.camera_model, from, delta.data(), to);
   } else {
-    std::copy_n(state.cameras.data() + offset, kCameraStorage, result.cameras.data() + offset);
+    std::copy_n(from, kCameraStorage, to);
   }
   // Cameras that share a row set it to the same values.
   const long row = static_cast<long>(problem_.num_intrinsics()) * problem_.intrinsics_index[camera];
   for (std::size_t k = 0; k < free_intrinsics_.size(); ++k) {
-    if (map_.columns_of(camera)[kPoseTangent + k] == linear::kNoColumn) continue;
+    if (map_.columns_of(camera)[tangent + k] == linear::kNoColumn) continue;
     const std::size_t parameter = static_cast<std::size_t>(row) + free_intrinsics_[k];
-    result.intrinsics[parameter] = state.intrinsics[parameter] + delta[kPoseTangent + k];
+    result.intrinsics[parameter] = state.intrinsics[parameter] + delta[tangent + k];
   }
 }
 
-std::vector<double> BundleModel::residuals(const State& state) {
-  std::vector<double> result(2 * static_cast<std::size_t>(graph_.num_observations()));
+void BundleModel::normalize(State& state) const {
+  if (is_metric(problem_.camera_model)) return;
+  for (int i = 0; i < graph_.num_cameras; ++i) {
+    if (!problem_.fixed_cameras[i])
+      normalize_camera(problem_.camera_model,
+                       state.cameras.data() + static_cast<long>(kCameraStorage) * i);
+  }
+  for (int p = 0; p < graph_.num_points; ++p) {
+    if (!problem_.fixed_points[p])
+      normalize_point(problem_.camera_model,
+                      state.points.data() + static_cast<long>(point_storage_) * p);
+  }
+}
+
+std::optional<Biquadratic> BundleModel::algebraic_cost(const State& state,
+                                                       const linear::Step& step) {
+  const bool robust = loss_.kind != LossKind::kSquared;
+  return algebraic_.along(state, step, robust ? weights_ : inverse_sigma_, algebraic_weights_);
+}
+
+BundleModel::Residuals BundleModel::residuals(const State& state) {
+  Residuals result;
+  result.values.resize(2 * static_cast<std::size_t>(graph_.num_observations()));
+  std::vector<int> behind(graph_.chunks.size());
   pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
     const Chunk& chunk = graph_.chunks[c];
     ChunkBuffer ru, rv;
-    kernels_.residuals(batch(state, chunk), ru.data(), rv.data());
+    behind[c] = kernels_.residuals(batch(state, chunk), ru.data(), rv.data());
     for (int k = chunk.begin; k < chunk.end; ++k) {
-      result[2 * static_cast<std::size_t>(k)] = ru[k - chunk.begin];
-      result[2 * static_cast<std::size_t>(k) + 1] = rv[k - chunk.begin];
+      result.values[2 * static_cast<std::size_t>(k)] = ru[k - chunk.begin];
+      result.values[2 * static_cast<std::size_t>(k) + 1] = rv[k - chunk.begin];
     }
   });
+  for (int count : behind) result.behind_camera += count;
   return result;
-}
-
-int BundleModel::num_behind_camera(const State& state) {
-  int behind = 0;
-  for (const Chunk& chunk : graph_.chunks) {
-    ChunkBuffer ru, rv;
-    behind += kernels_.residuals(batch(state, chunk), ru.data(), rv.data());
-  }
-  return behind;
 }
 
 }  // namespace sfmcpp::ba

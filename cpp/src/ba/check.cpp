@@ -1,5 +1,6 @@
 #include "sfmcpp/ba/check.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -72,6 +73,24 @@ void check_sigma(std::span<const double> sigma) {
   }
 }
 
+// Homogeneous coordinates that are all zero are no point and no camera.
+void check_scales(const char* array, std::span<const double> values, std::size_t width) {
+  for (std::size_t first = 0; first < values.size(); first += width) {
+    const auto block = values.subspan(first, width);
+    if (std::all_of(block.begin(), block.end(), [](double x) { return x == 0.0; }))
+      throw InvalidArgument(entry(array, first / width) + ": homogeneous, must not be all zero");
+  }
+}
+
+void check_frames(const Problem& problem) {
+  const auto width = static_cast<std::size_t>(problem.num_intrinsics());
+  for (std::size_t k = 0; k < problem.intrinsics.size(); k += width) {
+    if (!(problem.intrinsics[k] > 0.0))
+      throw InvalidArgument(entry("intrinsics", k / width) +
+                            ": scale = " + number(problem.intrinsics[k]) + ": must be positive");
+  }
+}
+
 // "camera 3", "cameras 3, 7", "120 cameras (3, 7, 9, 12, 15, …)".
 std::string name_list(const char* what, const std::vector<int>& numbers) {
   constexpr std::size_t kNamed = 5;
@@ -126,7 +145,7 @@ void check_arrays(const Problem& problem) {
   check_size("intrinsics",
              problem.intrinsics.size(),
              static_cast<std::size_t>(problem.num_groups()) * problem.num_intrinsics());
-  check_size("points", problem.points.size(), points * 3);
+  check_size("points", problem.points.size(), points * problem.point_storage());
   check_size("intrinsics_index", problem.intrinsics_index.size(), cameras);
   check_size("point_index", problem.point_index.size(), observations);
   check_size("pixels", problem.pixels.size(), 2 * observations);
@@ -140,11 +159,17 @@ void check_arrays(const Problem& problem) {
   check_finite("cameras", problem.cameras, kCameraStorage);
   check_finite(
       "intrinsics", problem.intrinsics, static_cast<std::size_t>(problem.num_intrinsics()));
-  check_finite("points", problem.points, 3);
+  check_finite("points", problem.points, static_cast<std::size_t>(problem.point_storage()));
   check_finite("pixels", problem.pixels, 2);
   check_finite("sigma_px", problem.sigma_px, 1);
   check_sigma(problem.sigma_px);
-  check_rotations(problem);
+  if (is_metric(problem.camera_model)) {
+    check_rotations(problem);
+  } else {
+    check_scales("cameras", problem.cameras, kCameraStorage);
+    check_scales("points", problem.points, static_cast<std::size_t>(problem.point_storage()));
+    check_frames(problem);
+  }
 }
 
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph) {

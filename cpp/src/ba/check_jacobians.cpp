@@ -20,6 +20,11 @@ constexpr int kMaxColumns = 18;  // of a camera: pose and intrinsics
 
 constexpr std::array<const char*, 6> kPoseNames{
     "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};
+
+std::string camera_parameter(CameraModelId model, int k) {
+  if (is_metric(model)) return kPoseNames[k];
+  return "P[" + std::to_string(k / 4) + "," + std::to_string(k % 4) + "]";
+}
 constexpr std::array<const char*, 3> kPointNames{"point x", "point y", "point z"};
 
 // One observation of the problem on its own, moved by (camera, intrinsics, point) increments.
@@ -28,6 +33,7 @@ class SingleObservation {
   SingleObservation(const Problem& problem, int observation)
       : kernels_(residuals::reprojection_kernels(problem.camera_model)),
         model_(problem.camera_model),
+        tangent_(camera_tangent(model_)),
         num_intrinsics_(problem.num_intrinsics()),
         num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
     const int camera = problem.camera_index[observation], point = problem.point_index[observation];
@@ -35,17 +41,18 @@ class SingleObservation {
     std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera],
                 num_intrinsics_,
                 intrinsics_.begin());
-    std::copy_n(problem.points.begin() + 3 * point, 3, point_.begin());
+    const int storage = problem.point_storage();
+    std::copy_n(problem.points.begin() + storage * point, storage, point_.begin());
     u_.fill(problem.pixels[2 * static_cast<std::size_t>(observation)]);
     v_.fill(problem.pixels[2 * static_cast<std::size_t>(observation) + 1]);
     weight_.fill(1.0);
   }
 
-  int size() const { return kPoseTangent + num_free_ + 3; }
+  int size() const { return tangent_ + num_free_ + 3; }
 
   std::string name(int column) const {
-    if (column < kPoseTangent) return kPoseNames[column];
-    column -= kPoseTangent;
+    if (column < tangent_) return camera_parameter(model_, column);
+    column -= tangent_;
     if (column < num_free_) return std::string(intrinsic_names(model_)[column]);
     return kPointNames[column - num_free_];
   }
@@ -65,9 +72,9 @@ class SingleObservation {
                        {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
     Eigen::MatrixXd jacobian(2, size());
     for (int row = 0; row < 2; ++row) {
-      for (int k = 0; k < kPoseTangent + num_free_; ++k)
+      for (int k = 0; k < tangent_ + num_free_; ++k)
         jacobian(row, k) = camera[row * camera_columns() + k];
-      for (int k = 0; k < 3; ++k) jacobian(row, kPoseTangent + num_free_ + k) = point[4 * row + k];
+      for (int k = 0; k < 3; ++k) jacobian(row, tangent_ + num_free_ + k) = point[4 * row + k];
     }
     return jacobian;
   }
@@ -79,12 +86,13 @@ class SingleObservation {
 
  private:
   using Numbers = std::array<double, kCameraStorage>;
+  using PointNumbers = std::array<double, kMaxPointStorage>;
 
-  int camera_columns() const { return kPoseTangent + num_free_; }
+  int camera_columns() const { return tangent_ + num_free_; }
 
   residuals::ObservationBatch batch(const Numbers& camera,
                                     const Numbers& intrinsics,
-                                    const std::array<double, 3>& point) const {
+                                    const PointNumbers& point) const {
     static constexpr std::array<int, 1 + kReadAhead> kFirst{};
     return {camera.data(),
             intrinsics.data(),
@@ -99,10 +107,10 @@ class SingleObservation {
   // Up to a constant: the residual is observed − projected.
   Eigen::VectorXd projection(const Eigen::VectorXd& delta) const {
     Numbers camera, intrinsics = intrinsics_;
-    std::array<double, 3> point = point_;
-    plus_pose(camera_.data(), delta.data(), camera.data());
-    for (int k = 0; k < num_free_; ++k) intrinsics[k] += delta[kPoseTangent + k];
-    for (int k = 0; k < 3; ++k) point[k] += delta[kPoseTangent + num_free_ + k];
+    PointNumbers point;
+    plus_camera(model_, camera_.data(), delta.data(), camera.data());
+    plus_point(model_, point_.data(), delta.data() + tangent_ + num_free_, point.data());
+    for (int k = 0; k < num_free_; ++k) intrinsics[k] += delta[tangent_ + k];
     std::array<double, 1 + kReadAhead> ru, rv;
     kernels_.residuals(batch(camera, intrinsics, point), ru.data(), rv.data());
     return Eigen::Vector2d(-ru[0], -rv[0]);
@@ -111,23 +119,29 @@ class SingleObservation {
   // Small against what each parameter is measured by.
   Eigen::VectorXd steps() const {
     constexpr double kRelative = 1e-4;
-    double distance = 0.0;
-    for (int k = 0; k < 3; ++k) distance += std::abs(point_[k] - camera_[4 * k + 3]);
-    Eigen::VectorXd steps =
-        Eigen::VectorXd::Constant(size(), kRelative * std::max(distance, 1e-12));
-    steps.head<3>().setConstant(kRelative);
+    Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative);
+    if (is_metric(model_)) {
+      double distance = 1e-12;
+      for (int k = 0; k < 3; ++k) distance += std::abs(point_[k] - camera_[4 * k + 3]);
+      steps.segment<3>(3).setConstant(kRelative * distance);
+      steps.tail<3>().setConstant(kRelative * distance);
+    } else {
+      steps.head(tangent_).setConstant(
+          kRelative * Eigen::Map<const Eigen::VectorXd>(camera_.data(), kCameraStorage).norm());
+    }
     // The projection is linear in each intrinsic parameter alone: a large step costs no accuracy.
     for (int k = 0; k < num_free_; ++k)
-      steps[kPoseTangent + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
+      steps[tangent_ + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 
   residuals::ReprojectionKernels kernels_;
   CameraModelId model_;
+  int tangent_;
   int num_intrinsics_;
   int num_free_;
   Numbers camera_{}, intrinsics_{};
-  std::array<double, 3> point_{};
+  PointNumbers point_{};
   std::array<double, 1 + kReadAhead> u_{}, v_{}, weight_{};
 };
 

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 
+#include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {

@@ -18,9 +18,12 @@ class Builder {
           const ObservationGraph& graph,
           const std::vector<int>& intrinsics,
           const std::vector<PoseParameter>& gauge)
-      : problem_(problem), graph_(graph), intrinsics_(intrinsics), gauge_(gauge) {
-    map_.camera_size =
-        linear::padded_camera_size(kPoseTangent + static_cast<int>(intrinsics.size()));
+      : problem_(problem),
+        graph_(graph),
+        intrinsics_(intrinsics),
+        gauge_(gauge),
+        tangent_(camera_tangent(problem.camera_model)) {
+    map_.camera_size = linear::padded_camera_size(tangent_ + static_cast<int>(intrinsics.size()));
     map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size,
                        kNoColumn);
     users_.assign(problem.num_groups(), 0);
@@ -53,7 +56,7 @@ class Builder {
   }
 
   void add_pose(int camera) {
-    for (int k = 0; k < kPoseTangent; ++k) {
+    for (int k = 0; k < tangent_; ++k) {
       if (!std::binary_search(gauge_.begin(), gauge_.end(), PoseParameter{camera, k})) {
         column(camera, k) = next_column_++;
       }
@@ -65,7 +68,7 @@ class Builder {
       const auto parameter =
           static_cast<std::size_t>(group) * problem_.num_intrinsics() + intrinsics_[k];
       if (problem_.fixed_intrinsics[parameter]) continue;
-      for (int camera : cameras) column(camera, kPoseTangent + static_cast<int>(k)) = next_column_;
+      for (int camera : cameras) column(camera, tangent_ + static_cast<int>(k)) = next_column_;
       ++next_column_;
     }
   }
@@ -93,6 +96,7 @@ class Builder {
   const ObservationGraph& graph_;
   const std::vector<int>& intrinsics_;
   const std::vector<PoseParameter>& gauge_;
+  int tangent_;             // columns of a camera, intrinsics aside
   std::vector<int> users_;  // observed cameras of each row of intrinsics
   ParameterMap map_;
   int next_column_ = 0;

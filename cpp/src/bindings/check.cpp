@@ -7,6 +7,7 @@
 #include "problem.hpp"
 #include "sfmcpp/ba/bundle_model.hpp"
 #include "sfmcpp/ba/check_jacobians.hpp"
+#include "sfmcpp/ba/ideal_images.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -29,13 +30,31 @@ py::array_t<double> residuals(const py::dict& arrays) {
   const linear::ParameterMap map = ba::make_parameter_map(problem, graph, {}, false);
   ThreadPool pool(1);
   ba::BundleModel model(problem, graph, map, {}, pool);
-  const std::vector<double> stored = model.residuals(ba::state_of(problem));
+  const std::vector<double> stored = model.residuals(ba::state_of(problem)).values;
   py::array_t<double> result({problem.num_observations(), 2});
   auto values = result.mutable_unchecked<2>();
   for (int k = 0; k < problem.num_observations(); ++k) {
     for (int c = 0; c < 2; ++c)
       values(graph.source[k], c) = stored[2 * static_cast<std::size_t>(k) + c];
   }
+  return result;
+}
+
+// (M, 2) pixels as a lens without distortion would have seen them.
+py::array_t<double> undistorted_pixels(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  ba::check_arrays(problem);
+  py::array_t<double> result({problem.num_observations(), 2});
+  ba::undistort_pixels(problem, result.mutable_data());
+  return result;
+}
+
+// (C, 3, 4) matrices to pixels, distortion left out.
+py::array_t<double> projection_matrices(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  ba::check_arrays(problem);
+  py::array_t<double> result({problem.num_cameras(), 3, 4});
+  ba::projection_matrices(problem, result.mutable_data());
   return result;
 }
 
@@ -58,6 +77,14 @@ void bind_check(py::module_& m) {
         &residuals,
         py::arg("arrays"),
         "(M, 2) residuals over their standard deviation.");
+  m.def("undistorted_pixels",
+        &undistorted_pixels,
+        py::arg("arrays"),
+        "(M, 2) pixels as a lens without distortion would have seen them.");
+  m.def("projection_matrices",
+        &projection_matrices,
+        py::arg("arrays"),
+        "(C, 3, 4) projection matrices to pixels, distortion left out.");
   m.def(
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {

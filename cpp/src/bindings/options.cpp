@@ -42,6 +42,21 @@ void def_choices(py::class_<ba::SolveOptions>& c) {
   using O = ba::SolveOptions;
   def_enum<optim::Method>(
       c, "method", [](O & o) -> auto& { return o.minimizer.method; }, "Minimiser.");
+  def_enum<optim::LineSearchKind>(
+      c,
+      "line_search",
+      [](O & o) -> auto& { return o.minimizer.line_search.kind; },
+      "Line search along each step.");
+  def_enum<optim::BacktrackingTest>(
+      c,
+      "backtracking_test",
+      [](O & o) -> auto& { return o.minimizer.line_search.backtracking_test; },
+      "What a backtracking line search demands of a length.");
+  def_enum<ba::AlgebraicWeights>(
+      c,
+      "algebraic_weights",
+      [](O & o) -> auto& { return o.algebraic_weights; },
+      "How observations count in an algebraic line search.");
   def_enum<linear::LinearSolverKind>(
       c,
       "linear_solver",
@@ -58,6 +73,25 @@ void def_choices(py::class_<ba::SolveOptions>& c) {
       c, "gauge", [](O & o) -> auto& { return o.gauge; }, "What holds the similarity freedom.");
 }
 
+void def_line_search(py::class_<ba::SolveOptions>& c) {
+  using O = ba::SolveOptions;
+  def_value<int>(
+      c,
+      "line_search_iterations",
+      [](O & o) -> auto& { return o.minimizer.line_search.iterations; },
+      "Iterations, from the first on, that search along their step.");
+  def_value<std::optional<double>>(
+      c,
+      "line_search_damping",
+      [](O & o) -> auto& { return o.minimizer.line_search.damping_threshold; },
+      "Search in later iterations too while λ is above this; None: do not.");
+  def_value<bool>(
+      c,
+      "line_search_on_rejection",
+      [](O & o) -> auto& { return o.minimizer.line_search.on_rejection; },
+      "Search in later iterations too where the unit step would be rejected.");
+}
+
 void def_numbers(py::class_<ba::SolveOptions>& c) {
   using O = ba::SolveOptions;
   def_value<std::optional<double>>(
@@ -65,6 +99,11 @@ void def_numbers(py::class_<ba::SolveOptions>& c) {
       "initial_damping",
       [](O & o) -> auto& { return o.minimizer.initial_damping; },
       "First λ; None: that of the method.");
+  def_value<std::optional<double>>(
+      c,
+      "initial_radius",
+      [](O & o) -> auto& { return o.minimizer.initial_radius; },
+      "First radius of the Dog-Leg; None: that of the method.");
   def_value<int>(
       c,
       "max_iterations",
@@ -139,12 +178,14 @@ void bind_options(py::module_& m) {
       m, "SolveOptions", "Options of a solve, with the defaults of the core.");
   c.def(py::init<>());
   def_choices(c);
+  def_line_search(c);
   def_numbers(c);
   def_unions(c);
   c.def("validate",
         &ba::SolveOptions::validate,
         "Raise InvalidArgument naming every option out of its range.");
   m.attr("METHODS") = py::tuple(py::cast(names_of<optim::Method>()));
+  m.attr("LINE_SEARCHES") = py::tuple(py::cast(names_of<optim::LineSearchKind>()));
   m.attr("LINEAR_SOLVERS") = py::tuple(py::cast(names_of<linear::LinearSolverKind>()));
   m.attr("LOSSES") = py::tuple(py::cast(names_of<LossKind>()));
   m.attr("GAUGES") = py::tuple(py::cast(names_of<ba::Gauge>()));

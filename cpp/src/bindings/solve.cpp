@@ -6,6 +6,7 @@
 #include "arrays.hpp"
 #include "options.hpp"
 #include "problem.hpp"
+#include "sfmcpp/ba/explore.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -60,30 +61,62 @@ class Listener {
   std::exception_ptr error_;
 };
 
+void write_back(const optim::State& state, const py::dict& arrays) {
+  std::copy(state.cameras.begin(), state.cameras.end(), view<double>(arrays, "cameras").begin());
+  std::copy(
+      state.intrinsics.begin(), state.intrinsics.end(), view<double>(arrays, "intrinsics").begin());
+  std::copy(state.points.begin(), state.points.end(), view<double>(arrays, "points").begin());
+}
+
 ba::SolveSummary solve(const py::dict& arrays,
                        const ba::SolveOptions& options,
                        const py::object& callback) {
   const ba::Problem problem = problem_of(arrays);
-  const std::span<double> cameras = view<double>(arrays, "cameras"),
-                          intrinsics = view<double>(arrays, "intrinsics"),
-                          points = view<double>(arrays, "points");
   optim::State state = ba::state_of(problem);
   Listener listener(callback);
   ba::SolveSummary summary;
   {
     const py::gil_scoped_release release;
     summary = ba::solve(problem, options, listener.events(), state);
-    std::copy(state.cameras.begin(), state.cameras.end(), cameras.begin());
-    std::copy(state.intrinsics.begin(), state.intrinsics.end(), intrinsics.begin());
-    std::copy(state.points.begin(), state.points.end(), points.begin());
   }
+  write_back(state, arrays);
   listener.rethrow();
   return summary;
+}
+
+py::dict explore_step(const py::dict& arrays,
+                      const ba::SolveOptions& options,
+                      const std::vector<std::pair<double, double>>& lengths) {
+  const ba::Problem problem = problem_of(arrays);
+  std::vector<optim::StepLengths> pairs;
+  for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});
+  optim::State state = ba::state_of(problem);
+  const ba::StepExploration found = ba::explore_step(problem, options, pairs, state);
+  std::vector<double> algebraic;
+  for (const auto& [camera, point] : lengths)
+    algebraic.push_back(found.algebraic.value(camera, point));
+  write_back(state, arrays);
+  py::dict result;
+  result["valid"] = found.valid;
+  result["damping"] = found.damping;
+  result["geometric"] = found.geometric;
+  result["algebraic"] = algebraic;
+  result["stationary_lengths"] = found.algebraic.stationary_lengths();
+  result["stationary_pairs"] = found.algebraic.stationary_pairs();
+  return result;
 }
 
 }  // namespace
 
 void bind_solve(py::module_& m) {
+  m.def(
+      "explore_step",
+      &explore_step,
+      py::arg("arrays"),
+      py::arg("options"),
+      py::arg("lengths"),
+      "Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along "
+      "it at unit length.");
   m.def("solve",
         &solve,
         py::arg("arrays"),

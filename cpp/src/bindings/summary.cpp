@@ -17,6 +17,15 @@ void bind_iteration(py::module_& m) {
       .def_readonly("step_norm", &I::step_norm)
       .def_property_readonly(
           "step_lengths", [](const I& i) { return std::pair(i.lengths.camera, i.lengths.point); })
+      .def_property_readonly("proposed_lengths",
+                             [](const I& i) {
+                               std::vector<std::pair<double, double>> pairs;
+                               for (const optim::StepLengths& l : i.proposed_lengths)
+                                 pairs.emplace_back(l.camera, l.point);
+                               return pairs;
+                             })
+      .def_readonly("line_searched", &I::line_searched)
+      .def_readonly("cost_evaluations", &I::cost_evaluations)
       .def_readonly("linear_solver_iterations", &I::linear_solver_iterations);
 }
 
@@ -39,8 +48,10 @@ void bind_summary(py::module_& m) {
   def_minimizer_part(c);
   c.def_readonly("initial_rms_px", &S::initial_rms_px);
   c.def_readonly("final_rms_px", &S::final_rms_px);
-  c.def_property_readonly("linear_solver",
-                          [](const S& s) { return enum_name(s.linear_solver.kind); });
+  c.def_property_readonly("linear_solver", [](const S& s) -> std::string_view {
+    if (!s.solves_linear_system) return "none";
+    return enum_name(s.linear_solver.kind);
+  });
   c.def_property_readonly("linear_solver_reason",
                           [](const S& s) { return s.linear_solver.reason; });
   c.def_readonly("loss_scale_px", &S::loss_scale_px);

@@ -1,42 +1,45 @@
 #include "sfmcpp/cameras/camera_model.hpp"
 
-#include <Eigen/Core>
-
-#include "sfmcpp/math/so3.hpp"
+#include "sfmcpp/cameras/visit_camera.hpp"
 
 namespace sfmcpp {
-namespace {
-
-constexpr std::array<std::string_view, 12> kPerspectiveNames{
-    "f", "aspect", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "k5", "p1", "p2"};
-constexpr std::array<std::string_view, 3> kBalNames{"f", "k1", "k2"};
-
-using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-
-}  // namespace
 
 std::span<const std::string_view> intrinsic_names(CameraModelId model) {
-  switch (model) {
-    case CameraModelId::kCalibrated:
-      return std::span(kPerspectiveNames).first(5);
-    case CameraModelId::kPerspective:
-      return kPerspectiveNames;
-    case CameraModelId::kBal:
-      return kBalNames;
-  }
-  return {};
+  return visit_camera(model, [](auto camera) -> std::span<const std::string_view> {
+    return decltype(camera)::kIntrinsicNames;
+  });
 }
 
-bool has_free_intrinsics(CameraModelId model) { return model != CameraModelId::kCalibrated; }
+bool has_free_intrinsics(CameraModelId model) {
+  return visit_camera(model, [](auto camera) { return decltype(camera)::kIntrinsics > 0; });
+}
 
-void plus_pose(const double* camera, const double* delta, double* result) {
-  const Eigen::Map<const CameraMatrix> pose(camera);
-  const Eigen::Map<const Eigen::Vector3d> rotation_delta(delta), centre_delta(delta + 3);
-  CameraMatrix moved;
-  // Orthonormalising keeps R a rotation over any number of steps.
-  moved.leftCols<3>() = orthonormalized(pose.leftCols<3>() * exp_so3(rotation_delta));
-  moved.col(3) = pose.col(3) + centre_delta;
-  Eigen::Map<CameraMatrix>{result} = moved;
+bool is_metric(CameraModelId model) {
+  return visit_camera(model, [](auto camera) { return decltype(camera)::kMetric; });
+}
+
+int camera_tangent(CameraModelId model) {
+  return visit_camera(model, [](auto camera) { return decltype(camera)::kTangent; });
+}
+
+int point_storage(CameraModelId model) {
+  return visit_camera(model, [](auto camera) { return decltype(camera)::kPointStorage; });
+}
+
+void plus_camera(CameraModelId model, const double* camera, const double* delta, double* result) {
+  visit_camera(model, [&](auto type) { decltype(type)::plus(camera, delta, result); });
+}
+
+void plus_point(CameraModelId model, const double* point, const double* delta, double* result) {
+  visit_camera(model, [&](auto type) { decltype(type)::plus_point(point, delta, result); });
+}
+
+void normalize_camera(CameraModelId model, double* camera) {
+  visit_camera(model, [&](auto type) { decltype(type)::normalize(camera); });
+}
+
+void normalize_point(CameraModelId model, double* point) {
+  visit_camera(model, [&](auto type) { decltype(type)::normalize_point(point); });
 }
 
 }  // namespace sfmcpp

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model_line.hpp"
+
 namespace sfmcpp::optim {
 namespace {
 
@@ -41,14 +43,17 @@ class Minimizer {
         clock_(clock),
         state_(state),
         candidate_(state),
-        strategy_(make_step_strategy(options)) {}
+        strategy_(make_step_strategy(options)),
+        line_search_(make_line_search(options.line_search)) {
+    if (line_search_) trial_ = state;
+  }
 
   MinimizerSummary run() {
     start();
     while (!finished()) {
       compute_step();
       if (finished()) break;
-      evaluate_candidate();
+      choose_candidate();
       if (step_is_successful()) {
         accept();
       } else {
@@ -62,6 +67,7 @@ class Minimizer {
 
  private:
   void start() {
+    model_.normalize(state_);
     cost_ = summary_.initial_cost = model_.cost(state_);
     now_ = Iteration{.cost = cost_};
     if (std::isfinite(cost_)) {
@@ -95,10 +101,28 @@ class Minimizer {
       finish_negligible();
   }
 
-  void evaluate_candidate() {
+  void choose_candidate() {
     if (!result_.valid) return;
-    model_.plus(state_, step_, now_.lengths, candidate_);
-    candidate_cost_ = model_.cost(candidate_);
+    ModelLine line(model_, state_, step_, cost_, candidate_, trial_);
+    candidate_cost_ = unit_cost_ = line.cost(now_.lengths);
+    if (line_search_ && search_is_due()) search(line);
+    now_.cost_evaluations = line.num_evaluations();
+  }
+
+  // Thesis §4.4.3.2: in the first iterations, where λ is large, or where the unit step fails.
+  bool search_is_due() const {
+    const LineSearchOptions& when = options_.line_search;
+    return now_.number <= when.iterations ||
+           (when.damping_threshold && now_.damping > *when.damping_threshold) ||
+           (when.on_rejection && !step_is_successful());
+  }
+
+  void search(ModelLine& line) {
+    LineSearchResult result = line_search_->search(line);
+    now_.line_searched = true;
+    now_.lengths = result.lengths;
+    now_.proposed_lengths = std::move(result.proposed);
+    candidate_cost_ = line.settle(now_.lengths);
   }
 
   // A cost that is not finite compares false.
@@ -107,12 +131,23 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - candidate_cost_;
     std::swap(state_, candidate_);
-    strategy_->accepted(decrease / result_.predicted_decrease);
+    model_.normalize(state_);
+    teach_strategy();
     cost_ = candidate_cost_;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease)) {
       finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
     } else {
       linearize();
+    }
+  }
+
+  // The strategy answers for the step it proposed, at unit length: one that fails without a line
+  // search was too long, and the next must be shorter, even if the search made something of it.
+  void teach_strategy() {
+    if (unit_cost_ < cost_) {
+      strategy_->accepted((cost_ - unit_cost_) / result_.predicted_decrease);
+    } else {
+      strategy_->rejected();
     }
   }
 
@@ -126,7 +161,7 @@ class Minimizer {
       return;
     } else if (!result_.valid) {
       finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
-    } else if (strategy_->damping() == 0.0) {
+    } else if (!strategy_->shortens()) {
       finish(progressed() ? Termination::kConverged : Termination::kNumericalFailure,
              "the step does not decrease the cost, and the method has no damping to shorten it");
     } else {
@@ -196,7 +231,9 @@ class Minimizer {
   const Stopwatch& clock_;
   State& state_;
   State candidate_;
+  State trial_;  // room for a line search
   std::unique_ptr<StepStrategy> strategy_;
+  std::unique_ptr<LineSearch> line_search_;
 
   linear::Step step_;
   StepResult result_;
@@ -204,6 +241,7 @@ class Minimizer {
   double cost_ = 0.0;
   double promise_ = 0.0;  // largest decrease that the model has predicted
   double candidate_cost_ = 0.0;
+  double unit_cost_ = 0.0;
   bool finished_ = false;
   MinimizerSummary summary_;
 };

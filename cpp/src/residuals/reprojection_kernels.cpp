@@ -1,31 +1,17 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
-#include "sfmcpp/cameras/bal.hpp"
-#include "sfmcpp/cameras/calibrated.hpp"
-#include "sfmcpp/cameras/perspective.hpp"
-#include "sfmcpp/core/simd.hpp"
+#include "packed_batch.hpp"
+#include "sfmcpp/cameras/visit_camera.hpp"
 #include "sfmcpp/residuals/reprojection_isa.hpp"
 
 namespace sfmcpp::residuals::SFMCPP_ISA {
 namespace {
 
-constexpr int kLanes = SFMCPP_LANES;
-static_assert(kLanes <= kReadAhead);
-using Real = Pack<kLanes>;
-
-inline void gather_point(const ObservationBatch& batch, int first, Real* point) {
-  for (int k = 0; k < 3; ++k) point[k] = gather<kLanes>(batch.points + k, batch.point + first, 3);
-}
-
-inline int lanes_left(const ObservationBatch& batch, int first) {
-  return batch.count - first < kLanes ? batch.count - first : kLanes;
-}
-
 template <class Camera>
 int residuals(const ObservationBatch& batch, double* ru, double* rv) {
   int behind = 0;
   for (int first = 0; first < batch.count; first += kLanes) {
-    Real point[3];
-    gather_point(batch, first, point);
+    Real point[Camera::kPointStorage];
+    gather_point<Camera::kPointStorage>(batch, first, point);
     const ImagePoint<Real> image = Camera::project(batch.camera, batch.intrinsics, point);
     const Real weight = load<kLanes>(batch.inverse_sigma + first);
     store(ru + first, (load<kLanes>(batch.u + first) - image.u) * weight);
@@ -66,23 +52,23 @@ struct Transposer {
 
 template <class Camera>
 void linearize(const ObservationBatch& batch, const JacobianOutput& out) {
-  constexpr int kPose = Camera::kTangent;
+  constexpr int kCamera = Camera::kTangent;
   const int size = out.camera_size;
-  Transposer<2 * (kPose + Camera::kIntrinsics + 6)> camera;  // + 6: room for padding columns
+  Transposer<2 * (kCamera + Camera::kIntrinsics + 6)> camera;  // + 6: room for padding columns
   Transposer<8> point;
   for (int c = 0; c < 2 * size; ++c) camera.set(c, Real(0.0));
   for (int first = 0; first < batch.count; first += kLanes) {
-    Real x[3];
-    gather_point(batch, first, x);
-    LinearizedImagePoint<Real, kPose, Camera::kIntrinsics> lin;
+    Real x[Camera::kPointStorage];
+    gather_point<Camera::kPointStorage>(batch, first, x);
+    LinearizedImagePoint<Real, kCamera, Camera::kIntrinsics> lin;
     Camera::linearize(batch.camera, batch.intrinsics, x, lin);
     const Real weight = load<kLanes>(batch.inverse_sigma + first);
     const Real residual[2] = {load<kLanes>(batch.u + first) - lin.image.u,
                               load<kLanes>(batch.v + first) - lin.image.v};
     for (int row = 0; row < 2; ++row) {
-      for (int k = 0; k < kPose; ++k) camera.set(row * size + k, lin.camera[row][k] * weight);
+      for (int k = 0; k < kCamera; ++k) camera.set(row * size + k, lin.camera[row][k] * weight);
       for (int k = 0; k < out.num_free_intrinsics; ++k) {
-        camera.set(row * size + kPose + k, lin.intrinsics[row][out.free_intrinsics[k]] * weight);
+        camera.set(row * size + kCamera + k, lin.intrinsics[row][out.free_intrinsics[k]] * weight);
       }
       for (int k = 0; k < 3; ++k) point.set(4 * row + k, lin.point[row][k] * weight);
       point.set(4 * row + 3, residual[row] * weight);
@@ -93,23 +79,13 @@ void linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   }
 }
 
-template <class Camera>
-ReprojectionKernels kernels() {
-  return {&residuals<Camera>, &linearize<Camera>};
-}
-
 }  // namespace
 
 ReprojectionKernels kernels_for(CameraModelId model) {
-  switch (model) {
-    case CameraModelId::kCalibrated:
-      return kernels<CalibratedCamera>();
-    case CameraModelId::kPerspective:
-      return kernels<PerspectiveCamera>();
-    case CameraModelId::kBal:
-      return kernels<BalCamera>();
-  }
-  return {};
+  return visit_camera(model, [](auto camera) {
+    using Camera = decltype(camera);
+    return ReprojectionKernels{&residuals<Camera>, &linearize<Camera>};
+  });
 }
 
 }  // namespace sfmcpp::residuals::SFMCPP_ISA

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/core/error.hpp"
+#include "support/all_models.hpp"
 #include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba {
@@ -13,7 +14,7 @@ class CheckJacobians : public testing::TestWithParam<CameraModelId> {
   support::OwnedProblem scene = make_circle_scene(support::perturbed(GetParam()));
   int columns() const {
     const int intrinsics = has_free_intrinsics(GetParam()) ? scene.view().num_intrinsics() : 0;
-    return 6 + intrinsics + 3;
+    return camera_tangent(GetParam()) + intrinsics + 3;
   }
 };
 
@@ -28,7 +29,10 @@ TEST_P(CheckJacobians, EveryParameterOfEveryObservationIsComparedUpToTheLimit) {
   EXPECT_EQ(check_jacobians(scene.view(), 50).entries, 50L * 2 * columns());
 }
 
-TEST_P(CheckJacobians, ObservationsBehindTheirCameraAreLeftOut) {
+// Nothing is behind an uncalibrated camera.
+class CheckMetricJacobians : public CheckJacobians {};
+
+TEST_P(CheckMetricJacobians, ObservationsBehindTheirCameraAreLeftOut) {
   for (int k = 0; k < 3; ++k) scene.points[k] = 1.5 * scene.cameras[12 * 2 + 4 * k + 3];
   EXPECT_LT(check_jacobians(scene.view()).entries, 240L * 2 * columns());
 }
@@ -40,10 +44,12 @@ TEST_P(CheckJacobians, ABrokenProblemIsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(Models,
                          CheckJacobians,
-                         testing::Values(CameraModelId::kCalibrated,
-                                         CameraModelId::kPerspective,
-                                         CameraModelId::kBal),
-                         [](const auto& test) { return std::string(enum_name(test.param)); });
+                         testing::ValuesIn(support::all_models()),
+                         support::name_of_model);
+INSTANTIATE_TEST_SUITE_P(Models,
+                         CheckMetricJacobians,
+                         testing::ValuesIn(support::metric_models()),
+                         support::name_of_model);
 
 }  // namespace
 }  // namespace sfmcpp::ba

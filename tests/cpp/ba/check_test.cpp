@@ -162,6 +162,38 @@ TEST(CheckArrays, RotationsMayBeOffByAMillionthAndNoMore) {
   }
 }
 
+OwnedProblem projective_scene() {
+  support::SceneOptions options;
+  options.camera_model = CameraModelId::kProjective;
+  return make_circle_scene(options);
+}
+
+TEST(CheckArrays, HomogeneousCoordinatesMayHaveAnyScaleButZero) {
+  OwnedProblem scene = projective_scene();
+  EXPECT_EQ(check(scene), "no error");
+  for (double& x : scene.cameras) x *= -1e5;
+  for (double& x : scene.points) x *= 1e-5;
+  EXPECT_EQ(check(scene), "no error");
+  std::fill_n(scene.points.begin() + 4 * 9, 4, 0.0);
+  EXPECT_EQ(check(scene), "points[9]: homogeneous, must not be all zero");
+  std::fill_n(scene.cameras.begin() + 12 * 5, 12, 0.0);
+  EXPECT_EQ(check(scene), "cameras[5]: homogeneous, must not be all zero");
+}
+
+TEST(CheckArrays, PointsOfAProjectiveProblemHaveFourNumbers) {
+  OwnedProblem scene = projective_scene();
+  scene.points.pop_back();
+  EXPECT_EQ(check(scene), "points: 159 values, must be 156");
+}
+
+TEST(CheckArrays, TheScaleOfAnImageFrameIsPositive) {
+  for (double scale : {0.0, -400.0}) {
+    OwnedProblem scene = projective_scene();
+    scene.intrinsics[3 * 2] = scale;
+    EXPECT_EQ(check(scene).substr(0, 22), "intrinsics[2]: scale =");
+  }
+}
+
 linear::ObservationGraph graph_of(const OwnedProblem& scene) {
   const Problem p = scene.view();
   return linear::make_observation_graph(

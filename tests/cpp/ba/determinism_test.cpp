@@ -17,6 +17,8 @@ struct Case {
   LinearSolverKind solver;
   int groups;
   LossKind loss;
+  CameraModelId model = CameraModelId::kBal;
+  optim::LineSearchKind search = optim::LineSearchKind::kNone;
 };
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
@@ -24,7 +26,7 @@ class Determinism : public testing::TestWithParam<Case> {
  protected:
   // Cameras with more than one chunk of observations, and points of more than one task.
   static support::OwnedProblem scene() {
-    support::SceneOptions options = support::perturbed(CameraModelId::kBal);
+    support::SceneOptions options = support::perturbed(GetParam().model);
     options.num_cameras = 12;
     options.num_points = 1300;
     options.window = 6;
@@ -36,6 +38,7 @@ class Determinism : public testing::TestWithParam<Case> {
     options.num_threads = threads;
     options.linear_solver.kind = GetParam().solver;
     options.loss = GetParam().loss;
+    options.minimizer.line_search.kind = GetParam().search;
     options.minimizer.termination.max_iterations = 4;
     options.minimizer.termination.function_tolerance = 0.0;
     State state = state_of(problem.view());
@@ -90,7 +93,25 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"Sparse", LinearSolverKind::kSparse, 0, LossKind::kSquared},
                     Case{"SparseShared", LinearSolverKind::kSparse, 3, LossKind::kTukey},
                     Case{"Iterative", LinearSolverKind::kIterative, 0, LossKind::kSquared},
-                    Case{"IterativeShared", LinearSolverKind::kIterative, 3, LossKind::kCauchy}),
+                    Case{"IterativeShared", LinearSolverKind::kIterative, 3, LossKind::kCauchy},
+                    Case{"DenseAlgebraicSearch",
+                         LinearSolverKind::kDense,
+                         3,
+                         LossKind::kHuber,
+                         CameraModelId::kBal,
+                         optim::LineSearchKind::kTwoWayAlgebraic},
+                    Case{"ProjectiveAlgebraicSearch",
+                         LinearSolverKind::kDense,
+                         0,
+                         LossKind::kSquared,
+                         CameraModelId::kProjective,
+                         optim::LineSearchKind::kGlobalAlgebraic},
+                    Case{"ProjectiveSlopeSearch",
+                         LinearSolverKind::kSparse,
+                         0,
+                         LossKind::kTukey,
+                         CameraModelId::kProjective,
+                         optim::LineSearchKind::kSoft}),
     [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace

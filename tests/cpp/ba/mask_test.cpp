@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "support/all_models.hpp"
 #include "support/linearized_problem.hpp"
 
 namespace sfmcpp::ba {
@@ -34,10 +35,11 @@ int distinct_columns(const ParameterMap& map) {
   return static_cast<int>(columns.size());
 }
 
-TEST(Mask, EveryPoseHasSixColumnsAndEveryFreeIntrinsicOne) {
+TEST(Mask, EveryCameraHasTheColumnsOfItsTangentAndEveryFreeIntrinsicOne) {
   EXPECT_EQ(map_of(scene_of(CameraModelId::kCalibrated)).num_columns, 6 * 6);
   EXPECT_EQ(map_of(scene_of(CameraModelId::kPerspective)).num_columns, 6 * 7);
   EXPECT_EQ(map_of(scene_of(CameraModelId::kBal)).num_columns, 6 * 9);
+  EXPECT_EQ(map_of(scene_of(CameraModelId::kProjective)).num_columns, 6 * 12);
 }
 
 TEST(Mask, SharedIntrinsicsHaveOneSetOfColumnsForEachRow) {
@@ -54,8 +56,7 @@ TEST(Mask, SharedIntrinsicsHaveOneSetOfColumnsForEachRow) {
 }
 
 TEST(Mask, FixedGaugeTakesExactlySevenColumns) {
-  for (CameraModelId model :
-       {CameraModelId::kCalibrated, CameraModelId::kPerspective, CameraModelId::kBal}) {
+  for (CameraModelId model : support::metric_models()) {
     for (int groups : {0, 1, 2}) {
       const OwnedProblem scene = scene_of(model, groups);
       EXPECT_EQ(map_of(scene, true).num_columns, map_of(scene).num_columns - 7);
@@ -120,10 +121,13 @@ TEST(FreeIntrinsics, AreThoseFreeInSomeRowThatAnObservedCameraUses) {
   EXPECT_EQ(free_intrinsics(p, graph), (std::vector<int>{0, 5}));
 }
 
-TEST(FreeIntrinsics, ACalibratedCameraHasNoneWhateverTheMaskSays) {
-  OwnedProblem scene = scene_of(CameraModelId::kCalibrated);
-  std::fill(scene.fixed_intrinsics.begin(), scene.fixed_intrinsics.end(), 0);
-  EXPECT_EQ(map_of(scene).num_columns, 36);
+TEST(FreeIntrinsics, CalibrationsAndFramesOfImagesAreNeverFreeWhateverTheMaskSays) {
+  for (const auto& [model, columns] :
+       {std::pair{CameraModelId::kCalibrated, 36}, std::pair{CameraModelId::kProjective, 72}}) {
+    OwnedProblem scene = scene_of(model);
+    std::fill(scene.fixed_intrinsics.begin(), scene.fixed_intrinsics.end(), 0);
+    EXPECT_EQ(map_of(scene).num_columns, columns);
+  }
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 
 #include "support/camera_dispatch.hpp"
 #include "support/instruction_sets.hpp"
-#include "support/random_views.hpp"
+#include "support/random_batch.hpp"
 
 namespace sfmcpp {
 namespace {
@@ -21,52 +21,9 @@ using residuals::JacobianOutput;
 using residuals::kReadAhead;
 using residuals::ObservationBatch;
 using residuals::ReprojectionKernels;
+using support::RandomBatch;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-// `count` observations of one camera, of points in scrambled order, every third one behind it.
-struct Batch {
-  Batch(CameraModelId model_id, int size) : model(model_id), count(size) {
-    const support::View view = support::random_view(model, 11);
-    camera = view.camera();
-    intrinsics = view.intrinsics;
-    const int num_points = count + 3;
-    for (int p = 0; p < num_points; ++p) {
-      const Eigen::Vector3d in_camera(0.1 * p - 0.7, 0.5 - 0.07 * p, 1.0);
-      const double depth = p % 3 == 0 ? -2.0 - p : 2.0 + p;
-      const Eigen::Vector3d x = view.centre + view.rotation * (depth * in_camera);
-      points.insert(points.end(), x.begin(), x.end());
-    }
-    point.assign(count + kReadAhead, 0);
-    for (int k = 0; k < count; ++k) point[k] = (k * 7 + 2) % num_points;
-    for (auto* values : {&u, &v, &inverse_sigma}) values->assign(count + kReadAhead, 1.0);
-    for (int k = 0; k < count; ++k) {
-      u[k] = 100.0 + 13.0 * k;
-      v[k] = 200.0 - 9.0 * k;
-      inverse_sigma[k] = 1.0 / (0.5 + 0.25 * k);
-    }
-  }
-
-  ObservationBatch view() const {
-    return {camera.data(),
-            intrinsics.data(),
-            points.data(),
-            point.data(),
-            u.data(),
-            v.data(),
-            inverse_sigma.data(),
-            count};
-  }
-  ImagePoint<double> image(int k) const {
-    return support::project(model, camera.data(), intrinsics.data(), points.data() + 3L * point[k]);
-  }
-
-  CameraModelId model;
-  int count;
-  std::array<double, kCameraStorage> camera;
-  std::vector<double> intrinsics, points, u, v, inverse_sigma;
-  std::vector<int> point;
-};
 
 struct Case {
   CameraModelId model;
@@ -87,7 +44,7 @@ class ReprojectionKernel : public testing::TestWithParam<Case> {};
 
 TEST_P(ReprojectionKernel, ResidualsAreObservedMinusProjectedOverSigma) {
   for (int count = 1; count <= 20; ++count) {
-    const Batch batch(GetParam().model, count);
+    const RandomBatch batch(GetParam().model, count);
     std::vector<double> ru(count + kReadAhead, kNaN), rv(count + kReadAhead, kNaN);
     GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
     for (int k = 0; k < count; ++k) {
@@ -105,7 +62,7 @@ TEST_P(ReprojectionKernel, ResidualsAreObservedMinusProjectedOverSigma) {
 
 TEST_P(ReprojectionKernel, CountsThePointsNotInFrontOfTheCamera) {
   for (int count = 1; count <= 20; ++count) {
-    const Batch batch(GetParam().model, count);
+    const RandomBatch batch(GetParam().model, count);
     int behind = 0;
     for (int k = 0; k < count; ++k) behind += batch.image(k).depth <= 0.0;
     std::vector<double> ru(count + kReadAhead), rv(count + kReadAhead);
@@ -121,6 +78,7 @@ struct Layout {
 
 std::vector<Layout> layouts(CameraModelId model) {
   if (model == CameraModelId::kCalibrated) return {{{}, 6}};
+  if (model == CameraModelId::kProjective) return {{{}, 12}};
   if (model == CameraModelId::kBal) return {{{}, 6}, {{0}, 9}, {{0, 2}, 9}, {{0, 1, 2}, 9}};
   std::vector<int> all(12);
   std::iota(all.begin(), all.end(), 0);
@@ -129,16 +87,16 @@ std::vector<Layout> layouts(CameraModelId model) {
 
 // 2 × camera_size and 2 × 4 of one observation, by the double-typed template.
 template <class Camera>
-std::pair<MatrixXd, MatrixXd> expected_of(const Batch& batch, const Layout& layout, int k) {
-  LinearizedImagePoint<double, 6, Camera::kIntrinsics> lin{};
-  Camera::linearize(
-      batch.camera.data(), batch.intrinsics.data(), batch.points.data() + 3L * batch.point[k], lin);
+std::pair<MatrixXd, MatrixXd> expected_of(const RandomBatch& batch, const Layout& layout, int k) {
+  constexpr int kTangent = Camera::kTangent;
+  LinearizedImagePoint<double, kTangent, Camera::kIntrinsics> lin{};
+  Camera::linearize(batch.camera.data(), batch.intrinsics.data(), batch.stored_point(k), lin);
   MatrixXd camera = MatrixXd::Zero(2, layout.camera_size), point(2, 4);
   const double observed[2] = {batch.u[k], batch.v[k]}, projected[2] = {lin.image.u, lin.image.v};
   for (int row = 0; row < 2; ++row) {
-    for (int c = 0; c < 6; ++c) camera(row, c) = lin.camera[row][c];
+    for (int c = 0; c < kTangent; ++c) camera(row, c) = lin.camera[row][c];
     for (std::size_t c = 0; c < layout.free.size(); ++c) {
-      camera(row, 6 + c) = lin.intrinsics[row][layout.free[c]];
+      camera(row, kTangent + c) = lin.intrinsics[row][layout.free[c]];
     }
     for (int c = 0; c < 3; ++c) point(row, c) = lin.point[row][c];
     point(row, 3) = observed[row] - projected[row];
@@ -156,14 +114,14 @@ double relative_error(const MatrixXd& actual, const MatrixXd& expected) {
 TEST_P(ReprojectionKernel, JacobiansAreThoseOfTheCameraModelOverSigma) {
   for (const Layout& layout : layouts(GetParam().model)) {
     for (int count = 1; count <= 20; ++count) {
-      const Batch batch(GetParam().model, count);
+      const RandomBatch batch(GetParam().model, count);
       const int size = layout.camera_size;
       std::vector<double> camera(2L * count * size, kNaN), point(8L * count, kNaN);
       const int num_free = static_cast<int>(layout.free.size());
       GetParam().kernels().linearize(
           batch.view(), {layout.free.data(), num_free, size, camera.data(), point.data()});
       for (int k = 0; k < count; ++k) {
-        const auto [camera_expected, point_expected] = support::visit_camera(
+        const auto [camera_expected, point_expected] = visit_camera(
             batch.model, [&](auto type) { return expected_of<decltype(type)>(batch, layout, k); });
         const Eigen::Map<const RowMajor> camera_actual(camera.data() + 2L * k * size, 2, size);
         const Eigen::Map<const RowMajor> point_actual(point.data() + 8L * k, 2, 4);
@@ -177,7 +135,7 @@ TEST_P(ReprojectionKernel, JacobiansAreThoseOfTheCameraModelOverSigma) {
 TEST_P(ReprojectionKernel, WritesNothingBeyondTheRecordsOfTheBatch) {
   for (const Layout& layout : layouts(GetParam().model)) {
     for (int count = 1; count <= 20; ++count) {
-      const Batch batch(GetParam().model, count);
+      const RandomBatch batch(GetParam().model, count);
       const long size = 2L * count * layout.camera_size;
       constexpr int kGuard = 64;
       std::vector<double> camera(size + 2 * kGuard, 42.0), point(8L * count + 2 * kGuard, 42.0);
@@ -198,7 +156,7 @@ TEST_P(ReprojectionKernel, WritesNothingBeyondTheRecordsOfTheBatch) {
 
 TEST_P(ReprojectionKernel, ResidualsGoAtMostReadAheadBeyondTheBatch) {
   for (int count = 1; count <= 20; ++count) {
-    const Batch batch(GetParam().model, count);
+    const RandomBatch batch(GetParam().model, count);
     std::vector<double> ru(count + kReadAhead + 8, 42.0), rv = ru;
     GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
     for (std::size_t k = count + kReadAhead; k < ru.size(); ++k) ASSERT_EQ(ru[k] + rv[k], 84.0);
@@ -207,7 +165,7 @@ TEST_P(ReprojectionKernel, ResidualsGoAtMostReadAheadBeyondTheBatch) {
 
 // What a lane computes must not depend on its neighbours: a solve cuts batches as it likes.
 TEST_P(ReprojectionKernel, AnObservationHasTheSameBitsInEveryBatch) {
-  const Batch whole(GetParam().model, 20);
+  const RandomBatch whole(GetParam().model, 20);
   std::vector<double> ru(20 + kReadAhead), rv(20 + kReadAhead), one_u(1 + kReadAhead),
       one_v(1 + kReadAhead);
   GetParam().kernels().residuals(whole.view(), ru.data(), rv.data());

@@ -45,23 +45,24 @@ class DenseAssembler {
     LinearizedImagePoint<double, Camera::kTangent, Camera::kIntrinsics> lin{};
     Camera::linearize(in_.state.cameras.data() + kCameraStorage * i,
                       in_.state.intrinsics.data() + group,
-                      in_.state.points.data() + 3L * p,
+                      in_.state.points.data() + static_cast<long>(Camera::kPointStorage) * p,
                       lin);
     const double over_sigma = problem.sigma_px.empty() ? 1.0 : 1.0 / problem.sigma_px[k];
     const double ru = (problem.pixels[2 * k] - lin.image.u) * over_sigma;
     const double rv = (problem.pixels[2 * k + 1] - lin.image.v) * over_sigma;
     const double weight = std::sqrt(loss_.derivative(ru * ru + rv * rv));
     out_.residual.segment<2>(2 * k) = weight * Eigen::Vector2d(ru, rv);
-    for (int row = 0; row < 2; ++row) add_row(lin, row, 2 * k + row, i, p, weight * over_sigma);
+    for (int row = 0; row < 2; ++row)
+      add_row<Camera>(lin, row, 2 * k + row, i, p, weight * over_sigma);
   }
 
-  template <class Linearized>
+  template <class Camera, class Linearized>
   void add_row(const Linearized& lin, int row, int target, int i, int p, double weight) {
     const int* columns = in_.map.columns_of(i);
-    for (int c = 0; c < kPoseTangent; ++c) set(target, columns[c], weight * lin.camera[row][c]);
+    for (int c = 0; c < Camera::kTangent; ++c) set(target, columns[c], weight * lin.camera[row][c]);
     for (std::size_t c = 0; c < in_.free_intrinsics.size(); ++c) {
       const double value = weight * lin.intrinsics[row][in_.free_intrinsics[c]];
-      set(target, columns[kPoseTangent + c], value);
+      set(target, columns[Camera::kTangent + c], value);
     }
     if (out_.point_column[p] < 0) return;
     for (int c = 0; c < 3; ++c) set(target, out_.point_column[p] + c, weight * lin.point[row][c]);

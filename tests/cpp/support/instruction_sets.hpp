@@ -13,6 +13,7 @@ namespace sfmcpp::support {
 struct InstructionSet {
   std::string_view name;
   residuals::ReprojectionKernels (*reprojection)(CameraModelId);
+  residuals::AlgebraicKernel (*algebraic)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size);
   linear::CholeskyKernels (*cholesky)();
 };
@@ -20,18 +21,21 @@ struct InstructionSet {
 inline std::vector<InstructionSet> instruction_sets() {
   std::vector<InstructionSet> sets{{"baseline",
                                     &residuals::baseline::kernels_for,
+                                    &residuals::baseline::algebraic_kernel_for,
                                     &linear::baseline::kernels_for,
                                     &linear::baseline::cholesky_kernels_of}};
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("x86-64-v3")) {
     sets.push_back({"avx2",
                     &residuals::avx2::kernels_for,
+                    &residuals::avx2::algebraic_kernel_for,
                     &linear::avx2::kernels_for,
                     &linear::avx2::cholesky_kernels_of});
   }
   if (__builtin_cpu_supports("x86-64-v4")) {
     sets.push_back({"avx512",
                     &residuals::avx512::kernels_for,
+                    &residuals::avx512::algebraic_kernel_for,
                     &linear::avx512::kernels_for,
                     &linear::avx512::cholesky_kernels_of});
   }

@@ -9,22 +9,36 @@
 #include <Eigen/Geometry>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "support/uncalibrated.hpp"
 
 namespace sfmcpp::support {
 
+// The calibration behind an uncalibrated camera, which knows none.
+inline const std::vector<double> kCalibration{700, 1.1, 300, 250, 3};
+
 struct View {
+  CameraModelId model;
   Eigen::Matrix3d rotation;  // world_from_camera
   Eigen::Vector3d centre;
   Eigen::Vector3d point;
   std::vector<double> intrinsics;
 
-  std::array<double, kCameraStorage> camera() const {
+  std::array<double, kCameraStorage> pose() const {
     std::array<double, kCameraStorage> stored;
-    for (int row = 0; row < 3; ++row) {
-      for (int k = 0; k < 3; ++k) stored[4 * row + k] = rotation(row, k);
-      stored[4 * row + 3] = centre[row];
-    }
+    Eigen::Map<Matrix34> camera(stored.data());
+    camera << rotation, centre;
     return stored;
+  }
+
+  // As the model stores them.
+  std::array<double, kCameraStorage> camera() const {
+    if (is_metric(model)) return pose();
+    return uncalibrated_camera(pose().data(), calibration_matrix(kCalibration), intrinsics);
+  }
+  std::vector<double> stored_point() const {
+    if (is_metric(model)) return {point.begin(), point.end()};
+    const Eigen::Vector4d q = homogeneous_point(point.data());
+    return {q.begin(), q.end()};
   }
 };
 
@@ -35,10 +49,12 @@ inline std::vector<double> strong_intrinsics(CameraModelId model) {
       return {700, 1.1, 300, 250, 3, -0.3, 0.2, -0.1, 0.15, 0.05, 0.02, -0.03};
     case CameraModelId::kBal:
       return {700, -0.3, 0.2};
+    case CameraModelId::kProjective:
+      return {kImageFrame.begin(), kImageFrame.end()};
     case CameraModelId::kCalibrated:
       break;
   }
-  return {700, 1.1, 300, 250, 3};
+  return kCalibration;
 }
 
 inline View random_view(CameraModelId model, unsigned seed) {
@@ -46,6 +62,7 @@ inline View random_view(CameraModelId model, unsigned seed) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   View view;
+  view.model = model;
   view.rotation = Eigen::Quaterniond(normal(random), normal(random), normal(random), normal(random))
                       .normalized()
                       .toRotationMatrix();

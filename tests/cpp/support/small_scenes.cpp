@@ -5,11 +5,13 @@
 #include <cmath>
 #include <numbers>
 #include <random>
+#include <span>
 
 #include <Eigen/Geometry>
 
 #include "sfmcpp/math/so3.hpp"
 #include "support/camera_dispatch.hpp"
+#include "support/uncalibrated.hpp"
 
 namespace sfmcpp::support {
 namespace {
@@ -25,6 +27,7 @@ std::vector<double> true_intrinsics(CameraModelId model) {
     case CameraModelId::kBal:
       return {800, -0.12, 0.05};
     case CameraModelId::kCalibrated:
+    case CameraModelId::kProjective:
       break;
   }
   return {800, 1.02, 320, 240, 0.5};
@@ -36,10 +39,12 @@ std::vector<int> free_by_default(CameraModelId model) {
   return {};
 }
 
+// Of a metric camera model.
 class CircleScene {
  public:
-  explicit CircleScene(const SceneOptions& options) : options_(options), random_(options.seed) {
-    scene_.camera_model = options.camera_model;
+  CircleScene(const SceneOptions& options, CameraModelId model)
+      : options_(options), model_(model), random_(options.seed) {
+    scene_.camera_model = model;
   }
 
   OwnedProblem make() {
@@ -80,10 +85,9 @@ class CircleScene {
 
   void set_intrinsics() {
     const int groups = options_.num_groups > 0 ? options_.num_groups : options_.num_cameras;
-    const std::vector<double> row = true_intrinsics(options_.camera_model);
+    const std::vector<double> row = true_intrinsics(model_);
     std::vector<std::uint8_t> fixed(row.size(), 1);
-    for (int k : options_.free_intrinsics.value_or(free_by_default(options_.camera_model)))
-      fixed[k] = 0;
+    for (int k : options_.free_intrinsics.value_or(free_by_default(model_))) fixed[k] = 0;
     for (int g = 0; g < groups; ++g) {
       const std::size_t first = scene_.intrinsics.size();
       scene_.intrinsics.insert(scene_.intrinsics.end(), row.begin(), row.end());
@@ -104,7 +108,7 @@ class CircleScene {
 
   void observe(int camera, int p) {
     const int row = scene_.intrinsics_index[camera] * scene_.view().num_intrinsics();
-    const ImagePoint<double> image = project(options_.camera_model,
+    const ImagePoint<double> image = project(model_,
                                              scene_.cameras.data() + kCameraStorage * camera,
                                              scene_.intrinsics.data() + row,
                                              scene_.points.data() + 3L * p);
@@ -135,11 +139,39 @@ class CircleScene {
     }
   }
 
-  SceneOptions options_;
+  const SceneOptions& options_;
+  CameraModelId model_;
   std::mt19937 random_;
   std::normal_distribution<double> normal_;
   OwnedProblem scene_;
 };
+
+optim::State uncalibrated(const OwnedProblem& scene, const optim::State& state) {
+  optim::State result;
+  for (std::size_t i = 0; i < scene.intrinsics_index.size(); ++i) {
+    const std::span<const double> row(&state.intrinsics[5UL * scene.intrinsics_index[i]], 5);
+    const auto camera =
+        uncalibrated_camera(&state.cameras[12 * i], calibration_matrix(row), kImageFrame);
+    result.cameras.insert(result.cameras.end(), camera.begin(), camera.end());
+  }
+  for (std::size_t k = 0; k < state.points.size(); k += 3) {
+    const Eigen::Vector4d q = homogeneous_point(&state.points[k]);
+    result.points.insert(result.points.end(), q.begin(), q.end());
+  }
+  for (std::size_t k = 0; k < state.intrinsics.size(); k += 5)
+    result.intrinsics.insert(result.intrinsics.end(), kImageFrame.begin(), kImageFrame.end());
+  return result;
+}
+
+// The same images of the same scene, by cameras that know nothing of their calibration.
+OwnedProblem uncalibrated(const OwnedProblem& calibrated) {
+  OwnedProblem scene = calibrated;
+  scene.camera_model = CameraModelId::kProjective;
+  scene.truth = uncalibrated(calibrated, calibrated.truth);
+  scene.start_from(uncalibrated(calibrated, ba::state_of(calibrated.view())));
+  scene.fixed_intrinsics.assign(scene.intrinsics.size(), 1);
+  return scene;
+}
 
 }  // namespace
 
@@ -171,7 +203,10 @@ void OwnedProblem::observe(int camera, int point, double u, double v) {
   pixels.push_back(v);
 }
 
-OwnedProblem make_circle_scene(const SceneOptions& options) { return CircleScene(options).make(); }
+OwnedProblem make_circle_scene(const SceneOptions& options) {
+  if (is_metric(options.camera_model)) return CircleScene(options, options.camera_model).make();
+  return uncalibrated(CircleScene(options, CameraModelId::kCalibrated).make());
+}
 
 SceneOptions perturbed(CameraModelId model) {
   SceneOptions options;

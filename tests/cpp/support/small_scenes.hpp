@@ -40,6 +40,7 @@ struct OwnedProblem {
   void observe(int camera, int point, double u, double v);
 };
 
+// For a model that is not metric: the scene of calibrated cameras, in coordinates of norm one.
 OwnedProblem make_circle_scene(const SceneOptions& options);
 
 // A start a few percent off the truth, with half a pixel of noise: what most tests solve.

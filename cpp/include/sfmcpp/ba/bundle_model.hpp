@@ -1,8 +1,10 @@
 // Bundle adjustment as a least-squares model: where residuals and linear algebra meet.
 #pragma once
 
+#include <optional>
 #include <vector>
 
+#include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
@@ -20,8 +22,11 @@ class BundleModel final : public optim::LeastSquaresModel {
               const linear::ParameterMap& map,
               std::vector<int> free_intrinsics,
               ThreadPool& pool);
+  BundleModel(const BundleModel&) = delete;
+  BundleModel& operator=(const BundleModel&) = delete;
 
   void set_loss(const Loss& loss) { loss_ = loss; }
+  void set_algebraic_weights(AlgebraicWeights weights) { algebraic_weights_ = weights; }
 
   double cost(const optim::State& state) override;
   void linearize(const optim::State& state) override;
@@ -30,32 +35,50 @@ class BundleModel final : public optim::LeastSquaresModel {
             const linear::Step& step,
             optim::StepLengths lengths,
             optim::State& result) const override;
+  void normalize(optim::State& state) const override;
+  double slope(const optim::State& start,
+               const linear::Step& step,
+               const optim::State& candidate) override;
+  std::optional<Biquadratic> algebraic_cost(const optim::State& state,
+                                            const linear::Step& step) override;
 
-  // Residuals over σ (2 per observation), in stored order.
-  std::vector<double> residuals(const optim::State& state);
-  // Observations whose point is not in front of the camera.
-  int num_behind_camera(const optim::State& state);
+  struct Residuals {
+    std::vector<double> values;  // over σ, 2 per observation, in stored order
+    int behind_camera = 0;       // observations whose point is not in front of the camera
+  };
+  Residuals residuals(const optim::State& state);
 
  private:
   residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
   double chunk_cost(const optim::State& state, const linear::Chunk& chunk) const;
+  residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   void linearize_chunk(const optim::State& state, int chunk);
+  double chunk_slope(const optim::State& state, const linear::Step& step, int chunk) const;
   void apply_loss(const linear::Chunk& chunk);
-  void plus_camera(const optim::State& state,
+  void move_camera(const optim::State& state,
                    const linear::Step& step,
                    double length,
                    int camera,
                    optim::State& result) const;
+  void move_point(const optim::State& state,
+                  const linear::Step& step,
+                  double length,
+                  int p,
+                  optim::State& result) const;
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
   ThreadPool& pool_;
+  int point_storage_;
   residuals::ReprojectionKernels kernels_;
   Loss loss_;
   std::vector<double> u_, v_, inverse_sigma_;  // in stored order, readable beyond the end
+  std::vector<double> weights_;                // 1/σ √ρ′ where linearised last
   linear::NormalEquations normal_;
+  AlgebraicCost algebraic_;
+  AlgebraicWeights algebraic_weights_ = AlgebraicWeights::kUniform;
 };
 
 }  // namespace sfmcpp::ba

@@ -14,14 +14,14 @@ namespace sfmcpp::ba {
 // every use of the problem.
 struct Problem {
   CameraModelId camera_model = CameraModelId::kCalibrated;
-  std::span<const double> cameras;                 // C × 12: [R | c], row-major, world_from_camera
-  std::span<const double> intrinsics;              // G × K
-  std::span<const double> points;                  // N × 3
-  std::span<const int> intrinsics_index;           // C: row of intrinsics of each camera
-  std::span<const int> camera_index;               // M
-  std::span<const int> point_index;                // M
-  std::span<const double> pixels;                  // M × 2
-  std::span<const double> sigma_px;                // M, or empty for 1 px
+  std::span<const double> cameras;        // C × 12, row-major: [R | c] world_from_camera, or P
+  std::span<const double> intrinsics;     // G × K
+  std::span<const double> points;         // N × 3, or N × 4 homogeneous
+  std::span<const int> intrinsics_index;  // C: row of intrinsics of each camera
+  std::span<const int> camera_index;      // M
+  std::span<const int> point_index;       // M
+  std::span<const double> pixels;         // M × 2
+  std::span<const double> sigma_px;       // M, or empty for 1 px
   std::span<const std::uint8_t> fixed_cameras;     // C
   std::span<const std::uint8_t> fixed_points;      // N
   std::span<const std::uint8_t> fixed_intrinsics;  // G × K
@@ -29,7 +29,8 @@ struct Problem {
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }
   int num_intrinsics() const { return static_cast<int>(intrinsic_names(camera_model).size()); }
   int num_groups() const { return static_cast<int>(intrinsics.size()) / num_intrinsics(); }
-  int num_points() const { return static_cast<int>(points.size() / 3); }
+  int point_storage() const { return sfmcpp::point_storage(camera_model); }
+  int num_points() const { return static_cast<int>(points.size()) / point_storage(); }
   int num_observations() const { return static_cast<int>(camera_index.size()); }
 };
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/mask.hpp"
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
@@ -20,6 +21,7 @@ struct SolveOptions {
   double loss_scale_px = 1.0;         // of the residual over σ
   bool automatic_loss_scale = false;  // from the median absolute residual at the start
   Gauge gauge = Gauge::kAuto;
+  AlgebraicWeights algebraic_weights = AlgebraicWeights::kUniform;  // of the algebraic line search
   int num_threads = 0;  // 0: as many as the machine has and the problem is worth
 
   // Throws InvalidArgument listing every option out of its range.
@@ -31,6 +33,7 @@ struct SolveSummary {
   double initial_rms_px =
       0.0;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27, of residuals over σ, without loss
   double final_rms_px = 0.0;
+  bool solves_linear_system = true;  // else the choice of a linear solver means nothing
   linear::LinearSolverChoice linear_solver;
   double loss_scale_px = 1.0;
   int num_threads = 1;

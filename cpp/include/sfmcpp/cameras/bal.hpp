@@ -2,13 +2,23 @@
 // origin. Files look along −z with y up; io turns them to z forward, y down once.
 #pragma once
 
+#include <array>
+#include <string_view>
+
 #include "sfmcpp/cameras/camera_concept.hpp"
 
 namespace sfmcpp {
 
 // (u, v) = f (1 + k1 r² + k2 r⁴) (x, y).
 struct BalLens {
+  static constexpr std::array<std::string_view, 3> kNames{"f", "k1", "k2"};
   static constexpr int kIntrinsics = 3;
+  static constexpr bool kDistorts = true;
+
+  SFMCPP_INLINE static Pinhole pinhole(const double* k) { return {k[0], 0.0, 0.0, k[0], 0.0}; }
+  SFMCPP_INLINE static Pinhole pinhole_change(const double*, const double* dk) {
+    return {dk[0], 0.0, 0.0, dk[0], 0.0};
+  }
 
   template <class Real>
   static void distort(const double* intrinsics, Real x, Real y, Real& u, Real& v) {

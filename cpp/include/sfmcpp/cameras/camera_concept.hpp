@@ -4,6 +4,9 @@
 // doubles for the kernels, which treat several observations of one camera at once.
 #pragma once
 
+#include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/core/simd.hpp"
+
 namespace sfmcpp {
 
 template <class Real>
@@ -22,6 +25,17 @@ struct LinearizedImagePoint {
   Real intrinsics[2][kIntrinsics > 0 ? kIntrinsics : 1];
 };
 
+// A 3×4 projection matrix to pixels, row-major, and its first-order change along a step.
+struct MatrixAndChange {
+  double matrix[12];
+  double change[12];
+};
+
+// The upper triangle of a calibration matrix, or a change of it.
+struct Pinhole {
+  double fx, skew, cx, fy, cy;
+};
+
 // A lens maps the normalised image plane to pixels: `distort` gives (u, v); `linearize` also the
 // 2×2 derivative by (x, y) and the 2×kIntrinsics derivative by the intrinsic parameters.
 template <class Real, int kIntrinsics>
@@ -31,11 +45,49 @@ struct LinearizedLens {
   Real intrinsics[2][kIntrinsics > 0 ? kIntrinsics : 1];
 };
 
+// Newton steps that take out a strong distortion to rounding. Two leave an error of the order of a
+// hundredth of a pixel.
+inline constexpr int kExactly = 8;
+
+// The normalised point that the lens takes to (u, v), by Newton's method from the undistorted
+// guess; that guess itself where Newton's method goes astray (beyond the range in which a lens is
+// invertible; a strong lens takes points of the other side there, too).
+template <int kSteps, class Lens, class Real>
+SFMCPP_INLINE void undistorted(const double* intrinsics, Real u, Real v, Real& x, Real& y) {
+  const Pinhole k = Lens::pinhole(intrinsics);
+  const Real guess_y = (v - k.cy) * (1.0 / k.fy);
+  const Real guess_x = (u - k.cx - guess_y * k.skew) * (1.0 / k.fx);
+  x = guess_x;
+  y = guess_y;
+  if constexpr (Lens::kDistorts) {
+    constexpr double kTolerance2 = 0.25;  // px²
+    LinearizedLens<Real, Lens::kIntrinsics> lens;
+    for (int step = 0; step < kSteps; ++step) {
+      Lens::linearize(intrinsics, x, y, lens);
+      const Real du = u - lens.u, dv = v - lens.v;
+      const auto& j = lens.plane;
+      const Real inverse = Real(1.0) / (j[0][0] * j[1][1] - j[0][1] * j[1][0]);
+      x += (j[1][1] * du - j[0][1] * dv) * inverse;
+      y += (j[0][0] * dv - j[1][0] * du) * inverse;
+    }
+    Real again_u, again_v;
+    Lens::distort(intrinsics, x, y, again_u, again_v);
+    const Real error2 = (again_u - u) * (again_u - u) + (again_v - v) * (again_v - v);
+    const Real same_side = x * guess_x + y * guess_y;
+    const Real trusted = select_less(error2, Real(kTolerance2), same_side, Real(0.0));
+    x = select_less(Real(0.0), trusted, x, guess_x);
+    y = select_less(Real(0.0), trusted, y, guess_y);
+  }
+}
+
 // Pose [R | c] followed by division by the depth, followed by a lens.
 template <class Lens>
 struct MetricCamera {
+  static constexpr auto kIntrinsicNames = Lens::kNames;
+  static constexpr bool kMetric = true;
   static constexpr int kTangent = 6;
   static constexpr int kIntrinsics = Lens::kIntrinsics;
+  static constexpr int kPointStorage = 3;
 
   template <class Real>
   static ImagePoint<Real> project(const double* camera,
@@ -78,6 +130,77 @@ struct MetricCamera {
       }
       for (int k = 0; k < kIntrinsics; ++k) out.intrinsics[row][k] = lens.intrinsics[row][k];
     }
+  }
+
+  // (X, 1), and what a step adds to it.
+  template <class Real>
+  static void homogeneous(const Real* x, const Real* step, Real* point, Real* change) {
+    for (int k = 0; k < 3; ++k) {
+      point[k] = x[k];
+      change[k] = step[k];
+    }
+    point[3] = Real(1.0);
+    change[3] = Real(0.0);
+  }
+
+  static void plus(const double* camera, const double* delta, double* result) {
+    plus_pose(camera, delta, result);
+  }
+  static void plus_point(const double* point, const double* delta, double* result) {
+    for (int k = 0; k < 3; ++k) result[k] = point[k] + delta[k];
+  }
+  static void transport(const double*, const double* step, const double*, double* result) {
+    for (int k = 0; k < 3; ++k) result[k] = step[k];
+  }
+  static void normalize(double*) {}
+  static void normalize_point(double*) {}
+
+  // P = K [Rᵀ | −Rᵀc] and, to first order,
+  // ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc] (EQUATIONS §5; thesis eq. 4.20 is for
+  // another parametrisation and a fixed K). Distortion is left out: see `undistort`.
+  static void matrix(const double* camera,
+                     const double* intrinsics,
+                     const double* delta,
+                     const double* intrinsics_delta,
+                     MatrixAndChange& out) {
+    double view[12], view_change[12];
+    for (int row = 0; row < 3; ++row) {
+      view[4 * row + 3] = view_change[4 * row + 3] = 0.0;
+      for (int k = 0; k < 3; ++k) {
+        view[4 * row + k] = camera[4 * k + row];
+        view[4 * row + 3] -= camera[4 * k + row] * camera[4 * k + 3];
+      }
+    }
+    for (int k = 0; k < 4; ++k) {  // −[δR]× applied to each column of [Rᵀ | −Rᵀc]
+      view_change[k] = delta[2] * view[4 + k] - delta[1] * view[8 + k];
+      view_change[4 + k] = delta[0] * view[8 + k] - delta[2] * view[k];
+      view_change[8 + k] = delta[1] * view[k] - delta[0] * view[4 + k];
+    }
+    for (int row = 0; row < 3; ++row) {
+      for (int k = 0; k < 3; ++k) view_change[4 * row + 3] -= camera[4 * k + row] * delta[3 + k];
+    }
+    const Pinhole k = Lens::pinhole(intrinsics);
+    const Pinhole dk = Lens::pinhole_change(intrinsics, intrinsics_delta);
+    for (int c = 0; c < 4; ++c) {
+      const double *v = view + c, *dv = view_change + c;
+      out.matrix[c] = k.fx * v[0] + k.skew * v[4] + k.cx * v[8];
+      out.matrix[4 + c] = k.fy * v[4] + k.cy * v[8];
+      out.matrix[8 + c] = v[8];
+      out.change[c] = k.fx * dv[0] + k.skew * dv[4] + k.cx * dv[8] + dk.fx * v[0] + dk.skew * v[4] +
+                      dk.cx * v[8];
+      out.change[4 + c] = k.fy * dv[4] + k.cy * dv[8] + dk.fy * v[4] + dk.cy * v[8];
+      out.change[8 + c] = dv[8];
+    }
+  }
+
+  // Where a lens without distortion, of the same pinhole, would have seen what was seen at (u, v).
+  template <int kSteps = kExactly, class Real>
+  static void undistort(const double* intrinsics, Real u, Real v, Real& ideal_u, Real& ideal_v) {
+    Real x, y;
+    undistorted<kSteps, Lens>(intrinsics, u, v, x, y);
+    const Pinhole k = Lens::pinhole(intrinsics);
+    ideal_u = x * k.fx + y * k.skew + k.cx;
+    ideal_v = y * k.fy + k.cy;
   }
 
   // x_cam = Rᵀ (X − c).

@@ -3,6 +3,9 @@
 // it).
 #pragma once
 
+#include <array>
+#include <string_view>
+
 #include "sfmcpp/cameras/camera_concept.hpp"
 
 namespace sfmcpp {
@@ -10,9 +13,19 @@ namespace sfmcpp {
 // (x_d, y_d) = (1 + k1 r² + … + k5 r¹⁰) (x, y) + (2 p1 x y + p2 (r² + 2x²), p1 (r² + 2y²) + 2 p2 x
 // y); u = f x_d + skew y_d + cx, v = aspect f y_d + cy.
 struct PerspectiveLens {
+  static constexpr std::array<std::string_view, 12> kNames{
+      "f", "aspect", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "k5", "p1", "p2"};
   static constexpr int kIntrinsics = 12;
+  static constexpr bool kDistorts = true;
   static constexpr int kRadial = 5;
   enum Parameter { kF, kAspect, kCx, kCy, kSkew, kK1, kP1 = kK1 + kRadial, kP2 };
+
+  SFMCPP_INLINE static Pinhole pinhole(const double* k) {
+    return {k[kF], k[kSkew], k[kCx], k[kF] * k[kAspect], k[kCy]};
+  }
+  SFMCPP_INLINE static Pinhole pinhole_change(const double* k, const double* dk) {
+    return {dk[kF], dk[kSkew], dk[kCx], dk[kF] * k[kAspect] + k[kF] * dk[kAspect], dk[kCy]};
+  }
 
   template <class Real>
   struct Distorted {

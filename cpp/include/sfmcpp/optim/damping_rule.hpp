@@ -14,6 +14,13 @@ class DampingRule {
   virtual linear::Damping damping() const = 0;
 };
 
+// λ₀ of the rule of Hartley (thesis §2.2.2.4), and τ of that of Nielsen, where the options leave
+// them open.
+inline constexpr double kHartleyStart = 1e-3;
+inline constexpr double kNielsenStart = 1e-4;
+// λ beyond this moves nothing any more.
+inline constexpr double kMaxLambda = 1e32;
+
 // Hartley & Zisserman: D = diag(JᵀJ), λ ÷ 10 on success, × 10 on failure (thesis eq. 2.45, with λ
 // for the λ² of eq. 2.44).
 class HartleyRule final : public DampingRule {

@@ -1,7 +1,10 @@
 // What a minimiser asks of a least-squares problem.
 #pragma once
 
+#include <optional>
+
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/math/biquadratic.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::optim {
@@ -20,6 +23,20 @@ class LeastSquaresModel {
                     const linear::Step& step,
                     StepLengths lengths,
                     State& result) const = 0;
+
+  // Takes out of an accepted state what no residual sees, such as the scale of homogeneous
+  // coordinates; the cost stays as it is.
+  virtual void normalize(State&) const {}
+
+  // The derivative of the cost along `step` from `start`, where it has come to `candidate`. The
+  // normal equations stay as they are. Only line searches that test slopes ask for it.
+  virtual double slope(const State& start, const linear::Step& step, const State& candidate) = 0;
+
+  // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
+  // if the problem has no such cost.
+  virtual std::optional<Biquadratic> algebraic_cost(const State&, const linear::Step&) {
+    return std::nullopt;
+  }
 };
 
 }  // namespace sfmcpp::optim

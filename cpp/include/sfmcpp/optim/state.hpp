@@ -8,7 +8,7 @@ namespace sfmcpp::optim {
 struct State {
   std::vector<double> cameras;     // 12 per camera, row-major 3×4
   std::vector<double> intrinsics;  // rows of intrinsic parameters
-  std::vector<double> points;      // 3 per point
+  std::vector<double> points;      // 3 per point, or 4 homogeneous
 };
 
 // How far along the step cameras (with their intrinsics) and points go: two lengths, so that
@@ -16,6 +16,7 @@ struct State {
 struct StepLengths {
   double camera = 1.0;
   double point = 1.0;
+  bool operator==(const StepLengths&) const = default;
 };
 
 }  // namespace sfmcpp::optim

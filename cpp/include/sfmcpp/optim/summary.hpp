@@ -48,6 +48,9 @@ struct Iteration {
   double gradient_norm = 0.0;  // largest entry, at the state the step started from
   double step_norm = 0.0;
   StepLengths lengths{};
+  std::vector<StepLengths> proposed_lengths{};  // by an algebraic line search, accepted or not
+  bool line_searched = false;
+  int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 };
 

@@ -1,11 +1,13 @@
-// The kernels of one instruction set; only reprojection.cpp chooses among them (core/isa.hpp).
+// The kernels of one instruction set; only kernel_choice.cpp chooses among them (core/isa.hpp).
 #pragma once
 
+#include "sfmcpp/residuals/algebraic.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
-#define SFMCPP_DECLARE_REPROJECTION(isa)                \
-  namespace sfmcpp::residuals::isa {                    \
-  ReprojectionKernels kernels_for(CameraModelId model); \
+#define SFMCPP_DECLARE_REPROJECTION(isa)                     \
+  namespace sfmcpp::residuals::isa {                         \
+  ReprojectionKernels kernels_for(CameraModelId model);      \
+  AlgebraicKernel algebraic_kernel_for(CameraModelId model); \
   }
 
 SFMCPP_DECLARE_REPROJECTION(baseline)

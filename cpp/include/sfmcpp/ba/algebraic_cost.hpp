@@ -1,0 +1,79 @@
+// The algebraic reprojection error of a whole problem along a step: nine sums in one pass over the
+// observations (thesis §4.3, residuals/algebraic.hpp).
+#pragma once
+
+#include <array>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/math/biquadratic.hpp"
+#include "sfmcpp/residuals/algebraic.hpp"
+
+namespace sfmcpp {
+
+namespace ba {
+// How observations count in the algebraic cost: all alike (thesis eq. 4.8), or by the inverse of
+// their depth at the present state, so that the cost starts as the geometric one.
+enum class AlgebraicWeights { kUniform, kInverseDepth };
+}  // namespace ba
+
+template <>
+struct EnumNames<ba::AlgebraicWeights> {
+  static constexpr std::string_view kWhat = "algebraic_weights";
+  static constexpr std::array<std::pair<ba::AlgebraicWeights, std::string_view>, 2> kTable{
+      {{ba::AlgebraicWeights::kUniform, "uniform"},
+       {ba::AlgebraicWeights::kInverseDepth, "inverse-depth"}}};
+};
+
+namespace ba {
+
+// Isotropic normalisation of an image (thesis eq. 4.3): the centroid of its observations, and their
+// mean distance to it over √2.
+struct ImageNormalization {
+  double centre_u = 0.0;
+  double centre_v = 0.0;
+  double scale = 1.0;
+};
+
+class AlgebraicCost {
+ public:
+  // The references must outlive this object. `u` and `v`: observed pixels in stored order.
+  AlgebraicCost(const Problem& problem,
+                const linear::ObservationGraph& graph,
+                const linear::ParameterMap& map,
+                const std::vector<int>& free_intrinsics,
+                const std::vector<double>& u,
+                const std::vector<double>& v,
+                ThreadPool& pool);
+
+  // `weights` in stored order: of the residuals, as the true cost has them at `state`.
+  Biquadratic along(const optim::State& state,
+                    const linear::Step& step,
+                    const std::vector<double>& weights,
+                    AlgebraicWeights algebraic_weights) const;
+
+ private:
+  struct CameraLine {
+    double matrix[kCameraStorage];
+    double change[kCameraStorage];
+  };
+  CameraLine camera_line(const optim::State& state, const linear::Step& step, int camera) const;
+
+  const Problem& problem_;
+  const linear::ObservationGraph& graph_;
+  const linear::ParameterMap& map_;
+  const std::vector<int>& free_intrinsics_;
+  const std::vector<double>& u_;
+  const std::vector<double>& v_;
+  ThreadPool& pool_;
+  residuals::AlgebraicKernel kernel_;
+  std::vector<ImageNormalization> normalizations_;  // of each image
+};
+
+}  // namespace ba
+}  // namespace sfmcpp

@@ -1,0 +1,93 @@
+#include <cmath>
+#include <string>
+
+#include <Eigen/LU>
+
+#include "sfmcpp/ba/pose_refinement.hpp"
+#include "sfmcpp/core/options_check.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+constexpr int kFewestObservations = 4;  // three determine a pose; one more can be left out
+constexpr double kRotationTolerance = 1e-6;
+
+std::string entry(const char* name, std::size_t index, double value) {
+  return std::string(name) + "[" + std::to_string(index) + "] = " + std::to_string(value);
+}
+
+void require_finite(std::span<const double> values, const char* name) {
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (!std::isfinite(values[k]))
+      throw InvalidArgument(entry(name, k, values[k]) + ": must be finite");
+  }
+}
+
+void require_size(std::span<const double> values, const char* name, std::size_t size) {
+  if (values.size() != size) {
+    throw InvalidArgument(std::string(name) + ": " + std::to_string(values.size()) +
+                          " numbers, must be " + std::to_string(size));
+  }
+}
+
+void require_positive(std::span<const double> values, const char* name) {
+  require_finite(values, name);
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (values[k] <= 0.0) throw InvalidArgument(entry(name, k, values[k]) + ": must be positive");
+  }
+}
+
+}  // namespace
+
+void PoseSweepOptions::validate() const {
+  OptionsCheck check;
+  check.require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+  check.require(fold_iterations >= 1, "fold_iterations", fold_iterations, "at least 1");
+  check.require(
+      std::isfinite(inlier_px) && inlier_px > 0.0, "inlier_px", inlier_px, "finite and positive");
+  check.done();
+}
+
+void require_weight(double weight, const char* name, std::size_t index) {
+  if (!(std::isfinite(weight) && weight >= 0.0))
+    throw InvalidArgument(entry(name, index, weight) + ": must be finite and not negative");
+}
+
+void check_pose(const double* pose, const char* name) {
+  require_finite({pose, 12}, name);
+  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(pose);
+  const Eigen::Matrix3d r = matrix.leftCols<3>();
+  const Eigen::Matrix3d gram = r * r.transpose() - Eigen::Matrix3d::Identity();
+  if (gram.cwiseAbs().maxCoeff() > kRotationTolerance || r.determinant() < 0.0) {
+    throw InvalidArgument(std::string(name) +
+                          ": its left 3×3 block must be a rotation matrix, orthonormal to 1e-6");
+  }
+}
+
+void check_pose_view(const PoseView& view) {
+  const auto n = static_cast<std::size_t>(view.count());
+  require_size(view.pixels, "pixels", 2 * n);
+  require_size(view.points, "points", 3 * n);
+  if (!view.sigma_px.empty()) require_size(view.sigma_px, "sigma_px", n);
+  require_size(view.intrinsics, "intrinsics", intrinsic_names(view.camera_model).size());
+  if (view.count() < kFewestObservations) {
+    throw InvalidArgument("points: " + std::to_string(n) + ", must be at least " +
+                          std::to_string(kFewestObservations) + " to leave one out");
+  }
+  require_finite(view.intrinsics, "intrinsics");
+  require_finite(view.points, "points");
+  require_finite(view.pixels, "pixels");
+  require_positive(view.sigma_px, "sigma_px");
+}
+
+void check_constraints(std::span<const WeightedConstraint> constraints) {
+  for (std::size_t k = 0; k < constraints.size(); ++k) {
+    const std::string name = "constraints[" + std::to_string(k) + "]";
+    residuals::validate(constraints[k].constraint, name);
+    require_weight(constraints[k].weight, "weight of constraints", k);
+    if (residuals::relates_two_poses(constraints[k].constraint.kind))
+      check_pose(constraints[k].previous.data(), (name + ".previous").c_str());
+  }
+}
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,113 @@
+#include "workspace.hpp"
+
+#include <algorithm>
+
+#include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "sfmcpp/math/statistics.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
+  const bool undamped = options.minimizer.method == optim::Method::kGaussNewton;
+  if (options.gauge == Gauge::kFree && undamped) {
+    throw InvalidArgument(
+        "gauge = 'free' with method = 'gauss-newton': without damping the gauge must be 'fixed'");
+  }
+  const bool fixed = options.gauge == Gauge::kFixed || undamped;
+  if (fixed && !is_metric(problem.camera_model)) {
+    throw InvalidArgument(
+        "camera_model = 'projective': its gauge of 15 degrees of freedom is left to damping; "
+        "neither "
+        "gauge = 'fixed' nor method = 'gauss-newton' applies");
+  }
+  return fixed;
+}
+
+void check_state(const Problem& problem, const optim::State& state) {
+  if (state.cameras.size() == problem.cameras.size() &&
+      state.intrinsics.size() == problem.intrinsics.size() &&
+      state.points.size() == problem.points.size()) {
+    return;
+  }
+  throw InvalidArgument("state: its sizes differ from those of the problem");
+}
+
+Loss make_loss(const SolveOptions& options, const std::vector<double>& residuals) {
+  if (!options.automatic_loss_scale) return {options.loss, options.loss_scale_px};
+  // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
+  const double sigma = std::max(mad_sigma(residuals), 1e-9);
+  return {options.loss, efficient_scale(options.loss, sigma)};
+}
+
+const Problem& checked(const Problem& problem,
+                       const SolveOptions& options,
+                       const optim::State& start) {
+  options.validate();
+  check_arrays(problem);
+  check_state(problem, start);
+  return problem;
+}
+
+linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptions& options) {
+  if (!solves_linear_system(options.minimizer.method)) {
+    return {linear::LinearSolverKind::kIterative, "the method solves no system of all cameras"};
+  }
+  return linear::choose_linear_solver(work.graph, work.map, options.linear_solver.kind);
+}
+
+void restore(std::span<const std::uint8_t> fixed,
+             int width,
+             const std::vector<double>& from,
+             std::vector<double>& to) {
+  for (std::size_t k = 0; k < fixed.size(); ++k) {
+    const auto first = static_cast<std::ptrdiff_t>(k) * width;
+    if (fixed[k]) std::copy_n(from.begin() + first, width, to.begin() + first);
+  }
+}
+
+}  // namespace
+
+bool solves_linear_system(optim::Method method) {
+  using optim::Method;
+  return method != Method::kGradientDescent && method != Method::kConjugateGradient &&
+         method != Method::kAlternation;
+}
+
+Workspace::Workspace(const Problem& problem, const SolveOptions& options, const optim::State& start)
+    : graph(graph_of(checked(problem, options, start))),
+      intrinsics(free_intrinsics(problem, graph)),
+      map(make_parameter_map(problem, graph, intrinsics, fixes_gauge(problem, options))),
+      pool(resolve_num_threads(options.num_threads, problem.num_observations())),
+      model(problem, graph, map, intrinsics, pool) {
+  check_duplicates(problem, graph);
+  check_determined(graph, map);
+  choice = choose_solver(*this, options);
+  linear::LinearSolverOptions solver_options = options.linear_solver;
+  solver_options.kind = choice.kind;
+  solver = linear::make_linear_solver(model.normal_equations(), solver_options);
+}
+
+void Workspace::set_costs(const SolveOptions& options, const std::vector<double>& residuals) {
+  loss = make_loss(options, residuals);
+  model.set_loss(loss);
+  model.set_algebraic_weights(options.algebraic_weights);
+}
+
+ScopedFrame::ScopedFrame(const Problem& problem, optim::State& state)
+    : problem_(problem), state_(state) {
+  if (is_metric(problem.camera_model)) return;
+  before_ = state;
+  frame_.emplace(state);
+  frame_->enter(state);
+}
+
+ScopedFrame::~ScopedFrame() {
+  if (!frame_) return;
+  frame_->leave(state_);
+  restore(problem_.fixed_cameras, kCameraStorage, before_.cameras, state_.cameras);
+  restore(problem_.fixed_points, problem_.point_storage(), before_.points, state_.points);
+}
+
+}  // namespace sfmcpp::ba

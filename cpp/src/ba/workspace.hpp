@@ -1,0 +1,51 @@
+// Everything a solve owns, made in the order that it must be.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "sfmcpp/ba/bundle_model.hpp"
+#include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/ba/world_frame.hpp"
+
+namespace sfmcpp::ba {
+
+struct Workspace {
+  // Throws InvalidArgument for a problem, a start or options that break a rule.
+  Workspace(const Problem& problem, const SolveOptions& options, const optim::State& start);
+
+  // Loss and weights as the options want them, the scale of the loss from `residuals` if automatic.
+  void set_costs(const SolveOptions& options, const std::vector<double>& residuals);
+
+  linear::ObservationGraph graph;
+  std::vector<int> intrinsics;
+  linear::ParameterMap map;
+  ThreadPool pool;
+  BundleModel model;
+  Loss loss;
+  linear::LinearSolverChoice choice;
+  std::unique_ptr<linear::LinearSolver> solver;
+};
+
+// Whether a method solves the normal equations as a whole.
+bool solves_linear_system(optim::Method method);
+
+// While it lives, the state of a projective problem is in the frame of ba/world_frame.hpp. What is
+// fixed comes back with the same bits.
+class ScopedFrame {
+ public:
+  ScopedFrame(const Problem& problem, optim::State& state);
+  ~ScopedFrame();
+  ScopedFrame(const ScopedFrame&) = delete;
+  ScopedFrame& operator=(const ScopedFrame&) = delete;
+
+ private:
+  const Problem& problem_;
+  optim::State& state_;
+  optim::State before_;
+  std::optional<WorldFrame> frame_;
+};
+
+}  // namespace sfmcpp::ba

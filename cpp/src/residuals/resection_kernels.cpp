@@ -1,0 +1,176 @@
+// Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "sfmcpp/cameras/visit_camera.hpp"
+#include "sfmcpp/core/simd.hpp"
+#include "sfmcpp/residuals/resection_isa.hpp"
+
+namespace sfmcpp::residuals::SFMCPP_ISA {
+namespace {
+
+constexpr int kLanes = SFMCPP_LANES;
+using Real = Pack<kLanes>;
+using Views = ViewArrays;
+constexpr double kInfinity = __builtin_huge_val();
+
+// J and r of a pack of observations.
+struct Row {
+  Real j[2][6];
+  Real r[2];
+};
+
+SFMCPP_INLINE Real load_from(const double* values, int first) {
+  return load<kLanes>(values + first);
+}
+
+SFMCPP_INLINE void load_point(const Views& views, int first, Real* point) {
+  point[0] = load_from(views.x, first);
+  point[1] = load_from(views.y, first);
+  point[2] = load_from(views.z, first);
+}
+
+template <class Camera>
+SFMCPP_INLINE void linearize(const Views& views,
+                             const double* intrinsics,
+                             const double* pose,
+                             int first,
+                             Real weight,
+                             Row& row) {
+  Real point[3];
+  load_point(views, first, point);
+  LinearizedImagePoint<Real, Camera::kTangent, Camera::kIntrinsics> at;
+  Camera::linearize(pose, intrinsics, point, at);
+  for (int k = 0; k < 6; ++k) {
+    row.j[0][k] = at.camera[0][k] * weight;
+    row.j[1][k] = at.camera[1][k] * weight;
+  }
+  row.r[0] = (load_from(views.u, first) - at.image.u) * weight;
+  row.r[1] = (load_from(views.v, first) - at.image.v) * weight;
+}
+
+// One total per lane for each of the 28 sums, and room to make whole packs of them.
+struct LaneSums {
+  static constexpr int kSums = PoseSums::kNormal + PoseSums::kGradient + 1;
+  static constexpr int kPacks = (kSums + kLanes - 1) / kLanes;
+  Real lanes[kPacks * kLanes];
+
+  SFMCPP_INLINE LaneSums() {
+    for (Real& sum : lanes) sum = Real(0.0);
+  }
+
+  SFMCPP_INLINE void add(const Row& row) {
+    int next = 0;
+    for (int a = 0; a < 6; ++a) {
+      for (int b = 0; b <= a; ++b)
+        lanes[next++] += row.j[0][a] * row.j[0][b] + row.j[1][a] * row.j[1][b];
+    }
+    for (int a = 0; a < 6; ++a) lanes[next++] += row.j[0][a] * row.r[0] + row.j[1][a] * row.r[1];
+    lanes[next] += row.r[0] * row.r[0] + row.r[1] * row.r[1];
+  }
+
+  // Transposing turns the sum over lanes of several totals into sums of packs.
+  SFMCPP_INLINE void totals(PoseSums& out) {
+    alignas(64) double flat[kPacks * kLanes];
+    for (int pack = 0; pack < kPacks; ++pack) {
+      Real* rows = lanes + pack * kLanes;
+      transpose<kLanes>(rows);
+      Real total = rows[0];
+      for (int lane = 1; lane < kLanes; ++lane) total += rows[lane];
+      store(flat + pack * kLanes, total);
+    }
+    for (int k = 0; k < PoseSums::kNormal; ++k) out.normal[k] = flat[k];
+    for (int k = 0; k < PoseSums::kGradient; ++k) out.gradient[k] = flat[PoseSums::kNormal + k];
+    out.cost = flat[kSums - 1];
+  }
+};
+
+template <class Camera>
+void sums(const Views& views,
+          const double* intrinsics,
+          const double* pose,
+          const double* inverse_sigma,
+          PoseSums& out) {
+  LaneSums totals;
+  for (int first = 0; first < views.padded; first += kLanes) {
+    Row row;
+    linearize<Camera>(views, intrinsics, pose, first, load_from(inverse_sigma, first), row);
+    totals.add(row);
+  }
+  totals.totals(out);
+}
+
+template <class Camera>
+void rows(const Views& views, const double* intrinsics, const double* pose, double* out) {
+  for (int first = 0; first < views.padded; first += kLanes) {
+    Row row;
+    const Real weight = load_from(views.inverse_sigma, first);
+    linearize<Camera>(views, intrinsics, pose, first, weight, row);
+    for (int k = 0; k < 12; ++k) store(out + k * views.padded + first, row.j[k / 6][k % 6]);
+    for (int k = 0; k < 2; ++k) store(out + (12 + k) * views.padded + first, row.r[k]);
+  }
+}
+
+template <class Camera>
+void squared_errors(const Views& views, const double* intrinsics, const double* pose, double* out) {
+  for (int first = 0; first < views.padded; first += kLanes) {
+    Real point[3];
+    load_point(views, first, point);
+    const ImagePoint<Real> image = Camera::project(pose, intrinsics, point);
+    const Real weight = load_from(views.inverse_sigma, first);
+    const Real u = (load_from(views.u, first) - image.u) * weight;
+    const Real v = (load_from(views.v, first) - image.v) * weight;
+    const Real error = select_less(Real(0.0), image.depth, u * u + v * v, Real(kInfinity));
+    store(out + first, error);
+  }
+}
+
+// W applied to both rows of J.
+SFMCPP_INLINE void whitened(const Real (&j)[2][6], const double* whitener, Real (&z)[2][6]) {
+  for (int a = 0; a < 6; ++a) {
+    z[0][a] = z[1][a] = Real(0.0);
+    for (int b = 0; b <= a; ++b) {
+      const double w = *whitener++;
+      z[0][a] += j[0][b] * w;
+      z[1][a] += j[1][b] * w;
+    }
+  }
+}
+
+SFMCPP_INLINE Real dot(const Real (&a)[6], const Real (&b)[6]) {
+  Real sum(0.0);
+  for (int k = 0; k < 6; ++k) sum += a[k] * b[k];
+  return sum;
+}
+
+void predicted_errors(
+    const double* rows, int padded, const double* whitener, const double* shift, double* errors) {
+  for (int first = 0; first < padded; first += kLanes) {
+    Row row;
+    for (int k = 0; k < 12; ++k) row.j[k / 6][k % 6] = load_from(rows + k * padded, first);
+    for (int k = 0; k < 2; ++k) {
+      row.r[k] = load_from(rows + (12 + k) * padded, first);
+      for (int c = 0; c < 6; ++c) row.r[k] = row.r[k] - row.j[k][c] * shift[c];
+    }
+    Real z[2][6];
+    whitened(row.j, whitener, z);
+    const Real a = Real(1.0) - dot(z[0], z[0]), b = dot(z[0], z[1]),
+               c = Real(1.0) - dot(z[1], z[1]);
+    const Real inverse = Real(1.0) / (a * c - b * b);
+    const Real u = (c * row.r[0] + b * row.r[1]) * inverse;
+    const Real v = (b * row.r[0] + a * row.r[1]) * inverse;
+    store(errors + first, u * u + v * v);
+  }
+}
+
+}  // namespace
+
+ResectionKernels resection_kernels_for(CameraModelId model) {
+  return visit_camera(model, [](auto camera) -> ResectionKernels {
+    using Camera = decltype(camera);
+    if constexpr (Camera::kMetric) {
+      return {&sums<Camera>, &rows<Camera>, &squared_errors<Camera>, &predicted_errors};
+    } else {
+      return {};
+    }
+  });
+}
+
+}  // namespace sfmcpp::residuals::SFMCPP_ISA

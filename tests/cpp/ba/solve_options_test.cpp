@@ -1,0 +1,125 @@
+// An option that a method cannot heed is refused, with both names and the reason.
+#include <algorithm>
+#include <functional>
+#include <limits>
+#include <ostream>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using linear::LinearSolverKind;
+using optim::LineSearchKind;
+using optim::Method;
+
+std::string refusal(const SolveOptions& options) {
+  try {
+    options.validate();
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "legal";
+}
+
+SolveOptions with(Method method) {
+  SolveOptions options;
+  options.minimizer.method = method;
+  return options;
+}
+
+struct Setting {
+  const char* name;
+  std::function<void(SolveOptions&)> set;
+  std::vector<Method> heeded_by;
+};
+void PrintTo(const Setting& setting, std::ostream* out) { *out << setting.name; }
+
+const std::vector<Method>& damped() {
+  static const std::vector<Method> methods{
+      Method::kLevenbergMarquardt, Method::kLevenbergMarquardtNielsen, Method::kAlternation};
+  return methods;
+}
+
+const std::vector<Setting>& settings() {
+  static const std::vector<Setting> all{
+      {"initial_damping", [](SolveOptions& o) { o.minimizer.initial_damping = 0.1; }, damped()},
+      {"initial_radius",
+       [](SolveOptions& o) { o.minimizer.initial_radius = 2.0; },
+       {Method::kDogLeg}},
+      {"line_search_damping",
+       [](SolveOptions& o) {
+         o.minimizer.line_search.kind = LineSearchKind::kTwoWayAlgebraic;
+         o.minimizer.line_search.damping_threshold = 1.0;
+       },
+       damped()},
+      {"linear_solver",
+       [](SolveOptions& o) { o.linear_solver.kind = LinearSolverKind::kSparse; },
+       {Method::kLevenbergMarquardt,
+        Method::kLevenbergMarquardtNielsen,
+        Method::kDogLeg,
+        Method::kGaussNewton}}};
+  return all;
+}
+
+class SettingOfAMethod : public testing::TestWithParam<Setting> {};
+
+TEST_P(SettingOfAMethod, IsRefusedByNameWhereItCannotBeHeeded) {
+  for (const auto& [method, name] : EnumNames<Method>::kTable) {
+    SolveOptions options = with(method);
+    GetParam().set(options);
+    const auto& heeded = GetParam().heeded_by;
+    const std::string message = refusal(options);
+    if (std::find(heeded.begin(), heeded.end(), method) != heeded.end()) {
+      EXPECT_EQ(message, "legal") << name;
+    } else {
+      EXPECT_EQ(message.find(GetParam().name), 0u) << message;
+      EXPECT_NE(message.find("with method = '" + std::string(name) + "': "), std::string::npos)
+          << message;
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Settings,
+                         SettingOfAMethod,
+                         testing::ValuesIn(settings()),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST(SolveOptions, EveryMethodTakesEveryLineSearchAndDampingMatrix) {
+  for (const auto& [method, method_name] : EnumNames<Method>::kTable) {
+    for (const auto& [search, search_name] : EnumNames<LineSearchKind>::kTable) {
+      SolveOptions options = with(method);
+      options.minimizer.line_search.kind = search;
+      EXPECT_EQ(refusal(options), "legal") << method_name << " " << search_name;
+    }
+  }
+}
+
+TEST(SolveOptions, TriggersWithoutALineSearchAreRefused) {
+  SolveOptions rejected, damping;
+  rejected.minimizer.line_search.on_rejection = true;
+  damping.minimizer.line_search.damping_threshold = 1.0;
+  EXPECT_EQ(refusal(rejected),
+            "line_search = 'none': choose a line search to be used on rejected steps");
+  EXPECT_EQ(refusal(damping),
+            "line_search = 'none': choose a line search to be used above line_search_damping");
+}
+
+TEST(SolveOptions, NumbersOfTheLineSearchOutOfRangeAreNamed) {
+  SolveOptions options;
+  options.minimizer.line_search.iterations = -1;
+  options.minimizer.line_search.damping_threshold = -0.5;
+  options.minimizer.initial_radius = std::numeric_limits<double>::infinity();
+  const std::string message = refusal(options);
+  for (const char* violation : {"line_search_iterations = -1: must be at least 0",
+                                "line_search_damping = -0.5: must be at least 0",
+                                "initial_radius = inf: must be positive and finite"}) {
+    EXPECT_NE(message.find(violation), std::string::npos) << message;
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp::ba
