@@ -7,10 +7,10 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.synthetic.checks import require_count, require_positive
-from sfmcpp.synthetic.geometry import looking_at
-from sfmcpp.synthetic.observation import ImageGeometry, observe
-
-_UP = np.array([0.0, 0.0, 1.0])
+from sfmcpp.synthetic.distortion import NO_DISTORTION, Distortion
+from sfmcpp.synthetic.geometry import UP, looking_at
+from sfmcpp.synthetic.image_geometry import ImageGeometry
+from sfmcpp.synthetic.observation import observe
 
 
 def circle_scene(
@@ -23,6 +23,7 @@ def circle_scene(
     image_size: tuple[int, int] = (640, 480),
     pixel_sigma_px: float = 1.0,
     camera_model: str = "calibrated",
+    distortion: Distortion = NO_DISTORTION,
     seed: int = 0,
 ) -> Problem:
     """Cameras evenly spaced on a circle around a cube of random points (thesis §4.4.1.2).
@@ -46,7 +47,9 @@ def circle_scene(
         Standard deviation of the Gaussian noise on each pixel coordinate [px].
     camera_model : str
         ``"calibrated"`` or ``"perspective"`` (principal point at the image centre), or ``"bal"`` (pixels
-        counted from the image centre). No distortion; each camera has its own row of intrinsics.
+        counted from the image centre). Each camera has its own row of intrinsics.
+    distortion : (float, float)
+        Radial distortion k1, k2, invertible within the image; ``"calibrated"`` has none.
     seed : int
         Same seed, same problem; the points do not depend on the noise.
 
@@ -58,13 +61,14 @@ def circle_scene(
     Raises
     ------
     InvalidArgument
-        If a count is below one, a length is not positive or the camera model is unknown.
+        If a count is below one, a length is not positive, the camera model is unknown or the distortion
+        does not fit it.
     """
     require_count("num_cameras", num_cameras)
     require_count("num_points", num_points)
     require_positive("radius_m", radius_m)
     require_positive("cube_m", cube_m)
-    geometry = ImageGeometry(camera_model, focal_px, image_size)
+    geometry = ImageGeometry(camera_model, focal_px, image_size, distortion)
     rng = np.random.default_rng(seed)
     points = rng.uniform(-cube_m / 2, cube_m / 2, (num_points, 3))
     return observe(geometry, _circle(num_cameras, radius_m), points, pixel_sigma_px, rng)
@@ -73,4 +77,4 @@ def circle_scene(
 def _circle(num_cameras: int, radius_m: float) -> FloatArray:
     angle = np.arange(num_cameras) * (2 * np.pi / num_cameras)
     centres = radius_m * np.stack([np.cos(angle), np.sin(angle), np.zeros(num_cameras)], axis=1)
-    return looking_at(centres, np.zeros(3), _UP)
+    return looking_at(centres, np.zeros(3), UP)

@@ -6,6 +6,9 @@ import numpy as np
 
 from sfmcpp.model.problem import FloatArray
 
+UP = np.array([0.0, 0.0, 1.0])
+"""World direction that points up in every scene."""
+
 
 def exp_so3(rotation_vectors_rad: FloatArray) -> FloatArray:
     """Turn rotation vectors into matrices (Rodrigues' formula), exact to rounding at small angles too.

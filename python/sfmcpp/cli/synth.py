@@ -1,0 +1,127 @@
+"""`sfmcpp synth`: a synthetic scene, its start moved away from the truth, written in any format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.errors import DatasetError
+from sfmcpp.model import Problem
+from sfmcpp.synthetic import SCENES, add_outliers, perturb
+
+_NAMES = ", ".join(SCENES)
+_DEFAULT = "Default: the scene's own."
+
+Scene = Annotated[
+    str, typer.Argument(metavar="SCENE", callback=one_of(tuple(SCENES)), help=f"One of {_NAMES}.")
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="FILE", help="Where to write the problem, in any format.")
+]
+Truth = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Where to write the same observations with the true state."),
+]
+Cameras = Annotated[int | None, typer.Option(metavar="N", help=f"Number of cameras. {_DEFAULT}")]
+Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points placed. {_DEFAULT}")]
+CameraModel = Annotated[
+    str | None, typer.Option(metavar="NAME", help=f"calibrated, perspective or bal. {_DEFAULT}")
+]
+Focal = Annotated[float | None, typer.Option(metavar="PX", help=f"Focal length. {_DEFAULT}")]
+RadialDistortion = Annotated[
+    str | None, typer.Option(metavar="K1,K2", help="Radial distortion of perspective and bal cameras.")
+]
+PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise on the coordinates of the pixels.")]
+Outliers = Annotated[
+    float, typer.Option(metavar="SHARE", help="Share of the observations put anywhere in their images.")
+]
+PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the points.")]
+PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the centres.")]
+RotationSigma = Annotated[float, typer.Option(metavar="DEG", help="Noise on the rotations, about each axis.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the scene and of all noise.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+def two_numbers(text: str | None) -> tuple[float, float] | None:
+    """Read "k1,k2"."""
+    if text is None:
+        return None
+    try:
+        k1, k2 = map(float, text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not two numbers k1,k2", param_hint="'--distortion'") from None
+    return k1, k2
+
+
+@with_exit_code
+def synth(
+    scene: Scene,
+    output: Output,
+    truth: Truth = None,
+    cameras: Cameras = None,
+    points: Points = None,
+    camera_model: CameraModel = None,
+    focal_px: Focal = None,
+    distortion: RadialDistortion = None,
+    pixel_sigma_px: PixelSigma = 1.0,
+    outliers: Outliers = 0.0,
+    point_sigma_m: PointSigma = 0.0,
+    position_sigma_m: PositionSigma = 0.0,
+    rotation_sigma_deg: RotationSigma = 0.0,
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> ExitCode:
+    """Make a synthetic problem whose truth is known."""
+    options = _given(
+        num_cameras=cameras,
+        num_points=points,
+        camera_model=camera_model,
+        focal_px=focal_px,
+        distortion=two_numbers(distortion),
+    )
+    noise = {
+        "point_sigma_m": point_sigma_m,
+        "position_sigma_m": position_sigma_m,
+        "rotation_sigma_deg": rotation_sigma_deg,
+    }
+    _check_targets(output, truth)
+    exact = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
+    true_problem, _ = add_outliers(exact, outliers, seed=seed)
+    start = perturb(true_problem, seed=seed, **noise)
+    _write(start, output, true_problem, truth)
+    if not quiet:
+        say(f"{output}: {start}, {_tracks(start)}")
+    return ExitCode.DONE
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _check_targets(output: Path, truth: Path | None) -> None:
+    from sfmcpp.cli.targets import require_writable_problem
+
+    require_writable_problem(output)
+    if truth is None:
+        return
+    require_writable_problem(truth)
+    if truth.resolve() == output.resolve():
+        raise DatasetError(truth, "is named twice: the problem and its truth must differ")
+
+
+def _write(start: Problem, output: Path, true_problem: Problem, truth: Path | None) -> None:
+    from sfmcpp.io.api import write
+
+    if truth is not None:
+        write(true_problem, truth)
+    write(start, output)
+
+
+def _tracks(problem: Problem) -> str:
+    lengths = np.bincount(problem.point_index, minlength=max(problem.num_points, 1))
+    return f"{lengths.mean():.1f} observations a point, at most {lengths.max()}"
