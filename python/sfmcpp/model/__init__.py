@@ -1,6 +1,21 @@
-"""The data that every other package speaks: the problem, its camera models and its metadata."""
+"""The data that every other package speaks: problems, camera models, trajectories, sensor streams."""
 
 from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model
 from sfmcpp.model.problem import Metadata, Problem
+from sfmcpp.model.sensor_stream import Gap, SensorStream
+from sfmcpp.model.similarity import Similarity, fit_pose_similarity, fit_similarity
+from sfmcpp.model.trajectory import Trajectory
 
-__all__ = ["CAMERA_MODELS", "CameraModel", "Metadata", "Problem", "camera_model"]
+__all__ = [
+    "CAMERA_MODELS",
+    "CameraModel",
+    "Gap",
+    "Metadata",
+    "Problem",
+    "SensorStream",
+    "Similarity",
+    "Trajectory",
+    "camera_model",
+    "fit_pose_similarity",
+    "fit_similarity",
+]

@@ -18,6 +18,9 @@ class CameraModel:
       ``1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸ + k5 r¹⁰``, then the tangential terms
       ``(2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y)`` are added.
     - ``bal``: ``(u, v) = f (1 + k1 r² + k2 r⁴) (x, y)``: square pixels, principal point at the origin.
+    - ``projective``: no pose but a 3×4 matrix P, and homogeneous points Q of four numbers; with
+      ``(x, y, w) = P Q``: ``u = scale x / w + cx``, ``v = scale y / w + cy``. The three are the frame of the
+      image, fixed: P is to normalised pixels. See :func:`sfmcpp.projective_problem`.
 
     Attributes
     ----------
@@ -27,11 +30,22 @@ class CameraModel:
         Names of its intrinsic parameters, in the order they are stored.
     free_by_default : frozenset of str
         Those that a problem leaves free unless it says otherwise.
+    can_be_free : bool
+        Whether any of them may be free.
+    metric : bool
+        Whether its cameras are poses ``[R | c]`` in a Euclidean world.
     """
 
     name: str
     intrinsics: tuple[str, ...]
     free_by_default: frozenset[str]
+    can_be_free: bool = True
+    metric: bool = True
+
+    @property
+    def point_size(self) -> int:
+        """Numbers stored for a point: 3, or 4 for homogeneous ones."""
+        return 3 if self.metric else 4
 
 
 _PINHOLE = ("f", "aspect", "cx", "cy", "skew")
@@ -40,9 +54,10 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
 CAMERA_MODELS: dict[str, CameraModel] = {
     model.name: model
     for model in (
-        CameraModel("calibrated", _PINHOLE, frozenset()),
+        CameraModel("calibrated", _PINHOLE, frozenset(), can_be_free=False),
         CameraModel("perspective", _PINHOLE + _DISTORTION, frozenset({"f"})),
         CameraModel("bal", ("f", "k1", "k2"), frozenset({"f", "k1", "k2"})),
+        CameraModel("projective", ("scale", "cx", "cy"), frozenset(), can_be_free=False, metric=False),
     )
 }
 
@@ -53,7 +68,7 @@ def camera_model(name: str) -> CameraModel:
     Parameters
     ----------
     name : str
-        ``"calibrated"``, ``"perspective"`` or ``"bal"``.
+        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``.
 
     Returns
     -------

@@ -49,15 +49,15 @@ class Problem:
     Parameters
     ----------
     camera_model : str
-        ``"calibrated"``, ``"perspective"`` or ``"bal"``; see :class:`CameraModel`.
+        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``; see :class:`CameraModel`.
     cameras : (C, 3, 4) float64
         ``[R | c]`` of each camera: rotation world_from_camera and centre in the world. A world point X
-        is at ``Rᵀ (X − c)`` in the camera, z forward, y down.
+        is at ``Rᵀ (X − c)`` in the camera, z forward, y down. Projective cameras: the matrix P.
     intrinsics : (G, K) float64
         Intrinsic parameters in the order of the camera model. One row per camera, or fewer rows shared
         through `intrinsics_index`.
     points : (N, 3) float64
-        World points.
+        World points; (N, 4), homogeneous, for projective cameras.
     camera_index, point_index : (M,) int32
         Camera and point of each observation.
     pixels : (M, 2) float64
@@ -100,7 +100,7 @@ class Problem:
         model = camera_model(self.camera_model)
         self.cameras = _array("cameras", self.cameras, np.float64, (-1, 3, 4))
         self.intrinsics = _array("intrinsics", self.intrinsics, np.float64, (-1, len(model.intrinsics)))
-        self.points = _array("points", self.points, np.float64, (-1, 3))
+        self.points = _array("points", self.points, np.float64, (-1, model.point_size))
         self.camera_index = _array("camera_index", self.camera_index, np.int32, (-1,))
         count = self.num_observations
         self.point_index = _array("point_index", self.point_index, np.int32, (count,))
@@ -158,6 +158,11 @@ class Problem:
         """Names of the columns of `intrinsics`."""
         return camera_model(self.camera_model).intrinsics
 
+    @property
+    def is_metric(self) -> bool:
+        """Whether the cameras are poses in a Euclidean world, rather than projection matrices."""
+        return camera_model(self.camera_model).metric
+
     def set_free_intrinsics(self, *names: str) -> Problem:
         """Free exactly the named intrinsic parameters, in every row; fix the others. Returns `self`.
 
@@ -172,9 +177,9 @@ class Problem:
                 raise InvalidArgument(
                     f"intrinsic {name!r}: camera model {self.camera_model!r} has {', '.join(known)}"
                 )
-        if names and self.camera_model == "calibrated":
+        if names and not camera_model(self.camera_model).can_be_free:
             raise InvalidArgument(
-                f"intrinsic {names[0]!r}: camera model 'calibrated' keeps all its intrinsics fixed; "
+                f"intrinsic {names[0]!r}: camera model {self.camera_model!r} keeps all its intrinsics fixed; "
                 "use 'perspective'"
             )
         self.fixed_intrinsics[:] = [name not in names for name in known]

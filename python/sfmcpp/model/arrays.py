@@ -1,0 +1,71 @@
+"""Arguments that are arrays of numbers, checked the same way everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.problem import FloatArray
+
+ANY = -1
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """`value` as a C-contiguous float64 array.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : array-like
+        What the caller gave.
+    shape : tuple of int
+        Shape it must have; `ANY` stands for any length.
+
+    Returns
+    -------
+    float64 array of that shape
+
+    Raises
+    ------
+    InvalidArgument
+        If the shape differs, or an element is no finite number.
+    """
+    array = shaped_array(name, value, shape)
+    if not np.isfinite(array).all():
+        where = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise InvalidArgument(f"{name}{where} = {array[tuple(where)]}: must be finite")
+    return array
+
+
+def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Like :func:`finite_array`, but any number passes, NaN too."""
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{name}: must be an array of numbers ({error})") from None
+    if array.ndim != len(shape) or any(n not in (ANY, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if n == ANY else str(n) for n in shape)
+        raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
+    return array
+
+
+def require_positive(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` is finite and positive."""
+    if not (np.isfinite(value) and value > 0):
+        raise InvalidArgument(f"{name} = {value}: must be finite and positive")
+
+
+def require_increasing(name: str, stamps: FloatArray) -> None:
+    """Raise InvalidArgument at the first stamp [s] that does not come after the one before it."""
+    late = np.flatnonzero(np.diff(stamps) <= 0)
+    if not len(late):
+        return
+    row = int(late[0]) + 1
+    before, after = float(stamps[row - 1]), float(stamps[row])
+    what = "is a duplicate of the stamp" if before == after else f"is earlier than {before!r},"
+    raise InvalidArgument(
+        f"{name}[{row}] = {after!r} s {what} before it: time stamps must increase strictly "
+        f"({len(late)} of {len(stamps)} do not)"
+    )

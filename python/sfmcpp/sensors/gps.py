@@ -1,0 +1,135 @@
+"""Satellite positions: geodetic coordinates made local and metric, positions at any time.
+
+WGS 84 after NIMA TR8350.2, "Department of Defense World Geodetic System 1984", third edition: semi-major axis
+and flattening of table 3.1, geodetic to Cartesian coordinates of its section 4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import SensorStream
+from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.sensors.stream import measured_at, require_kind
+
+SEMI_MAJOR_AXIS_M = 6_378_137.0
+FLATTENING = 1 / 298.257223563
+_ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
+
+
+def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
+    """Position at a time: linear between fixes, at constant velocity after the last one.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"position"``; see :func:`local_positions` for one of kind ``"geodetic"``.
+    time_s : float
+        When [s].
+
+    Returns
+    -------
+    (3,) float64 or None
+        Position [m] in the stream's world; None if the stream does not cover that time.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "position")
+    if not stream.covers(time_s, time_s):
+        return None
+    return np.asarray(measured_at(stream, np.array([time_s]))[0])
+
+
+def local_positions(stream: SensorStream, origin: ArrayLike | None = None) -> SensorStream:
+    """Turn latitude, longitude and height into metres east, north and up of an origin.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"geodetic"``.
+    origin : (3,) array-like, optional
+        Latitude [deg], longitude [deg], height above the ellipsoid [m]. Default: the first sample.
+
+    Returns
+    -------
+    SensorStream
+        Of kind ``"position"``.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind, or `origin` is none.
+    """
+    require_kind(stream, "geodetic")
+    start = stream.values[0] if origin is None else finite_array("origin", origin, (3,))
+    local = east_north_up(stream.values, start)
+    return SensorStream(stream.t_s, local, "position", stream.name, stream.max_gap_s)
+
+
+def east_north_up(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Cartesian coordinates in the plane tangent to the ellipsoid at an origin.
+
+    Parameters
+    ----------
+    geodetic : (n, 3) array-like
+        Latitude [deg], longitude [deg], height above the ellipsoid [m].
+    origin : (3,) array-like
+        The same of the origin.
+
+    Returns
+    -------
+    (n, 3) float64
+        East, north, up [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, or a latitude is beyond ±90°.
+    """
+    start = finite_array("origin", origin, (3,))
+    offset = earth_centred(geodetic) - earth_centred(start[None])
+    return np.asarray(offset @ _axes_east_north_up(start).T)
+
+
+def earth_centred(geodetic: ArrayLike) -> FloatArray:
+    """Earth-centred, Earth-fixed coordinates.
+
+    Parameters
+    ----------
+    geodetic : (n, 3) array-like
+        Latitude [deg], longitude [deg], height above the ellipsoid [m].
+
+    Returns
+    -------
+    (n, 3) float64
+        x, y, z [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If the shape is wrong, a number is not finite, or a latitude is beyond ±90°.
+    """
+    geodetic = finite_array("geodetic", geodetic, (ANY, 3))
+    if (np.abs(geodetic[:, 0]) > 90).any():
+        row = int(np.argmax(np.abs(geodetic[:, 0])))
+        raise InvalidArgument(f"geodetic[{row}]: latitude {geodetic[row, 0]}°, must be from -90° to 90°")
+    latitude, longitude = np.deg2rad(geodetic[:, 0]), np.deg2rad(geodetic[:, 1])
+    height = geodetic[:, 2]
+    normal = SEMI_MAJOR_AXIS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    from_axis = (normal + height) * np.cos(latitude)
+    z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
+    return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def _axes_east_north_up(origin: FloatArray) -> FloatArray:
+    """Rows: unit vectors east, north, up at the origin, Earth-centred."""
+    latitude, longitude = np.deg2rad(origin[:2])
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    s, c = np.sin(longitude), np.cos(longitude)
+    return np.array([[-s, c, 0.0], [-sine * c, -sine * s, cosine], [cosine * c, cosine * s, sine]])

@@ -1,0 +1,82 @@
+"""Inertial navigation system: whole poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.model import SensorStream, so3
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.sensors.stream import measured_at, require_kind
+
+
+def pose_at(stream: SensorStream, time_s: float) -> FloatArray | None:
+    """Pose of the body at a time: thesis eqs 5.22 and 5.23.
+
+    Between samples the pose is interpolated, where the thesis, online, predicts from the last one; after the
+    last sample it goes on with the velocities of the last two (eq. 5.23).
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"pose"``.
+    time_s : float
+        When [s].
+
+    Returns
+    -------
+    (3, 4) float64 or None
+        ``[R | c]`` world_from_body; None if the stream does not cover that time.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "pose")
+    if not stream.covers(time_s, time_s):
+        return None
+    value = measured_at(stream, np.array([time_s]))[0]
+    return np.column_stack([so3.exp(value[3:]), value[:3]])
+
+
+def pose_stream_values(poses: FloatArray) -> FloatArray:
+    """Poses (n, 3, 4) world_from_body as the values (n, 6) of a stream of kind ``"pose"``.
+
+    Parameters
+    ----------
+    poses : (n, 3, 4) float64
+        ``[R | c]`` of each sample.
+
+    Returns
+    -------
+    (n, 6) float64
+        Position [m], then rotation vector [rad].
+    """
+    return np.hstack([poses[:, :, 3], so3.log(poses[:, :, :3])])
+
+
+def displacement_between(stream: SensorStream, start_s: float, end_s: float) -> FloatArray | None:
+    """Motion of the body between two times, seen from the first.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"pose"``.
+    start_s, end_s : float
+        The interval [s].
+
+    Returns
+    -------
+    (3, 4) float64 or None
+        ``[R_startᵀ R_end | R_startᵀ (c_end − c_start)]``; None if the stream does not cover the interval.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    start, end = pose_at(stream, start_s), pose_at(stream, end_s)
+    if start is None or end is None or not stream.covers(start_s, end_s):
+        return None
+    back = start[:, :3].T
+    return np.column_stack([back @ end[:, :3], back @ (end[:, 3] - start[:, 3])])

@@ -1,0 +1,84 @@
+"""WGS 84 against facts of the ellipsoid that do not come from the formulas used."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.sensors import SensorStream, earth_centred, east_north_up, local_positions, position_at
+from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M
+
+SEMI_MINOR_AXIS_M = 6_356_752.314245  # NIMA TR8350.2, table 3.3
+
+
+def random_places(count: int) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    return np.stack(
+        [rng.uniform(-90, 90, count), rng.uniform(-180, 180, count), rng.uniform(-100, 5000, count)], axis=1
+    )
+
+
+def test_height_is_measured_along_the_normal_of_the_ellipsoid() -> None:
+    places = random_places(50)
+    ground = earth_centred(places * [1, 1, 0])
+    axes = np.array([SEMI_MAJOR_AXIS_M, SEMI_MAJOR_AXIS_M, SEMI_MINOR_AXIS_M])
+    np.testing.assert_allclose(np.sum((ground / axes) ** 2, axis=1), 1.0, rtol=1e-12)
+    normal = ground / axes**2
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    np.testing.assert_allclose(earth_centred(places), ground + places[:, 2:] * normal, atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(np.arcsin(normal[:, 2])), places[:, 0], atol=1e-9)
+
+
+def test_the_equator_and_a_pole_are_where_the_axes_end() -> None:
+    found = earth_centred([[0, 0, 0], [0, 90, 0], [90, 0, 0]])
+    expected = np.diag([SEMI_MAJOR_AXIS_M, SEMI_MAJOR_AXIS_M, SEMI_MINOR_AXIS_M])
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_a_walk_along_the_meridian_is_as_long_as_its_arc() -> None:
+    """The quarter meridian is 10,001,965.729 m."""
+    eccentricity_squared = 1 - (SEMI_MINOR_AXIS_M / SEMI_MAJOR_AXIS_M) ** 2
+    quarter, _ = quad(
+        lambda b: np.sqrt((SEMI_MAJOR_AXIS_M * np.sin(b)) ** 2 + (SEMI_MINOR_AXIS_M * np.cos(b)) ** 2),
+        0,
+        np.pi / 2,
+    )
+    latitudes = np.linspace(0, 90, 20_001)
+    path = earth_centred(np.stack([latitudes, 0 * latitudes + 8.4, 0 * latitudes], axis=1))
+    walked = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert walked == pytest.approx(quarter, abs=0.01)
+    assert walked == pytest.approx(10_001_965.729, abs=0.01)
+    assert eccentricity_squared == pytest.approx(FLATTENING * (2 - FLATTENING), rel=1e-12)
+
+
+def test_local_axes_point_east_north_and_up() -> None:
+    origin = [49.011, 8.4228, 116.4]
+    steps = np.array([origin] * 4) + np.array([[0, 1e-5, 0], [1e-5, 0, 0], [0, 0, 1], [0, 0, 0]])
+    found = east_north_up(steps, origin)
+    lengths = np.linalg.norm(found, axis=1)
+    assert lengths[:3] == pytest.approx([0.7316, 1.1121, 1.0], abs=2e-4)
+    np.testing.assert_allclose(found[:3] / lengths[:3, None], np.eye(3)[[0, 1, 2]], atol=1e-6)
+    np.testing.assert_allclose(found[3], 0, atol=1e-9)
+
+
+def test_local_positions_keep_the_distances() -> None:
+    places = np.array([[49.0, 8.0, 100.0], [49.001, 8.002, 130.0], [48.999, 8.001, 90.0]])
+    local = local_positions(SensorStream(10 * np.arange(3.0), places, "geodetic", "gps")).values
+    exact = earth_centred(places)
+    for i, j in [(0, 1), (1, 2), (0, 2)]:
+        ours = np.linalg.norm(local[i] - local[j])
+        assert ours == pytest.approx(np.linalg.norm(exact[i] - exact[j]), abs=1e-6)
+
+
+def test_positions_between_fixes_lie_on_the_line_and_go_on_after_the_last() -> None:
+    stream = SensorStream(np.arange(3.0), np.array([[0, 0, 0], [10, 0, 0], [10, 20, 0.0]]), "position")
+    np.testing.assert_allclose(position_at(stream, 1.25), [10, 5, 0])
+    np.testing.assert_allclose(position_at(stream, 2.5), [10, 30, 0])
+    assert position_at(stream, 8.0) is None
+
+
+def test_a_latitude_beyond_the_pole_is_refused() -> None:
+    with pytest.raises(InvalidArgument, match=r"geodetic\[1\]: latitude 91.0°"):
+        earth_centred([[0, 0, 0], [91, 0, 0]])

@@ -1,0 +1,139 @@
+"""CSV files of sensor measurements: names with units in, streams in our units out, bad lines named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.io.sensor_csv import read_sensor_csv
+from sfmcpp.sensors import travelled_distance
+
+
+def write(folder: Path, header: str, *lines: str) -> Path:
+    path = folder / "sensors.csv"
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_units_become_ours(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        "t [ms],speed [km/h],wx [deg/s],wy [deg/s],wz [°/s],distance [km]",
+        "1000,36,180,0,-90,0.001",
+        "1100,72,0,90,0,0.002",
+    )
+    streams = read_sensor_csv(path)
+    assert set(streams) == {"speed", "angular_rate", "distance"}
+    np.testing.assert_allclose(streams["speed"].t_s, [1.0, 1.1])
+    np.testing.assert_allclose(streams["speed"].values, [[10], [20]])
+    np.testing.assert_allclose(streams["angular_rate"].values, np.pi * np.array([[1, 0, -0.5], [0, 0.5, 0]]))
+    np.testing.assert_allclose(streams["distance"].values, [[1], [2]])
+
+
+def test_sensors_of_different_rates_share_a_file(tmp_path: Path) -> None:
+    lines = [
+        f"{0.1 * i},{5.0},{'' if i % 5 else 0.5 * i},{'' if i % 5 else 0},{'' if i % 5 else 0}"
+        for i in range(11)
+    ]
+    streams = read_sensor_csv(write(tmp_path, "t [s],speed [m/s],x [m],y [m],z [m]", *lines), max_gap_s=0.6)
+    assert len(streams["speed"]) == 11
+    np.testing.assert_allclose(streams["position"].t_s, [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(streams["position"].values[:, 0], [0.0, 2.5, 5.0])
+    assert streams["position"].gaps() == ()
+
+
+def test_position_and_quaternion_are_a_pose(tmp_path: Path) -> None:
+    turns = Rotation.random(4, rng=np.random.default_rng(1))
+    lines = [
+        ",".join(map(repr, [0.1 * i, 0.5 * i, 1.0, 2.0, w, x, y, z]))
+        for i, (x, y, z, w) in enumerate(turns.as_quat().tolist())
+    ]
+    path = write(tmp_path, "time [s],x [m],y [m],z [m],qw,qx,qy,qz", *lines)
+    (stream,) = read_sensor_csv(path).values()
+    assert stream.kind == "pose"
+    np.testing.assert_allclose(stream.values[:, :3], [[0.5 * i, 1, 2] for i in range(4)])
+    found = Rotation.from_rotvec(stream.values[:, 3:])
+    np.testing.assert_allclose(found.as_matrix(), turns.as_matrix(), atol=1e-14)
+
+
+def test_eurocs_imu_is_read_as_it_is(tmp_path: Path) -> None:
+    header = "#timestamp [ns]," + ",".join(
+        [f"w_RS_S_{a} [rad s^-1]" for a in "xyz"] + [f"a_RS_S_{a} [m s^-2]" for a in "xyz"]
+    )
+    path = write(
+        tmp_path,
+        header,
+        "1403636579758555392,-0.099134701513277898,0.14730578886832138,0.02722713633111154,8.17,-0.21,-2.46",
+        "1403636579763555584,-0.099134701513277898,0.14032447186034408,0.029321531433504733,8.03,-0.3,-2.4",
+    )
+    streams = read_sensor_csv(path, clock_offset_s=-1403636579.0)
+    assert list(streams) == ["angular_rate"]
+    np.testing.assert_allclose(streams["angular_rate"].t_s, [0.758555392, 0.763555584], atol=3e-7)
+    np.testing.assert_allclose(streams["angular_rate"].values[1], [-0.0991347015, 0.140324472, 0.0293215314])
+
+
+def test_satellite_fixes_and_the_clock_offset(tmp_path: Path) -> None:
+    path = write(tmp_path, "t [s],lat [deg],lon [deg],alt [m]", "0,49.0,8.4,110", "1,49.0001,8.4,110")
+    stream = read_sensor_csv(path, clock_offset_s=0.25)["geodetic"]
+    np.testing.assert_allclose(stream.t_s, [0.25, 1.25])
+    np.testing.assert_allclose(stream.values[1], [49.0001, 8.4, 110])
+
+
+HEADER = "t [s],speed [m/s]"
+
+
+@pytest.mark.parametrize(
+    ("header", "lines", "line", "told"),
+    [
+        ("t [s],speed", ["0,1"], 1, r"column 'speed' names no unit: must be one of \[m/s\], \[km/h\]"),
+        ("t [s],speed [knots]", ["0,1"], 1, r"'speed \[knots\]' has the unknown unit 'knots'"),
+        ("t [s],sonar [m]", ["0,1"], 1, r"column 'sonar \[m\]' is unknown: must be one of t, speed"),
+        ("Time,X,Y,Z", ["0,1,2,3"], 1, "column 'Time' is unknown"),
+        ("t [s],wx [rad/s]", ["0,1"], 1, "lacks the column wy, wz of angular_rate"),
+        ("speed [m/s]", ["1"], 1, "lacks the column t of time"),
+        ("t [s],speed [m/s],speed [km/h]", ["0,1,1"], 1, "columns named twice: speed"),
+        (HEADER, ["0,1", "0.1"], 3, "holds 1 cells: must be 2"),
+        (HEADER, ["0,1", "0.1,fast"], 3, "speed is 'fast': must be a finite number"),
+        (HEADER, ["0,1", "0.1,nan"], 3, "speed is 'nan': must be a finite number"),
+        (HEADER, ["0,1", "", "inf,2"], 4, "t is 'inf'"),
+        (HEADER, ["0,1", ",2"], 3, "t is ''"),
+        (HEADER, ["0,1", "0.2,1", "0.1,1"], 4, "time 0.1.* s after 0.2.* s: must increase"),
+        (HEADER, ["0,1", "0.2,1", "0.2,1"], 4, "must increase"),
+        (HEADER, ["0,1", "0.1,300"], None, "speed of 300 m/s.*km/h"),
+        (HEADER, [], None, "holds no measurements"),
+        ("t [s],vx [m/s],vy [m/s],vz [m/s]", ["0,1,1,1", "1,2,,3"], 3, "only a part of velocity"),
+        (
+            "t [s],qw,qx,qy,qz",
+            ["0,1,0,0,0", "1,2,0,0,0"],
+            None,
+            "quaternion at 1.0* s is .*: must have length 1",
+        ),
+        ("t [s],lat [deg],lon [deg]", ["0,1,1"], 1, "lat, lon and height must be given together"),
+    ],
+)
+def test_a_bad_file_is_named_with_its_line(
+    tmp_path: Path, header: str, lines: list[str], line: int | None, told: str
+) -> None:
+    path = write(tmp_path, header, *lines)
+    with pytest.raises(DatasetError, match=told) as caught:
+        read_sensor_csv(path)
+    assert (caught.value.path, caught.value.line) == (str(path), line)
+
+
+def test_a_missing_file_and_a_binary_one_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"absent\.csv: no such file"):
+        read_sensor_csv(tmp_path / "absent.csv")
+    (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(DatasetError, match=r"picture\.csv: is no UTF-8 text"):
+        read_sensor_csv(tmp_path / "picture.csv")
+
+
+def test_a_gap_in_a_file_is_bridged_or_not_as_in_any_stream(tmp_path: Path) -> None:
+    lines = [f"{t:.1f},10" for t in (0.0, 0.1, 0.2, 0.3, 0.6, 0.7, 2.0, 2.1, 2.2)]
+    stream = read_sensor_csv(write(tmp_path, HEADER, *lines))["speed"]
+    assert travelled_distance(stream, 0.2, 0.7) == pytest.approx(5.0)
+    assert travelled_distance(stream, 0.6, 2.1) is None

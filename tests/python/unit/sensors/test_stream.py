@@ -1,0 +1,154 @@
+"""What a stream refuses, what it bridges, and what it answers where it measured nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.sensor_kinds import SENSOR_KINDS
+from sfmcpp.sensors import SensorStream, describe_gaps, displacement, measured_at, travelled_distance
+
+T = np.arange(0.0, 2.01, 0.1)
+
+
+def speeds(t_s: np.ndarray = T, **options: float) -> SensorStream:
+    return SensorStream(t_s, np.full(len(t_s), 10.0), "speed", "wheel", **options)
+
+
+def replaced(row: int, value: float) -> np.ndarray:
+    t_s = T.copy()
+    t_s[row] = value
+    return t_s
+
+
+@pytest.mark.parametrize(
+    ("t_s", "told"),
+    [
+        (replaced(7, T[6]), r"stream 'wheel': t_s\[7\] = 0.6.* is a duplicate"),
+        (replaced(7, 0.1), r"stream 'wheel': t_s\[7\] = 0.1 s is earlier than 0.6"),
+        (replaced(7, np.nan), r"stream 'wheel': t_s\[7\] = nan"),
+        (np.empty(0), "stream 'wheel': t_s: there is no sample"),
+    ],
+)
+def test_stamps_that_cannot_be_are_named_with_their_sample_and_time(t_s: np.ndarray, told: str) -> None:
+    with pytest.raises(InvalidArgument, match=told):
+        speeds(t_s)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_value_that_is_no_number_is_named_with_its_time(bad: float) -> None:
+    values = np.full(len(T), 10.0)
+    values[[4, 9]] = bad
+    with pytest.raises(InvalidArgument, match=r"sample 4, at 0\.4\d* s, is (nan|inf).*2 of 21 samples"):
+        SensorStream(T, values, "speed")
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "told"),
+    [
+        ("speed", [300.0], r"speed of 300 m/s at sample 3, at 0.3.* at most 100 m/s; .*km/h"),
+        ("velocity", [0.0, -300.0, 0.0], "speed of 300 m/s"),
+        ("angular_rate", [0.0, 0.0, 40.0], r"angular rate of 40 rad/s.*degrees/s"),
+        ("orientation", [0.0, 90.0, 0.0], r"rotation vector of 90 rad.*degrees"),
+        ("geodetic", [100.0, 8.0, 120.0], "latitude of 100 deg"),
+    ],
+)
+def test_a_unit_that_cannot_be_right_is_named_with_the_likely_one(
+    kind: str, value: list[float], told: str
+) -> None:
+    values = np.zeros((len(T), len(value)))
+    values[3] = value
+    with pytest.raises(InvalidArgument, match=told):
+        SensorStream(T, values, kind)
+
+
+@pytest.mark.parametrize("kind", ["distance", "position", "pose"])
+def test_positions_in_millimetres_are_noticed_and_one_leap_is_not_a_unit(kind: str) -> None:
+    values = np.zeros((len(T), len(SENSOR_KINDS[kind].columns)))
+    values[:, 0] = 10.0 * T
+    values[8, 0] += 500.0
+    assert len(SensorStream(T, values, kind)) == len(T)
+    values[:, :3] *= 1000.0
+    with pytest.raises(InvalidArgument, match=r"median speed .* of 10000 m/s.*mm"):
+        SensorStream(T, values, kind)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "told"),
+    [
+        (np.zeros((len(T), 2)), "velocity", r"values: shape \(21, 2\), must be \(21, 3\)"),
+        (np.zeros(5), "speed", r"values: shape \(5, 1\), must be \(21, 1\)"),
+        (np.zeros(len(T)), "velocity", "values: shape"),
+        (np.zeros(len(T)), "sonar", "kind = 'sonar': must be one of speed"),
+    ],
+)
+def test_values_of_the_wrong_shape_or_kind_are_refused(values: np.ndarray, kind: str, told: str) -> None:
+    with pytest.raises(InvalidArgument, match=told):
+        SensorStream(T, values, kind)
+
+
+def without(start_s: float, end_s: float) -> np.ndarray:
+    """All stamps but those strictly between the two."""
+    inside = np.logical_and(start_s + 1e-9 < T, end_s - 1e-9 > T)
+    return T[~inside]
+
+
+def test_a_short_gap_is_bridged() -> None:
+    stream = speeds(without(0.5, 0.9))
+    assert stream.gaps() == ()
+    assert travelled_distance(stream, 0.2, 1.6) == pytest.approx(14.0)
+
+
+def test_a_long_gap_gives_no_measurement_to_any_interval_that_touches_it() -> None:
+    stream = speeds(without(0.5, 1.5))
+    (gap,) = stream.gaps()
+    assert (gap.start_s, gap.end_s) == (pytest.approx(0.5), pytest.approx(1.5))
+    assert describe_gaps([stream]) == [
+        "stream 'wheel': gap of 1.000 s from 0.500 to 1.500 s, longer than 0.500 s: no measurement there"
+    ]
+    for start_s, end_s in [(0.4, 0.6), (0.7, 0.9), (1.4, 1.6), (0.1, 1.9)]:
+        assert travelled_distance(stream, start_s, end_s) is None
+        assert displacement(stream, start_s, end_s) is None
+    assert travelled_distance(stream, 0.1, 0.5) == pytest.approx(4.0)
+    assert travelled_distance(stream, gap.end_s, 1.9) == pytest.approx(4.0)
+
+
+def test_the_longest_gap_that_is_bridged_is_the_callers() -> None:
+    t_s = without(0.5, 1.5)
+    assert speeds(t_s, max_gap_s=1.1).gaps() == ()
+    assert len(speeds(without(0.5, 0.9), max_gap_s=0.3).gaps()) == 1
+    with pytest.raises(InvalidArgument, match="max_gap_s = -1"):
+        speeds(max_gap_s=-1.0)
+
+
+def test_beyond_its_ends_a_stream_predicts_up_to_its_longest_gap() -> None:
+    stream = speeds()
+    assert travelled_distance(stream, 1.9, 2.4) == pytest.approx(5.0)
+    assert travelled_distance(stream, -0.4, 0.1) == pytest.approx(5.0)
+    assert travelled_distance(stream, 1.9, 2.6) is None
+    assert travelled_distance(stream, -0.6, 0.1) is None
+
+
+def test_an_interval_that_runs_backwards_is_refused() -> None:
+    with pytest.raises(InvalidArgument, match=r"start_s = 1.0, end_s = 0.5"):
+        travelled_distance(speeds(), 1.0, 0.5)
+
+
+def test_a_shift_of_the_clock_moves_every_measurement() -> None:
+    stream = SensorStream(T, 10.0 * T, "speed")
+    assert measured_at(stream.shifted(0.25), np.array([1.25]))[0, 0] == pytest.approx(10.0)
+    with pytest.raises(InvalidArgument, match="clock_offset_s = nan"):
+        stream.shifted(np.nan)
+
+
+def test_distances_go_on_at_their_speed_where_speeds_stay_as_they_are() -> None:
+    later = np.array([2.3])
+    assert measured_at(SensorStream(T, 5.0 * T, "distance"), later)[0, 0] == pytest.approx(11.5)
+    assert measured_at(SensorStream(T, 5.0 * T, "speed"), later)[0, 0] == pytest.approx(10.0)
+
+
+def test_a_single_sample_measures_its_own_moment_alone() -> None:
+    stream = SensorStream(np.array([1.0]), np.array([5.0]), "speed")
+    assert stream.covers(1.0, 1.0)
+    assert not stream.covers(1.0, 1.001)
