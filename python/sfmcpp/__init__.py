@@ -1,14 +1,36 @@
 """Bundle adjustment, structure from motion and multi-sensor SLAM: a Python package with a C++ core."""
 
 from sfmcpp._core import __version__
-from sfmcpp.ba import Iteration, SolveOptions, Summary, check, check_jacobians, cost, residuals, solve
+from sfmcpp.ba import (
+    Iteration,
+    SolveOptions,
+    Summary,
+    as_projective,
+    check,
+    check_jacobians,
+    cost,
+    projection_matrices,
+    projective_problem,
+    residuals,
+    solve,
+)
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.io import convert, formats, read, write
 from sfmcpp.model import CAMERA_MODELS, CameraModel, Metadata, Problem
-from sfmcpp.synthetic import circle_scene, perturb
+from sfmcpp.synthetic import (
+    SCENES,
+    add_outliers,
+    circle_scene,
+    city_blocks_scene,
+    corridor_scene,
+    perturb,
+    sphere_scene,
+    street_loop_scene,
+)
 
 __all__ = [
     "CAMERA_MODELS",
+    "SCENES",
     "CameraModel",
     "DatasetError",
     "InvalidArgument",
@@ -19,15 +41,23 @@ __all__ = [
     "SolveOptions",
     "Summary",
     "__version__",
+    "add_outliers",
+    "as_projective",
     "check",
     "check_jacobians",
     "circle_scene",
+    "city_blocks_scene",
     "convert",
+    "corridor_scene",
     "cost",
     "formats",
     "perturb",
+    "projection_matrices",
+    "projective_problem",
     "read",
     "residuals",
     "solve",
+    "sphere_scene",
+    "street_loop_scene",
     "write",
 ]

@@ -2,10 +2,11 @@
 C++ core of sfmcpp; the public interface is the package sfmcpp.
 """
 from __future__ import annotations
+import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LOSSES', 'METHODS', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'residuals', 'solve']
+__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'projection_matrices', 'residuals', 'solve', 'undistorted_pixels']
 class SolveOptions:
     """
     Options of a solve, with the defaults of the core.
@@ -16,6 +17,22 @@ class SolveOptions:
         """
         Raise InvalidArgument naming every option out of its range.
         """
+    @property
+    def algebraic_weights(self) -> str:
+        """
+        How observations count in an algebraic line search.
+        """
+    @algebraic_weights.setter
+    def algebraic_weights(self, arg1: str) -> None:
+        ...
+    @property
+    def backtracking_test(self) -> str:
+        """
+        What a backtracking line search demands of a length.
+        """
+    @backtracking_test.setter
+    def backtracking_test(self, arg1: str) -> None:
+        ...
     @property
     def damping_matrix(self) -> str:
         """
@@ -55,6 +72,46 @@ class SolveOptions:
         """
     @initial_damping.setter
     def initial_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
+    def initial_radius(self) -> float | None:
+        """
+        First radius of the Dog-Leg; None: that of the method.
+        """
+    @initial_radius.setter
+    def initial_radius(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
+    def line_search(self) -> str:
+        """
+        Line search along each step.
+        """
+    @line_search.setter
+    def line_search(self, arg1: str) -> None:
+        ...
+    @property
+    def line_search_damping(self) -> float | None:
+        """
+        Search in later iterations too while λ is above this; None: do not.
+        """
+    @line_search_damping.setter
+    def line_search_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
+    def line_search_iterations(self) -> int:
+        """
+        Iterations, from the first on, that search along their step.
+        """
+    @line_search_iterations.setter
+    def line_search_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def line_search_on_rejection(self) -> bool:
+        """
+        Search in later iterations too where the unit step would be rejected.
+        """
+    @line_search_on_rejection.setter
+    def line_search_on_rejection(self, arg1: bool) -> None:
         ...
     @property
     def linear_solver(self) -> str:
@@ -147,6 +204,9 @@ class CoreIteration:
     def cost(self) -> float:
         ...
     @property
+    def cost_evaluations(self) -> int:
+        ...
+    @property
     def damping(self) -> float:
         ...
     @property
@@ -156,7 +216,13 @@ class CoreIteration:
     def iteration(self) -> int:
         ...
     @property
+    def line_searched(self) -> bool:
+        ...
+    @property
     def linear_solver_iterations(self) -> int:
+        ...
+    @property
+    def proposed_lengths(self) -> list[tuple[float, float]]:
         ...
     @property
     def seconds(self) -> float:
@@ -248,6 +314,14 @@ def check_jacobians(arrays: dict, max_observations: typing.SupportsInt | typing.
     """
     Analytic against numeric derivatives.
     """
+def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.Sequence[tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]]) -> dict:
+    """
+    Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
+    """
+def projection_matrices(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    (C, 3, 4) projection matrices to pixels, distortion left out.
+    """
 def residuals(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (M, 2) residuals over their standard deviation.
@@ -256,10 +330,15 @@ def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> C
     """
     Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
     """
+def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    (M, 2) pixels as a lens without distortion would have seen them.
+    """
 GAUGES: tuple = ('auto', 'free', 'fixed')
 INSTRUCTION_SET: str
 LINEAR_SOLVERS: tuple = ('auto', 'dense', 'sparse', 'iterative')
+LINE_SEARCHES: tuple = ('none', 'g-als', 't-als', 'exact', 'soft', 'backtracking')
 LOSSES: tuple = ('squared', 'huber', 'cauchy', 'tukey')
-METHODS: tuple = ('lm', 'lm-nielsen', 'gauss-newton')
+METHODS: tuple = ('lm', 'lm-nielsen', 'dog-leg', 'gauss-newton', 'gradient-descent', 'conjugate-gradient', 'alternation')
 SPARSE_CHOLESKY: str
 __version__: str

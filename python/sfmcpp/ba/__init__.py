@@ -1,8 +1,11 @@
 """Bundle adjustment: the solve and its options, checks and summary."""
 
+from sfmcpp.ba.explore import StepExploration, explore_step
 from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
 from sfmcpp.ba.solve import (
     GAUGES,
+    LINE_SEARCHES,
     LINEAR_SOLVERS,
     LOSSES,
     METHODS,
@@ -17,14 +20,20 @@ from sfmcpp.ba.summary import Iteration, Summary
 __all__ = [
     "GAUGES",
     "LINEAR_SOLVERS",
+    "LINE_SEARCHES",
     "LOSSES",
     "METHODS",
     "Iteration",
     "SolveOptions",
+    "StepExploration",
     "Summary",
+    "as_projective",
     "check",
     "check_jacobians",
     "cost",
+    "explore_step",
+    "projection_matrices",
+    "projective_problem",
     "residuals",
     "solve",
 ]

@@ -9,37 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, Summary
 from sfmcpp.model import Problem
 
 METHODS: tuple[str, ...] = _core.METHODS
+LINE_SEARCHES: tuple[str, ...] = _core.LINE_SEARCHES
 LINEAR_SOLVERS: tuple[str, ...] = _core.LINEAR_SOLVERS
 LOSSES: tuple[str, ...] = _core.LOSSES
 GAUGES: tuple[str, ...] = _core.GAUGES
 
 Callback = Callable[[Iteration], "bool | None"]
 
-_ARRAYS = (
-    "camera_model",
-    "cameras",
-    "intrinsics",
-    "points",
-    "intrinsics_index",
-    "camera_index",
-    "point_index",
-    "pixels",
-    "sigma_px",
-    "fixed_cameras",
-    "fixed_points",
-    "fixed_intrinsics",
-)
-
 
 def solve(
     problem: Problem,
     *,
     method: str = "lm-nielsen",
+    line_search: str = "none",
+    line_search_iterations: int = 5,
     linear_solver: str = "auto",
     loss: str = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
@@ -60,8 +49,15 @@ def solve(
     problem : Problem
         Its arrays `cameras`, `intrinsics` and `points` hold the best state found afterwards, however the
         solve ends. Use ``problem.copy()`` to keep the start.
-    method : {"lm-nielsen", "lm", "gauss-newton"}
-        Levenberg–Marquardt with the Nielsen rule, with the Hartley rule, or Gauss–Newton.
+    method : str
+        "lm-nielsen", "lm": Levenberg–Marquardt with the Nielsen or the Hartley rule; "dog-leg" (Powell's);
+        "gauss-newton"; "gradient-descent"; "conjugate-gradient": nonlinear, with a block preconditioner;
+        "alternation": resection–intersection.
+    line_search : {"none", "g-als", "t-als", "exact", "soft", "backtracking"}
+        How far to go along each step: algebraic with one length or two (thesis ch. 4), Frandsen's exact
+        or soft search, backtracking.
+    line_search_iterations : int
+        Iterations, from the first on, that search.
     linear_solver : {"auto", "dense", "sparse", "iterative"}
         Solver of the reduced camera system; "auto" predicts what each would cost.
     loss : {"squared", "huber", "cauchy", "tukey"}
@@ -81,8 +77,10 @@ def solve(
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
     **more
-        Any other attribute of ``sfmcpp.SolveOptions``: `initial_damping`, `damping_matrix`,
-        `gradient_tolerance`, `parameter_tolerance`, `pcg_tolerance`, `pcg_max_iterations`.
+        Any other attribute of ``sfmcpp.SolveOptions``: `initial_damping`, `initial_radius`,
+        `damping_matrix`, `line_search_damping`, `line_search_on_rejection`, `backtracking_test`,
+        `algebraic_weights`, `gradient_tolerance`, `parameter_tolerance`, `pcg_tolerance`,
+        `pcg_max_iterations`.
 
     Returns
     -------
@@ -96,6 +94,8 @@ def solve(
     """
     values = {
         "method": method,
+        "line_search": line_search,
+        "line_search_iterations": line_search_iterations,
         "linear_solver": linear_solver,
         "loss": loss,
         "loss_scale_px": loss_scale_px,
@@ -108,7 +108,7 @@ def solve(
     options = SolveOptions(**values, **more)
     options.validate()
     report = None if callback is None else lambda core: callback(_iteration(core))
-    return _summary(_core.solve(_arrays(problem), options, report), method, loss)
+    return _summary(_core.solve(core_arrays(problem), options, report), options)
 
 
 def check(problem: Problem) -> list[str]:
@@ -130,7 +130,7 @@ def check(problem: Problem) -> list[str]:
     InvalidArgument
         If a rule is broken: the message names the array, the position, the value and the rule.
     """
-    return list(_core.check(_arrays(problem)))
+    return list(_core.check(core_arrays(problem)))
 
 
 def residuals(problem: Problem) -> NDArray[np.float64]:
@@ -151,7 +151,7 @@ def residuals(problem: Problem) -> NDArray[np.float64]:
     InvalidArgument
         If the problem breaks a rule.
     """
-    return _core.residuals(_arrays(problem))
+    return _core.residuals(core_arrays(problem))
 
 
 def cost(problem: Problem) -> float:
@@ -186,11 +186,7 @@ def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.Jac
     JacobianCheck
         `entries` compared, and the `worst_error` with its `worst_observation` and `worst_parameter`.
     """
-    return _core.check_jacobians(_arrays(problem), max_observations)
-
-
-def _arrays(problem: Problem) -> dict[str, Any]:
-    return {name: getattr(problem, name) for name in _ARRAYS}
+    return _core.check_jacobians(core_arrays(problem), max_observations)
 
 
 def _fields_of(core: object, cls: type) -> dict[str, Any]:
@@ -201,7 +197,8 @@ def _iteration(core: _core.CoreIteration) -> Iteration:
     return Iteration(**_fields_of(core, Iteration))
 
 
-def _summary(core: _core.CoreSummary, method: str, loss: str) -> Summary:
+def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     values = _fields_of(core, Summary)
     values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
-    return Summary(**values, method=method, line_search="none", loss=loss)
+    used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
+    return Summary(**values, **used)

@@ -33,6 +33,12 @@ class Iteration:
         How far along the step the cameras and the points went.
     linear_solver_iterations : int
         Conjugate-gradient iterations; 0 for direct solvers.
+    proposed_lengths : list of (float, float)
+        What an algebraic line search proposed, accepted or not.
+    line_searched : bool
+        Whether a line search was made.
+    cost_evaluations : int
+        Evaluations of the cost for this step.
     """
 
     iteration: int
@@ -44,6 +50,9 @@ class Iteration:
     step_norm: float
     step_lengths: tuple[float, float]
     linear_solver_iterations: int
+    proposed_lengths: list[tuple[float, float]] = field(default_factory=list)
+    line_searched: bool = False
+    cost_evaluations: int = 1
 
 
 @dataclass(frozen=True)
@@ -104,9 +113,13 @@ class Summary:
         return self.termination == "converged"
 
     def history(self) -> dict[str, NDArray[Any]]:
-        """Columns of the iterations as arrays, by field name; `step_lengths` is (n, 2)."""
+        """Columns of the iterations as arrays, by field name.
+
+        `step_lengths` is (n, 2). Proposed lengths are left out: each iteration has its own number of them.
+        """
         rows = [asdict(iteration) for iteration in self.iterations]
-        return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else {})}
+        names = [name for name in (rows[0] if rows else {}) if name != "proposed_lengths"]
+        return {name: np.array([row[name] for row in rows]) for name in names}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON."""
@@ -123,7 +136,8 @@ class Summary:
             ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),
-            ("method", f"{self.method}, {self.linear_solver} linear solver, {self.threads} threads"),
+            ("method", f"{self.method}, line search {self.line_search}"),
+            ("linear solver", f"{self.linear_solver}, {self.threads} threads"),
             ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),
             ("seconds", f"{self.seconds_total:.4g}"),
         ]

@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 import sfmcpp
-from sfmcpp.ba import GAUGES, LINEAR_SOLVERS, LOSSES, METHODS
-from sfmcpp.cli.choices import LINE_SEARCHES, loss_scale, one_of, refined_intrinsics
+from sfmcpp.ba import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS
+from sfmcpp.cli.choices import loss_scale, one_of, refined_intrinsics
+from sfmcpp.cli.evaluate import evaluate
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.synth import synth
 
 # What `sfmcpp.solve` does when it is not told, so that both ways in agree.
 DEFAULT = {name: given.default for name, given in signature(sfmcpp.solve).parameters.items()}
@@ -37,6 +39,12 @@ def _choice(name: str, choices: tuple[str, ...], what: str) -> typer.models.Opti
 Input = Annotated[Path, typer.Argument(metavar="INPUT", help="Problem to read, in any known format.")]
 Method = Annotated[str, _choice("--method", METHODS, "Minimiser")]
 LineSearch = Annotated[str, _choice("--line-search", LINE_SEARCHES, "Line search along each step")]
+SearchIterations = Annotated[
+    int, typer.Option(help="Iterations, from the first on, that search along their step.")
+]
+CameraModel = Annotated[
+    str | None, _choice("--camera-model", ("projective",), "Cameras to solve for in place of the input's")
+]
 LinearSolver = Annotated[
     str, _choice("--linear-solver", LINEAR_SOLVERS, "Solver of the reduced camera system")
 ]
@@ -77,7 +85,9 @@ def solve(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write the solved problem.")
     ] = None,
     method: Method = DEFAULT["method"],
-    line_search: LineSearch = LINE_SEARCHES[0],
+    line_search: LineSearch = DEFAULT["line_search"],
+    line_search_iterations: SearchIterations = DEFAULT["line_search_iterations"],
+    camera_model: CameraModel = None,
     linear_solver: LinearSolver = DEFAULT["linear_solver"],
     loss: Loss = DEFAULT["loss"],
     loss_scale_px: LossScale = str(DEFAULT["loss_scale_px"]),
@@ -101,6 +111,8 @@ def solve(
 
     options = {
         "method": method,
+        "line_search": line_search,
+        "line_search_iterations": line_search_iterations,
         "linear_solver": linear_solver,
         "loss": loss,
         "loss_scale_px": loss_scale(loss_scale_px),
@@ -111,7 +123,7 @@ def solve(
         "gauge": gauge,
     }
     targets = Targets(output, report, plot)
-    return solve_file(Job(source, targets, options, refined_intrinsics(refine), quiet))
+    return solve_file(Job(source, targets, options, refined_intrinsics(refine), camera_model, quiet))
 
 
 @app.command()
@@ -143,3 +155,7 @@ def demo(
     from sfmcpp.cli.demo import run_demo
 
     return run_demo(output, seed)
+
+
+app.command()(synth)
+app.command()(evaluate)

@@ -7,28 +7,14 @@ from typing import Literal
 
 import typer
 
-# Part of the contract, not there yet; as soon as the core knows a name, it is accepted.
-PLANNED = {
-    "dog-leg",
-    "gradient-descent",
-    "alternation",
-    "g-als",
-    "t-als",
-    "exact",
-    "soft",
-    "backtracking",
-}
-LINE_SEARCHES = ("none",)
 
+def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
+    """Make a check that accepts exactly `choices`, or no choice at all."""
 
-def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:
-    """Make a check that accepts exactly `choices`, and tells planned names from unknown ones."""
-
-    def check(value: str) -> str:
-        if value in choices:
+    def check(value: str | None) -> str | None:
+        if value is None or value in choices:
             return value
-        what = "is not available yet" if value in PLANNED else "is unknown"
-        raise typer.BadParameter(f"{value!r} {what}; choose one of {', '.join(choices)}")
+        raise typer.BadParameter(f"{value!r} is unknown; choose one of {', '.join(choices)}")
 
     return check
 

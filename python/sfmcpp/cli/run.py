@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import sfmcpp
-from sfmcpp.ba import Summary, solve
+from sfmcpp.ba import Summary, as_projective, solve
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -31,6 +31,8 @@ class Job:
         Keyword arguments of :func:`sfmcpp.solve`.
     refine : tuple of str, optional
         Intrinsic parameters to refine, in place of those the input frees.
+    camera_model : str, optional
+        ``"projective"``: forget the calibration of the input.
     quiet : bool
         Whether to print nothing but errors.
     """
@@ -39,6 +41,7 @@ class Job:
     targets: Targets
     options: dict[str, Any]
     refine: tuple[str, ...] | None = None
+    camera_model: str | None = None
     quiet: bool = False
 
 
@@ -55,7 +58,7 @@ def solve_file(job: Job) -> ExitCode:
     _check_options(job.options)
     job.targets.check(job.source)
     started = time.perf_counter()
-    problem = read(job.source)
+    problem = _problem(job)
     seconds_read = time.perf_counter() - started
     summary = _solve(job, problem)
     complaints = _write_results(job, problem, summary, seconds_read)
@@ -64,6 +67,11 @@ def solve_file(job: Job) -> ExitCode:
 
         print_summary(job.source, problem, summary, seconds_read, job.targets)
     return _exit_code(job, summary, complaints)
+
+
+def _problem(job: Job) -> Problem:
+    problem = read(job.source)
+    return problem if job.camera_model is None else as_projective(problem)
 
 
 def _check_options(values: dict[str, Any]) -> None:

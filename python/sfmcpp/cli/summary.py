@@ -75,7 +75,8 @@ def _result(summary: Summary) -> Iterator[Row]:
 
 def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
     threads = "1 thread" if summary.threads == 1 else f"{summary.threads} threads"
-    yield "method", f"{summary.method}, {threads}"
+    search = "" if summary.line_search == "none" else f", line search {summary.line_search}"
+    yield "method", f"{summary.method}{search}, {threads}"
     if summary.loss != "squared":
         yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
     yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"

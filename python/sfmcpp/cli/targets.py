@@ -39,7 +39,9 @@ class Targets:
 
     def check_fits(self, problem: Problem) -> None:
         """Raise a DatasetError if the format of the result cannot hold `problem`."""
-        if self.problem is None or format_of(self.problem).name == problem.metadata.source_format:
+        if self.problem is None:
+            return
+        if problem.is_metric and format_of(self.problem).name == problem.metadata.source_format:
             return
         with _scratch_beside(self.problem) as folder:
             _try_to_write(problem, self.problem, Path(folder))

@@ -76,6 +76,8 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:
             raise DatasetError(target, f"format {chosen.name} can be read but not written")
+        if not (problem.is_metric or chosen.holds_projective):
+            raise DatasetError(target, f"format {chosen.name} holds metric cameras only: use .npz")
         chosen.writer(problem, target)
 
 

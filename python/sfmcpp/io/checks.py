@@ -90,6 +90,8 @@ def _require_in_range(name: str, index: IndexArray, size: int, path: Path) -> No
 
 
 def _require_rotations(problem: Problem, path: Path) -> None:
+    if not problem.is_metric:
+        return
     good = is_rotation(problem.rotations, ROTATION_TOLERANCE)
     if not good.all():
         worst = int(np.argmin(good))

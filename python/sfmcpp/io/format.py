@@ -25,6 +25,8 @@ class Format:
         How a path becomes a problem, and a problem a path; None: not readable, not writable.
     claim : callable or None
         Whether a file of an ambiguous name is of this format.
+    holds_projective : bool
+        Whether it can keep projection matrices and homogeneous points.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Format:
     reader: Callable[[Path], Problem] | None = field(default=None, repr=False)
     writer: Callable[[Problem, Path], None] | None = field(default=None, repr=False)
     claim: Callable[[Path], bool] | None = field(default=None, repr=False)
+    holds_projective: bool = False
 
     @property
     def readable(self) -> bool:

@@ -188,4 +188,11 @@ def _require_consistent(problem: Problem, path: Path) -> None:
             raise DatasetError(path, f"metadata {name} is {found}: must be {dtype.name} {wanted[name]}")
 
 
-FORMAT = Format("npz", "NumPy archive: the whole problem, without loss", (".npz",), read_npz, write_npz)
+FORMAT = Format(
+    "npz",
+    "NumPy archive: the whole problem, without loss",
+    (".npz",),
+    read_npz,
+    write_npz,
+    holds_projective=True,
+)

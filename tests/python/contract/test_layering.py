@@ -40,7 +40,13 @@ PYTHON_LEVELS: list[set[str]] = [
 PYTHON_LEVEL = {layer: level for level, layers in enumerate(PYTHON_LEVELS) for layer in layers}
 # The package's own __init__ and __main__, which re-export and start.
 PYTHON_ROOT = "sfmcpp"
-PYTHON_FOREIGN = {"cli": {"rich", "typer", "matplotlib"}, "plotting": {"matplotlib"}, "vision": {"cv2"}}
+PYTHON_FOREIGN = {
+    "cli": {"rich", "typer", "matplotlib"},
+    "plotting": {"matplotlib"},
+    "io": {"scipy"},
+    "mvg": {"poselib"},
+    "vision": {"cv2"},
+}
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)[>"]', re.MULTILINE)
 
@@ -225,4 +231,4 @@ def test_importing_the_package_loads_numpy_and_no_other_library() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()
     assert {"numpy", "sfmcpp"} <= set(loaded)
-    assert not {"rich", "typer", "matplotlib", "scipy", "cv2"} & set(loaded)
+    assert not {"rich", "typer", "matplotlib", "scipy", "poselib", "cv2"} & set(loaded)

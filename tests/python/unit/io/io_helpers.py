@@ -89,7 +89,7 @@ def random_problem(
         model,
         poses,
         values,
-        random_numbers(rng, points, 3),
+        random_numbers(rng, points, CAMERA_MODELS[model].point_size),
         camera_index.astype(np.int32),
         point_index.astype(np.int32),
         random_numbers(rng, len(camera_index), 2),

@@ -1,0 +1,156 @@
+"""Projective problems: made from projection matrices, or from metric problems."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import Metadata, Problem
+from sfmcpp.model.problem import FloatArray, IndexArray
+
+
+def projective_problem(
+    projections: ArrayLike,
+    points: ArrayLike,
+    camera_index: ArrayLike,
+    point_index: ArrayLike,
+    pixels: ArrayLike,
+    *,
+    sigma_px: ArrayLike | None = None,
+    metadata: Metadata | None = None,
+) -> Problem:
+    """Make the problem of uncalibrated cameras, each image in its normalised frame (thesis eq. 4.3).
+
+    Parameters
+    ----------
+    projections : (C, 3, 4)
+        Projection matrices to pixels, of any scale.
+    points : (N, 3) or (N, 4)
+        World points, homogeneous ones of any scale.
+    camera_index, point_index : (M,) int
+        Camera and point of each observation.
+    pixels : (M, 2)
+        Observed image positions [px].
+    sigma_px : (M,), optional
+        Their standard deviations [px]; default 1.
+    metadata : Metadata, optional
+        Names, colours and the like.
+
+    Returns
+    -------
+    Problem
+        Of camera model ``"projective"``: each `P` takes to its image's frame ``scale, cx, cy``, in which the
+        centroid of the observations is the origin and their mean distance to it √2; `P` and the points
+        are of norm one.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, an index is out of range, or a matrix or a point is zero or not finite.
+    """
+    matrices = np.asarray(projections, dtype=np.float64)
+    if matrices.ndim != 3 or matrices.shape[1:] != (3, 4):
+        raise InvalidArgument(f"projections: shape {matrices.shape}, must be (any, 3, 4)")
+    homogeneous = _homogeneous(np.asarray(points, dtype=np.float64))
+    cameras = np.asarray(camera_index, dtype=np.int32)
+    seen = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    if len(seen) != len(cameras):
+        raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
+    if len(cameras) and not (cameras.min() >= 0 and cameras.max() < len(matrices)):
+        raise InvalidArgument(f"camera_index: must be in [0, {len(matrices)})")
+    frames = _image_frames(cameras, seen, len(matrices))
+    return Problem(
+        "projective",
+        _unit("projections", _to_frames(matrices, frames)),
+        frames,
+        _unit("points", homogeneous),
+        cameras,
+        np.asarray(point_index, dtype=np.int32),
+        seen,
+        sigma_px=None if sigma_px is None else np.asarray(sigma_px, dtype=np.float64),
+        metadata=metadata or Metadata(),
+    )
+
+
+def as_projective(problem: Problem) -> Problem:
+    """Forget the calibration: the same cameras, points and observations with projection matrices.
+
+    Observations of cameras with distortion are freed of it, with the intrinsics of the present state.
+
+    Parameters
+    ----------
+    problem : Problem
+        Left untouched. A projective one is copied.
+
+    Returns
+    -------
+    Problem
+        Of camera model ``"projective"``. Fixed cameras and points stay fixed.
+    """
+    if not problem.is_metric:
+        return problem.copy()
+    result = projective_problem(
+        projection_matrices(problem),
+        problem.points,
+        problem.camera_index,
+        problem.point_index,
+        _core.undistorted_pixels(core_arrays(problem)),
+        sigma_px=problem.sigma_px,
+        metadata=problem.metadata,
+    )
+    result.fixed_cameras[:] = problem.fixed_cameras
+    result.fixed_points[:] = problem.fixed_points
+    return result
+
+
+def projection_matrices(problem: Problem) -> FloatArray:
+    """Projection matrices to pixels of all cameras; distortion is left out.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of any camera model.
+
+    Returns
+    -------
+    (C, 3, 4) float64
+        ``K [Rᵀ | −Rᵀc]`` of metric cameras. Projective ones: in pixels instead of the image's frame.
+    """
+    matrices: FloatArray = _core.projection_matrices(core_arrays(problem))
+    return matrices
+
+
+def _homogeneous(points: FloatArray) -> FloatArray:
+    if points.ndim != 2 or points.shape[1] not in (3, 4):
+        raise InvalidArgument(f"points: shape {points.shape}, must be (any, 3) or (any, 4)")
+    if points.shape[1] == 4:
+        return points
+    return np.concatenate([points, np.ones((len(points), 1))], axis=1)
+
+
+def _image_frames(cameras: IndexArray, pixels: FloatArray, count: int) -> FloatArray:
+    """``scale, cx, cy`` of each image: Hartley's isotropic normalisation of its observations."""
+    seen = np.maximum(np.bincount(cameras, minlength=count), 1)
+    centres = np.stack([np.bincount(cameras, pixels[:, k], count) / seen for k in (0, 1)], axis=1)
+    distances = np.linalg.norm(pixels - centres[cameras], axis=1)
+    scale = np.bincount(cameras, distances, count) / (seen * np.sqrt(2.0))
+    return np.concatenate([np.where(scale > 0, scale, 1.0)[:, None], centres], axis=1)
+
+
+def _to_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
+    scale, cx, cy = (column[:, None] for column in frames.T)
+    x, y, w = matrices[:, 0], matrices[:, 1], matrices[:, 2]
+    return np.stack([(x - cx * w) / scale, (y - cy * w) / scale, w], axis=1)
+
+
+def _unit(name: str, values: FloatArray) -> FloatArray:
+    flat = values.reshape(len(values), -1)
+    norms = np.linalg.norm(flat, axis=1)
+    good = np.isfinite(norms) & (norms > 0)
+    if not good.all():
+        raise InvalidArgument(f"{name}[{int(np.argmin(good))}]: must be finite and not zero")
+    unit: FloatArray = (flat / norms[:, None]).reshape(values.shape)
+    return unit
