@@ -42,6 +42,15 @@ LineSearch = Annotated[str, _choice("--line-search", LINE_SEARCHES, "Line search
 SearchIterations = Annotated[
     int, typer.Option(help="Iterations, from the first on, that search along their step.")
 ]
+SearchDamping = Annotated[
+    float | None, typer.Option(metavar="LAMBDA", help="Search in later iterations too while λ is above this.")
+]
+SearchOnRejection = Annotated[
+    bool,
+    typer.Option(
+        "--line-search-on-rejection", help="Search in later iterations too where the step would be rejected."
+    ),
+]
 CameraModel = Annotated[
     str | None, _choice("--camera-model", ("projective",), "Cameras to solve for in place of the input's")
 ]
@@ -87,6 +96,8 @@ def solve(
     method: Method = DEFAULT["method"],
     line_search: LineSearch = DEFAULT["line_search"],
     line_search_iterations: SearchIterations = DEFAULT["line_search_iterations"],
+    line_search_damping: SearchDamping = None,
+    line_search_on_rejection: SearchOnRejection = False,
     camera_model: CameraModel = None,
     linear_solver: LinearSolver = DEFAULT["linear_solver"],
     loss: Loss = DEFAULT["loss"],
@@ -113,6 +124,8 @@ def solve(
         "method": method,
         "line_search": line_search,
         "line_search_iterations": line_search_iterations,
+        "line_search_damping": line_search_damping,
+        "line_search_on_rejection": line_search_on_rejection,
         "linear_solver": linear_solver,
         "loss": loss,
         "loss_scale_px": loss_scale(loss_scale_px),

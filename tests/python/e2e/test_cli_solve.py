@@ -41,6 +41,9 @@ ITERATION_FIELDS: dict[str, type] = {
     "step_norm": float,
     "step_lengths": list,
     "linear_solver_iterations": int,
+    "proposed_lengths": list,
+    "line_searched": bool,
+    "cost_evaluations": int,
 }
 
 
@@ -195,3 +198,32 @@ def test_the_result_may_replace_the_input(tmp_path: Path) -> None:
     assert run("solve", source, "-o", source).returncode == 0
     assert sfmcpp.cost(sfmcpp.read(source)) < before / 100
     assert list(tmp_path.iterdir()) == [source]
+
+
+def test_line_searches_and_methods_reach_the_report(tmp_path: Path) -> None:
+    source = write_noisy_circle(tmp_path)
+    options = ["--method", "dog-leg", "--line-search", "t-als", "--line-search-iterations", "2"]
+    assert run("solve", source, *options, "--report", tmp_path / "r.json").returncode == 0
+    report = strict_json(tmp_path / "r.json")
+    assert (report["method"], report["line_search"]) == ("dog-leg", "t-als")
+    searched = [iteration["line_searched"] for iteration in report["iterations"][1:]]
+    assert searched == [k < 2 for k in range(len(searched))]
+    assert all(len(pair) == 2 for pair in report["iterations"][1]["proposed_lengths"])
+
+
+def test_a_projective_solve_forgets_the_calibration(tmp_path: Path) -> None:
+    source, target = write_noisy_circle(tmp_path), tmp_path / "out.npz"
+    assert run("solve", source, "--camera-model", "projective", "-o", target).returncode == 0
+    solved = sfmcpp.read(target)
+    assert solved.camera_model == "projective"
+    calibrated = sfmcpp.read(source)
+    sfmcpp.solve(calibrated)
+    assert sfmcpp.cost(solved) < sfmcpp.cost(calibrated)
+
+
+def test_a_projective_solve_is_refused_a_format_that_cannot_hold_it(tmp_path: Path) -> None:
+    source, target = write_noisy_circle(tmp_path), tmp_path / "out.txt"
+    result = run("solve", source, "--camera-model", "projective", "-o", target)
+    assert result.returncode == 2
+    assert "metric cameras only" in result.stderr
+    assert not target.exists()
