@@ -28,11 +28,11 @@ from sfmcpp.io.format import Format
 from sfmcpp.io.intrinsics import as_bal
 from sfmcpp.io.number_text import NumberText
 from sfmcpp.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
-from sfmcpp.io.rotations import is_rotation, nearest_rotation
 from sfmcpp.io.rows import format_rows, format_strings, ragged_text
 from sfmcpp.io.tracks import by_point, keypoint_ranks, tokens_of_items
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.so3 import is_rotation, nearest_rotation
 
 MAGIC = b"# Bundle file v0.3"
 KEYS = "bundler_keys"

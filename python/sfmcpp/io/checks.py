@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.rotations import is_rotation
 from sfmcpp.model.problem import BoolArray, IndexArray, Problem
+from sfmcpp.model.so3 import is_rotation
 
 ROTATION_TOLERANCE = 1e-6
 LARGEST_MAGNITUDE = 1e150

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.io.compression import require_regular_file
 from sfmcpp.io.failures import failures_named
-from sfmcpp.io.rotations import is_rotation, nearest_rotation, rotation_from_angle_axis
+from sfmcpp.io.rotations import rotation_from_angle_axis
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.problem import FloatArray, IndexArray
+from sfmcpp.model.so3 import is_rotation, nearest_rotation
 
 NOT_SEEN = -1.0
 ROTATION_TOLERANCE = 1e-3

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.model.problem import BoolArray, FloatArray
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.so3 import hat
 
 
 def rotation_from_angle_axis(vectors: FloatArray) -> FloatArray:
@@ -14,7 +15,7 @@ def rotation_from_angle_axis(vectors: FloatArray) -> FloatArray:
     """
     angles = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])[:, None]
     axes = np.divide(vectors, angles, out=np.zeros_like(vectors), where=angles > 0)
-    cross = _cross_matrices(axes)
+    cross = hat(axes)
     sine, versine = np.sin(angles)[:, :, None], 2 * np.sin(angles / 2)[:, :, None] ** 2
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
@@ -33,7 +34,7 @@ def rotation_from_quaternion(quaternions: FloatArray) -> FloatArray:
     scaled = quaternions / np.abs(quaternions).max(axis=1, keepdims=True)
     unit = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
     w = unit[:, 0, None, None]
-    cross = _cross_matrices(unit[:, 1:])
+    cross = hat(unit[:, 1:])
     return np.asarray(np.eye(3) + 2 * w * cross + 2 * (cross @ cross))
 
 
@@ -47,26 +48,6 @@ def quaternion_from_rotation(rotations: FloatArray) -> FloatArray:
     rows = outer[np.arange(len(outer)), largest]
     rows *= np.where(rows[:, :1] < 0, -1.0, 1.0)
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
-
-
-def nearest_rotation(matrices: FloatArray) -> FloatArray:
-    """Rotation matrix nearest to each matrix (C, 3, 3) of positive determinant, by singular values."""
-    left, _, right = np.linalg.svd(matrices)
-    return np.asarray(left @ right)
-
-
-def is_rotation(matrices: FloatArray, tolerance: float) -> BoolArray:
-    """Whether each matrix (C, 3, 3) is orthonormal to `tolerance` and right-handed."""
-    with np.errstate(all="ignore"):
-        gram = matrices @ np.swapaxes(matrices, 1, 2)
-        orthonormal = (np.abs(gram - np.eye(3)) <= tolerance).all(axis=(1, 2))
-        return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))
-
-
-def _cross_matrices(vectors: FloatArray) -> FloatArray:
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
 def _quaternion_outer_products(r: FloatArray) -> FloatArray:

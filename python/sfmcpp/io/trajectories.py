@@ -17,15 +17,11 @@ from sfmcpp.io.compression import COMPRESSED_SUFFIXES, read_bytes
 from sfmcpp.io.failures import failures_named
 from sfmcpp.io.kitti_mat import read_kitti_mat
 from sfmcpp.io.number_text import NumberText
-from sfmcpp.io.rotations import (
-    is_rotation,
-    nearest_rotation,
-    quaternion_from_rotation,
-    rotation_from_quaternion,
-)
+from sfmcpp.io.rotations import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.io.rows import format_rows
 from sfmcpp.model import Trajectory
 from sfmcpp.model.problem import BoolArray, FloatArray
+from sfmcpp.model.so3 import is_rotation, nearest_rotation
 
 TRAJECTORY_FORMATS = ("tum", "kitti", "euroc", "mat")
 WRITABLE_TRAJECTORY_FORMATS = ("tum", "kitti", "euroc")

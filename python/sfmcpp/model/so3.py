@@ -61,9 +61,10 @@ def nearest_rotation(matrices: FloatArray) -> FloatArray:
 
 def is_rotation(matrices: FloatArray, tolerance: float) -> BoolArray:
     """Whether each matrix (…, 3, 3) is orthonormal to `tolerance` and right-handed."""
-    gram = matrices @ np.swapaxes(matrices, -1, -2)
-    orthonormal = (np.abs(gram - np.eye(3)) <= tolerance).all(axis=(-1, -2))
-    return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))
+    with np.errstate(all="ignore"):  # what is no number is no rotation either
+        gram = matrices @ np.swapaxes(matrices, -1, -2)
+        orthonormal = (np.abs(gram - np.eye(3)) <= tolerance).all(axis=(-1, -2))
+        return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))
 
 
 def _axis_near_half_turn(rotations: FloatArray, angle: FloatArray) -> FloatArray:

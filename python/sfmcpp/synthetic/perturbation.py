@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.model import Problem
+from sfmcpp.model import Problem, so3
 from sfmcpp.synthetic.checks import require_not_negative
-from sfmcpp.synthetic.geometry import exp_so3
 
 # A stream of its own: with a scene's stream, equal seeds would tie the noise to the positions of the points.
 _STREAM = (1,)
@@ -56,5 +55,5 @@ def perturb(
     free_points, free_cameras = ~problem.fixed_points, ~problem.fixed_cameras
     result.points[free_points] += point_steps[free_points]
     result.centres[free_cameras] += position_steps[free_cameras]
-    result.rotations[free_cameras] = (problem.rotations @ exp_so3(rotation_steps_rad))[free_cameras]
+    result.rotations[free_cameras] = (problem.rotations @ so3.exp(rotation_steps_rad))[free_cameras]
     return result

@@ -12,11 +12,11 @@ from sfmcpp import DatasetError
 from sfmcpp.io import write
 from sfmcpp.io.rotations import (
     angle_axis_from_rotation,
-    nearest_rotation,
     quaternion_from_rotation,
     rotation_from_angle_axis,
     rotation_from_quaternion,
 )
+from sfmcpp.model.so3 import nearest_rotation
 
 
 def test_ply_holds_points_then_red_camera_centres(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sfmcpp.synthetic.geometry import exp_so3
+from sfmcpp.model import so3
 from sfmcpp.synthetic.image_geometry import ImageGeometry
 from sfmcpp.synthetic.observation import observe
 from sfmcpp.synthetic.sight import Sight
@@ -14,7 +14,7 @@ from sfmcpp.synthetic.spatial_grid import SpatialGrid
 
 
 def random_cameras(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    rotations = exp_so3(rng.uniform(-3, 3, (count, 3)))
+    rotations = so3.exp(rng.uniform(-3, 3, (count, 3)))
     return np.concatenate([rotations, rng.uniform(-30, 30, (count, 3, 1))], axis=2)
 
 
