@@ -1,0 +1,31 @@
+"""The kinds of experiments, one line each: a new kind is a module with a function and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from experiments.acceptance import acceptance_rate
+from experiments.basin import basin_of_convergence
+from experiments.convergence import mean_convergence
+from experiments.description import Experiment
+from experiments.lengths import proposed_lengths
+from experiments.real_data import real_problems
+from experiments.report import Report
+from experiments.rms_curves import mean_rms
+from experiments.roots import number_of_roots
+from experiments.scale import searches_at_scale
+from experiments.step_line import costs_along_steps
+from experiments.step_plane import costs_over_lengths
+
+KINDS: dict[str, Callable[[Experiment], Report]] = {
+    "acceptance": acceptance_rate,
+    "basin": basin_of_convergence,
+    "convergence": mean_convergence,
+    "lengths": proposed_lengths,
+    "real": real_problems,
+    "rms-curves": mean_rms,
+    "roots": number_of_roots,
+    "scale": searches_at_scale,
+    "step-line": costs_along_steps,
+    "step-plane": costs_over_lengths,
+}
