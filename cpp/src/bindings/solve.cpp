@@ -89,10 +89,12 @@ py::dict explore_step(const py::dict& arrays,
                       const std::vector<std::pair<double, double>>& lengths) {
   const ba::Problem problem = problem_of(arrays);
   std::vector<optim::StepLengths> pairs;
+  pairs.reserve(lengths.size());
   for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});
   optim::State state = ba::state_of(problem);
   const ba::StepExploration found = ba::explore_step(problem, options, pairs, state);
   std::vector<double> algebraic;
+  algebraic.reserve(lengths.size());
   for (const auto& [camera, point] : lengths)
     algebraic.push_back(found.algebraic.value(camera, point));
   write_back(state, arrays);
