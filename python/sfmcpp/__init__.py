@@ -16,7 +16,7 @@ from sfmcpp.ba import (
 )
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.io import convert, formats, read, write
-from sfmcpp.model import CAMERA_MODELS, CameraModel, Metadata, Problem
+from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
 from sfmcpp.synthetic import (
     SCENES,
     add_outliers,
@@ -30,8 +30,10 @@ from sfmcpp.synthetic import (
 
 __all__ = [
     "CAMERA_MODELS",
+    "CONSTRAINT_KINDS",
     "SCENES",
     "CameraModel",
+    "ConstraintGroup",
     "DatasetError",
     "InvalidArgument",
     "Iteration",

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'projection_matrices', 'residuals', 'solve', 'undistorted_pixels']
+__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'PoseSweepOptions', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOptions:
     """
     Options of a solve, with the defaults of the core.
@@ -238,6 +238,9 @@ class CoreSummary:
     What a solve did.
     """
     @property
+    def constraint_costs(self) -> dict[str, tuple[float, float]]:
+        ...
+    @property
     def final_cost(self) -> float:
         ...
     @property
@@ -306,6 +309,52 @@ class JacobianCheck:
         """
         Parameter of the largest difference.
         """
+class PoseSweepOptions:
+    """
+    Options of pose fits, with the defaults of the core.
+    """
+    def __init__(self) -> None:
+        ...
+    @property
+    def approximate_leave_one_out(self) -> bool:
+        """
+        Compute the closed-form score.
+        """
+    @approximate_leave_one_out.setter
+    def approximate_leave_one_out(self, arg0: bool) -> None:
+        ...
+    @property
+    def fold_iterations(self) -> int:
+        """
+        Steps of a leave-one-out fold.
+        """
+    @fold_iterations.setter
+    def fold_iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def inlier_px(self) -> float:
+        """
+        Largest error of an inlier [px].
+        """
+    @inlier_px.setter
+    def inlier_px(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def leave_one_out(self) -> bool:
+        """
+        Compute the exact score.
+        """
+    @leave_one_out.setter
+    def leave_one_out(self, arg0: bool) -> None:
+        ...
+    @property
+    def max_iterations(self) -> int:
+        """
+        Steps of a fit at most.
+        """
+    @max_iterations.setter
+    def max_iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.
@@ -318,9 +367,17 @@ def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.S
     """
     Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
     """
+def linearize_pose(view: dict, constraints: collections.abc.Sequence[dict], pose: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> dict:
+    """
+    Normal equations of the images, residuals and Jacobians of the constraints.
+    """
 def projection_matrices(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (C, 3, 4) projection matrices to pixels, distortion left out.
+    """
+def refine_pose(view: dict, constraints: collections.abc.Sequence[dict], start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], options: PoseSweepOptions) -> dict:
+    """
+    The pose fit with every constraint at its weight.
     """
 def residuals(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
@@ -329,6 +386,10 @@ def residuals(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
 def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> CoreSummary:
     """
     Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
+    """
+def sweep_pose_weights(view: dict, constraints: collections.abc.Sequence[dict], selected: typing.SupportsInt | typing.SupportsIndex, weights: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], options: PoseSweepOptions) -> dict:
+    """
+    One pose fit for each weight of the selected constraint; arrays by name.
     """
 def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """

@@ -57,7 +57,8 @@ BundleModel::BundleModel(const Problem& problem,
                                                : 1.0 / problem.sigma_px[source];
                                   })),
       weights_(inverse_sigma_),
-      normal_(graph, map, pool),
+      constraints_(problem, map, free_intrinsics_),
+      normal_(graph, map, pool, constraints_.pairs()),
       algebraic_(problem, graph, map, free_intrinsics_, u_, v_, pool) {}
 
 residuals::ObservationBatch BundleModel::batch(const State& state, const Chunk& chunk) const {
@@ -88,12 +89,15 @@ double BundleModel::chunk_cost(const State& state, const Chunk& chunk) const {
 
 double BundleModel::cost(const State& state) {
   const auto chunks = static_cast<int>(graph_.chunks.size());
-  return 0.5 * pool_.sum(chunks, [&](int c) { return chunk_cost(state, graph_.chunks[c]); });
+  const double observed =
+      0.5 * pool_.sum(chunks, [&](int c) { return chunk_cost(state, graph_.chunks[c]); });
+  return observed + constraints_.cost(state);
 }
 
 void BundleModel::linearize(const State& state) {
   pool_.parallel_for(static_cast<int>(graph_.chunks.size()),
                      [&](int c) { linearize_chunk(state, c); });
+  constraints_.linearize(state, normal_.camera_terms());
   normal_.finish();
 }
 

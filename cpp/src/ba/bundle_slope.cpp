@@ -45,8 +45,9 @@ double BundleModel::slope(const optim::State& start,
                           const linear::Step& step,
                           const optim::State& candidate) {
   const linear::Step here{step.camera, transported(problem_, start, step, candidate)};
-  return -pool_.sum(static_cast<int>(graph_.chunks.size()),
-                    [&](int c) { return chunk_slope(candidate, here, c); });
+  const double observed = -pool_.sum(static_cast<int>(graph_.chunks.size()),
+                                     [&](int c) { return chunk_slope(candidate, here, c); });
+  return observed + constraints_.slope(candidate, step.camera);
 }
 
 double BundleModel::chunk_slope(const optim::State& state, const linear::Step& step, int c) const {

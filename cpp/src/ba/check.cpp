@@ -182,11 +182,14 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
   }
 }
 
-void check_determined(const linear::ObservationGraph& graph, const linear::ParameterMap& map) {
-  const long residuals = 2L * graph.num_observations();
+void check_determined(const linear::ObservationGraph& graph,
+                      const linear::ParameterMap& map,
+                      long constraint_equations) {
+  const long observed = 2L * graph.num_observations();
+  const long residuals = observed + constraint_equations;
   const long unknowns =
       map.num_columns + 3L * std::count(map.free_point.begin(), map.free_point.end(), 1);
-  if (residuals == 0) throw InvalidArgument("observations: there are none");
+  if (observed == 0) throw InvalidArgument("observations: there are none");
   if (unknowns == 0)
     throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
   if (residuals < unknowns) {
@@ -196,7 +199,7 @@ void check_determined(const linear::ObservationGraph& graph, const linear::Param
   }
 }
 
-std::vector<std::string> warnings_about(const linear::ObservationGraph& graph) {
+std::vector<std::string> warnings_about(const linear::ObservationGraph& graph, bool constrained) {
   std::vector<std::string> warnings;
   warn(
       "camera",
@@ -219,8 +222,9 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph) {
   const int components = num_components(graph);
   if (components > 1) {
     warnings.push_back(
-        "the cameras fall into " + std::to_string(components) +
-        " parts that share no point: their relative position, rotation and scale are arbitrary");
+        "the cameras fall into " + std::to_string(components) + " parts that share no point: " +
+        (constrained ? "only the constraints hold their relative position, rotation and scale"
+                     : "their relative position, rotation and scale are arbitrary"));
   }
   return warnings;
 }

@@ -8,6 +8,7 @@
 
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -17,7 +18,9 @@ namespace {
 using Motions = Eigen::Matrix<double, Eigen::Dynamic, 7>;  // a parameter's response, per row
 using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
-// Relative size below which a response is rounding.
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Size below which a response is rounding; what responds at all does so with a size of about one.
 constexpr double kNegligible = 1e-6;
 
 class GaugeChooser {
@@ -96,10 +99,50 @@ class GaugeChooser {
           response_of_position(Eigen::Map<const Eigen::Vector3d>(problem_.points.data() + 3L * p));
       held += rows.transpose() * rows;
     }
+    add_constraints(held);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> spectrum(held);
-    const double negligible = kNegligible * kNegligible * spectrum.eigenvalues()[6];
+    const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.eigenvalues()[6]);
     const auto dimension = (spectrum.eigenvalues().array() <= negligible).count();
     free_ = spectrum.eigenvectors().leftCols(dimension);
+  }
+
+  void add_constraints(Eigen::Matrix<double, 7, 7>& held) const {
+    if (problem_.constraints == nullptr) return;
+    for (const residuals::ConstraintGroup& group : problem_.constraints->groups()) {
+      if (!std::holds_alternative<residuals::PoseConstraintKind>(group.kind)) continue;
+      for (const residuals::ConstraintMember& member : group.members) {
+        if (!residuals::is_active(group, member)) continue;
+        const Motions rows = response_of_constraint(member);
+        held += rows.transpose() * rows;
+      }
+    }
+  }
+
+  // In units of the change by the whole Jacobian, so that neither pixels nor weights matter.
+  Motions response_of_constraint(const residuals::ConstraintMember& member) const {
+    const residuals::PoseConstraint constraint = residuals::measurement_of(member);
+    const int size = residual_size(constraint);
+    Eigen::VectorXd e(size);
+    RowMajor by_pose = RowMajor::Zero(size, kPoseTangent), by_previous = by_pose;
+    const bool two = member.previous != residuals::kNoPrevious;
+    evaluate(constraint,
+             camera(member.camera).data(),
+             two ? camera(member.previous).data() : nullptr,
+             {e.data(), by_pose.data(), two ? by_previous.data() : nullptr});
+    Motions rows = scene_units(by_pose) * motion_of(member.camera);
+    if (two) rows += scene_units(by_previous) * motion_of(member.previous);
+    const double norm = std::hypot(scene_units(by_pose).norm(), scene_units(by_previous).norm());
+    return norm > 0.0 ? Motions(rows / norm) : rows;
+  }
+
+  RowMajor scene_units(RowMajor by_pose) const {
+    by_pose.rightCols<3>() *= extent_;
+    return by_pose;
+  }
+
+  // Fixed cameras stay where they are: the motions that would move them are held already.
+  Motions motion_of(int i) const {
+    return is_free(i) ? response_of_camera(i) : Motions(Motions::Zero(6, 7));
   }
 
   Eigen::RowVectorXd free_response(PoseParameter parameter) const {

@@ -13,13 +13,20 @@ namespace {
 // step is trusted; below the second, the pose does not change any more.
 constexpr double kRounding = 1e-11;
 constexpr double kNegligible = 1e-18;
+// A fold is done with a step of this decrease: what is left is smaller still by the square of the
+// rate of convergence, and moves a prediction by less than 1e-5 of itself.
+constexpr double kNegligibleForFold = 1e-9;
 // A cost, in squared standard deviations, far below what any measurement can tell.
 constexpr double kNothing = 1e-24;
 // Damping after the first step that fails: there is none before, as fits start near their minimum.
 constexpr double kFirstDamping = 1e-3;
 
-Eigen::Map<const Vector6> gradient_of(const PoseSums& sums) {
-  return Eigen::Map<const Vector6>(sums.gradient);
+constexpr int diagonal_entry(int k) { return k * (k + 3) / 2; }
+
+double dot(const Vector6& a, const Vector6& b) {
+  double sum = 0.0;
+  for (int k = 0; k < 6; ++k) sum += a[k] * b[k];
+  return sum;
 }
 
 // Adds factor · (JᵀJ, −Jᵀe, ‖e‖²).
@@ -37,6 +44,12 @@ void add_rows(
   }
 }
 
+void add(const PoseSums& part, double factor, PoseSums& sums) {
+  for (int k = 0; k < PoseSums::kNormal; ++k) sums.normal[k] += factor * part.normal[k];
+  for (int k = 0; k < PoseSums::kGradient; ++k) sums.gradient[k] += factor * part.gradient[k];
+  sums.cost += factor * part.cost;
+}
+
 int largest_residual(std::span<const WeightedConstraint> constraints) {
   int size = 0;
   for (const WeightedConstraint& c : constraints)
@@ -44,24 +57,15 @@ int largest_residual(std::span<const WeightedConstraint> constraints) {
   return size;
 }
 
-// L⁻¹ √factor as 21 numbers, of M = L Lᵀ.
-void pack_whitener(const Eigen::LLT<Matrix6>& llt, double factor, double* packed) {
-  Matrix6 inverse = std::sqrt(factor) * Matrix6::Identity();
-  llt.matrixL().solveInPlace(inverse);
-  for (int row = 0; row < 6; ++row) {
-    for (int column = 0; column <= row; ++column) *packed++ = inverse(row, column);
-  }
+// Its points, each with its share of the mean. Nothing is observed: both images are computed.
+residuals::PointViews frozen_points(const residuals::PoseConstraint& c) {
+  if (!residuals::compares_images(c.kind)) return {{}, {}, {}};
+  const std::size_t count = c.points.size() / 3;
+  const std::vector<double> nowhere(2 * count), sigma(count, std::sqrt(static_cast<double>(count)));
+  return {c.points, nowhere, sigma};
 }
 
 }  // namespace
-
-Matrix6 unpacked(const double* lower) {
-  Matrix6 m;
-  for (int row = 0; row < 6; ++row) {
-    for (int column = 0; column <= row; ++column) m(row, column) = m(column, row) = *lower++;
-  }
-  return m;
-}
 
 PoseFit::PoseFit(const PoseView& view,
                  std::span<const WeightedConstraint> constraints,
@@ -70,74 +74,106 @@ PoseFit::PoseFit(const PoseView& view,
       views_(storage_.arrays()),
       intrinsics_(view.intrinsics.data()),
       kernels_(residuals::resection_kernels(view.camera_model)),
+      frozen_kernels_(residuals::resection_kernels(CameraModelId::kCalibrated)),
       constraints_(constraints),
       selected_(selected),
       rows_(static_cast<std::size_t>(residuals::kViewRows) * views_.padded),
       errors_(views_.padded),
       inverse_sigma_(views_.inverse_sigma, views_.inverse_sigma + views_.padded),
       residual_(largest_residual(constraints)),
-      jacobian_(6 * residual_.size()) {}
+      jacobian_(6 * residual_.size()) {
+  for (const WeightedConstraint& c : constraints) frozen_.push_back(frozen_points(c.constraint));
+}
 
 void PoseFit::linearize(const double* inverse_sigma, LinearizedPose& at) {
   kernels_.sums(views_, intrinsics_, at.pose, inverse_sigma, at.vision);
   at.held = at.selected = PoseSums{};
   for (int k = 0; k < static_cast<int>(constraints_.size()); ++k) {
-    const WeightedConstraint& c = constraints_[k];
+    const double weight = constraints_[k].weight;
     if (k == selected_) {
-      add_constraint(c, at.pose, 1.0, at.selected);
-    } else if (c.weight > 0.0) {
-      add_constraint(c, at.pose, c.weight * c.weight, at.held);
+      add_constraint(k, at.pose, 1.0, at.selected);
+    } else if (weight > 0.0) {
+      add_constraint(k, at.pose, weight * weight, at.held);
     }
   }
 }
 
-void PoseFit::add_constraint(const WeightedConstraint& c,
-                             const double* pose,
-                             double factor,
-                             PoseSums& sums) {
+void PoseFit::add_constraint(int k, const double* pose, double factor, PoseSums& sums) {
+  const WeightedConstraint& c = constraints_[k];
+  if (residuals::compares_images(c.constraint.kind))
+    return add_reprojections(k, pose, factor, sums);
   residuals::evaluate(c.constraint, pose, c.previous.data(), {residual_.data(), jacobian_.data()});
   add_rows(
       residuals::residual_size(c.constraint), residual_.data(), jacobian_.data(), factor, sums);
+}
+
+// What evaluate() computes point by point, by the vector kernels.
+void PoseFit::add_reprojections(int k, const double* pose, double factor, PoseSums& sums) const {
+  const WeightedConstraint& c = constraints_[k];
+  const bool same_centre = !residuals::relates_two_poses(c.constraint.kind);
+  std::array<double, 12> other = c.previous;
+  for (int row = 0; row < 3 && same_centre; ++row) {
+    for (int column = 0; column < 3; ++column)
+      other[4 * row + column] = c.constraint.rotation(row, column);
+    other[4 * row + 3] = pose[4 * row + 3];
+  }
+  PoseSums part;
+  frozen_kernels_.sums_between(
+      frozen_[k].arrays(), c.constraint.intrinsics.data(), pose, other.data(), same_centre, part);
+  add(part, factor, sums);
 }
 
 double PoseFit::cost(const Fold& fold, const LinearizedPose& at) const {
   return fold.share * at.vision.cost + at.held.cost + fold.squared_weight * at.selected.cost;
 }
 
-Matrix6 PoseFit::normal(const Fold& fold, const LinearizedPose& at) const {
-  double lower[PoseSums::kNormal];
+Lower6 PoseFit::normal(const Fold& fold, const LinearizedPose& at) const {
+  Lower6 lower;
   for (int k = 0; k < PoseSums::kNormal; ++k) {
     lower[k] = fold.share * at.vision.normal[k] + at.held.normal[k] +
                fold.squared_weight * at.selected.normal[k];
   }
-  return unpacked(lower);
+  return lower;
 }
 
 Vector6 PoseFit::gradient(const Fold& fold, const LinearizedPose& at) const {
-  return fold.share * gradient_of(at.vision) + gradient_of(at.held) +
-         fold.squared_weight * gradient_of(at.selected);
+  Vector6 downhill;
+  for (int k = 0; k < PoseSums::kGradient; ++k) {
+    downhill[k] = fold.share * at.vision.gradient[k] + at.held.gradient[k] +
+                  fold.squared_weight * at.selected.gradient[k];
+  }
+  return downhill;
+}
+
+PoseFit::Fold PoseFit::all_observations(double weight) const {
+  return {views_.inverse_sigma, 1.0 / count(), weight * weight, kNegligible};
 }
 
 bool PoseFit::minimize(double weight, int max_iterations, LinearizedPose& at) {
-  return descend({views_.inverse_sigma, 1.0 / count(), weight * weight}, max_iterations, at);
+  const bool converged = descend(all_observations(weight), max_iterations, at);
+  linearize(at);
+  return converged;
 }
 
-// Levenberg–Marquardt (thesis eq. 2.45), undamped until a step fails.
+// Levenberg–Marquardt (thesis eq. 2.45), undamped until a step fails. A step as small as `trusted`
+// is the last one, and its pose is not linearised.
 bool PoseFit::descend(const Fold& fold, int max_iterations, LinearizedPose& at) {
   double damping = 0.0;
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
-    Matrix6 damped = normal(fold, at);
-    const Vector6 diagonal = damping * damped.diagonal(), downhill = gradient(fold, at);
-    damped.diagonal() += diagonal;
-    const Eigen::LLT<Matrix6> llt(damped);
-    const Vector6 step = llt.solve(downhill);
-    const double promise = step.dot(downhill) + step.dot(diagonal.cwiseProduct(step));
-    const double now = cost(fold, at) + kNothing;
-    if (llt.info() == Eigen::Success && promise <= kNegligible * now) return true;
+    Lower6 damped = normal(fold, at);
+    for (int k = 0; k < 6; ++k) damped[diagonal_entry(k)] *= 1.0 + damping;
+    const Cholesky6 cholesky(damped);
+    const Vector6 downhill = gradient(fold, at), step = cholesky.solve(downhill);
+    // Without damping the decrease that the model promises; with it, a little less.
+    const double promise = dot(step, downhill), now = cost(fold, at) + kNothing;
     plus_pose(at.pose, step.data(), candidate_.pose);
+    if (cholesky.positive() && damping == 0.0 && promise <= fold.trusted * now) {
+      std::copy_n(candidate_.pose, 12, at.pose);
+      return true;
+    }
     linearize(fold.inverse_sigma, candidate_);
     const bool succeeds = cost(fold, candidate_) < now || promise <= kRounding * now;
-    if (llt.info() == Eigen::Success && succeeds) {
+    if (cholesky.positive() && succeeds) {
       std::swap(at, candidate_);
       damping = damping > kFirstDamping ? damping / 10.0 : 0.0;
     } else {
@@ -149,10 +185,10 @@ bool PoseFit::descend(const Fold& fold, int max_iterations, LinearizedPose& at) 
 
 // At a minimum −½∇ε is the selected gradient g, and the optimum moves by 2λ² H⁻¹ g with log λ.
 double PoseFit::constraint_slope(double weight, const LinearizedPose& minimum) const {
-  const Fold all{views_.inverse_sigma, 1.0 / count(), weight * weight};
-  const Vector6 g = gradient_of(minimum.selected);
-  const Eigen::LLT<Matrix6> llt(normal(all, minimum));
-  return llt.info() == Eigen::Success ? -4.0 * weight * weight * g.dot(llt.solve(g)) : 0.0;
+  Vector6 g;
+  std::copy_n(minimum.selected.gradient, 6, g.begin());
+  const Cholesky6 cholesky(normal(all_observations(weight), minimum));
+  return cholesky.positive() ? -4.0 * weight * weight * dot(g, cholesky.solve(g)) : 0.0;
 }
 
 int PoseFit::inliers(double inlier_px, const LinearizedPose& at) {
@@ -167,7 +203,7 @@ int PoseFit::inliers(double inlier_px, const LinearizedPose& at) {
 
 double PoseFit::leave_one_out(double weight, int fold_iterations, const LinearizedPose& minimum) {
   kernels_.rows(views_, intrinsics_, minimum.pose, rows_.data());
-  const Fold fold{inverse_sigma_.data(), 1.0 / (count() - 1), weight * weight};
+  const Fold fold{inverse_sigma_.data(), 1.0 / (count() - 1), weight * weight, kNegligibleForFold};
   double sum = 0.0;
   for (int j = 0; j < count(); ++j) {
     // The linearisation at the optimum of all serves every fold.
@@ -190,14 +226,15 @@ void PoseFit::remove(int observation, PoseSums& sums) const {
 }
 
 double PoseFit::approximate_leave_one_out(double weight, const LinearizedPose& minimum) {
-  const Fold fold{views_.inverse_sigma, 1.0 / (count() - 1), weight * weight};
-  const Eigen::LLT<Matrix6> llt(normal(fold, minimum));
-  if (llt.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
-  const Vector6 shift = llt.solve(gradient(fold, minimum));
-  double whitener[PoseSums::kNormal];
-  pack_whitener(llt, fold.share, whitener);
+  const Fold fold{views_.inverse_sigma, 1.0 / (count() - 1), weight * weight, kNegligible};
+  const Cholesky6 cholesky(normal(fold, minimum));
+  if (!cholesky.positive()) return std::numeric_limits<double>::infinity();
+  const Vector6 shift = cholesky.solve(gradient(fold, minimum));
+  Lower6 whitener = cholesky.inverse_factor();
+  for (double& entry : whitener) entry *= std::sqrt(fold.share);
   kernels_.rows(views_, intrinsics_, minimum.pose, rows_.data());
-  kernels_.predicted_errors(rows_.data(), views_.padded, whitener, shift.data(), errors_.data());
+  kernels_.predicted_errors(
+      rows_.data(), views_.padded, whitener.data(), shift.data(), errors_.data());
   double sum = 0.0;
   for (int j = 0; j < count(); ++j) sum += errors_[j];
   return sum / count();

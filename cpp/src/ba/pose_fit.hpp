@@ -2,21 +2,19 @@
 #pragma once
 
 #include <span>
-
-#include <Eigen/Cholesky>
+#include <vector>
 
 #include "sfmcpp/ba/pose_refinement.hpp"
 #include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/math/packed_cholesky.hpp"
 #include "sfmcpp/residuals/resection.hpp"
 
 namespace sfmcpp::ba {
 
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
-using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Cholesky6 = PackedCholesky<6>;
+using Lower6 = Cholesky6::Lower;
+using Vector6 = Cholesky6::Vector;
 using residuals::PoseSums;
-
-// The symmetric matrix of a lower triangle, row by row.
-Matrix6 unpacked(const double* lower);
 
 // A pose with the sums of its observations, of the constraints held (times λ²), and of the one
 // selected (as it is). Gradients point downhill: Jᵀr, −Jₖᵀeₖ.
@@ -50,24 +48,26 @@ class PoseFit {
     const double* inverse_sigma;
     double share;           // of an observation in the mean
     double squared_weight;  // λ²
+    double trusted;         // relative decrease of the cost from which a step is the last
   };
 
   double cost(const Fold& fold, const LinearizedPose& at) const;
-  Matrix6 normal(const Fold& fold, const LinearizedPose& at) const;
+  Lower6 normal(const Fold& fold, const LinearizedPose& at) const;
   Vector6 gradient(const Fold& fold, const LinearizedPose& at) const;
   bool descend(const Fold& fold, int max_iterations, LinearizedPose& at);
   void remove(int observation, PoseSums& sums) const;
   void linearize(const double* inverse_sigma, LinearizedPose& at);
-  void add_constraint(const WeightedConstraint& constraint,
-                      const double* pose,
-                      double factor,
-                      PoseSums& sums);
+  Fold all_observations(double weight) const;
+  void add_constraint(int constraint, const double* pose, double factor, PoseSums& sums);
+  void add_reprojections(int constraint, const double* pose, double factor, PoseSums& sums) const;
 
   residuals::PointViews storage_;
   residuals::ViewArrays views_;
   const double* intrinsics_;
   residuals::ResectionKernels kernels_;
+  residuals::ResectionKernels frozen_kernels_;
   std::span<const WeightedConstraint> constraints_;
+  std::vector<residuals::PointViews> frozen_;  // points of each constraint; none: empty
   int selected_;
   LinearizedPose candidate_;
   // Room to work in.

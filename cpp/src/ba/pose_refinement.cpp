@@ -44,6 +44,14 @@ class Sweep {
   PoseSweep result_;
 };
 
+Eigen::Matrix<double, 6, 6> unpacked(const double* lower) {
+  Eigen::Matrix<double, 6, 6> m;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column <= row; ++column) m(row, column) = m(column, row) = *lower++;
+  }
+  return m;
+}
+
 void check_sweep(int num_constraints, int selected, std::span<const double> weights) {
   if (selected < 0 || selected >= num_constraints) {
     throw InvalidArgument("selected = " + std::to_string(selected) + ": must be one of " +
@@ -88,7 +96,7 @@ PoseLinearization linearize_pose(const PoseView& view,
   PoseFit fit(view, {}, -1);
   const LinearizedPose at = start_of(fit, pose);
   PoseLinearization result{unpacked(at.vision.normal),
-                           Eigen::Map<const Vector6>(at.vision.gradient),
+                           Eigen::Map<const Eigen::Matrix<double, 6, 1>>(at.vision.gradient),
                            fit.vision(at),
                            {},
                            {}};

@@ -1,10 +1,9 @@
 #include <cmath>
 #include <string>
 
-#include <Eigen/LU>
-
 #include "sfmcpp/ba/pose_refinement.hpp"
 #include "sfmcpp/core/options_check.hpp"
+#include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -56,9 +55,7 @@ void require_weight(double weight, const char* name, std::size_t index) {
 void check_pose(const double* pose, const char* name) {
   require_finite({pose, 12}, name);
   const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(pose);
-  const Eigen::Matrix3d r = matrix.leftCols<3>();
-  const Eigen::Matrix3d gram = r * r.transpose() - Eigen::Matrix3d::Identity();
-  if (gram.cwiseAbs().maxCoeff() > kRotationTolerance || r.determinant() < 0.0) {
+  if (!is_rotation(matrix.leftCols<3>(), kRotationTolerance)) {
     throw InvalidArgument(std::string(name) +
                           ": its left 3×3 block must be a rotation matrix, orthonormal to 1e-6");
   }

@@ -25,6 +25,7 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
 }
 
 void describe_start(Workspace& work,
+                    const Problem& problem,
                     const SolveOptions& options,
                     const optim::State& state,
                     SolveSummary& summary) {
@@ -33,7 +34,11 @@ void describe_start(Workspace& work,
   summary.num_threads = work.pool.num_threads();
   summary.initial_rms_px = rms(residuals.values);
   summary.behind_camera_initial = residuals.behind_camera;
-  summary.warnings = warnings_about(work.graph);
+  const bool constrained = work.model.constraints().num_equations() > 0;
+  summary.warnings = warnings_about(work.graph, constrained);
+  const std::vector<double> costs = work.model.constraints().costs(state);
+  for (std::size_t k = 0; k < costs.size(); ++k)
+    summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
   summary.loss_scale_px = work.loss.scale;
   summary.solves_linear_system = solves_linear_system(options.minimizer.method);
   summary.linear_solver = work.choice;
@@ -43,6 +48,8 @@ void describe_end(Workspace& work, const optim::State& state, SolveSummary& summ
   const BundleModel::Residuals residuals = work.model.residuals(state);
   summary.final_rms_px = rms(residuals.values);
   summary.behind_camera_final = residuals.behind_camera;
+  const std::vector<double> costs = work.model.constraints().costs(state);
+  for (std::size_t k = 0; k < costs.size(); ++k) summary.constraint_costs[k].final_cost = costs[k];
   warn_behind(summary, summary.warnings);
 }
 
@@ -55,7 +62,7 @@ SolveSummary solve(const Problem& problem,
   const Stopwatch clock;
   Workspace work(problem, options, state);
   SolveSummary summary;
-  describe_start(work, options, state, summary);
+  describe_start(work, problem, options, state, summary);
   summary.seconds_setup = clock.seconds();
   {
     const ScopedFrame frame(problem, state);

@@ -47,6 +47,7 @@ const Problem& checked(const Problem& problem,
   options.validate();
   check_arrays(problem);
   check_state(problem, start);
+  check_constraints(problem, start);
   return problem;
 }
 
@@ -54,7 +55,10 @@ linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptio
   if (!solves_linear_system(options.minimizer.method)) {
     return {linear::LinearSolverKind::kIterative, "the method solves no system of all cameras"};
   }
-  return linear::choose_linear_solver(work.graph, work.map, options.linear_solver.kind);
+  return linear::choose_linear_solver(work.graph,
+                                      work.map,
+                                      options.linear_solver.kind,
+                                      work.model.normal_equations().camera_terms().pairs());
 }
 
 void restore(std::span<const std::uint8_t> fixed,
@@ -82,7 +86,8 @@ Workspace::Workspace(const Problem& problem, const SolveOptions& options, const 
       pool(resolve_num_threads(options.num_threads, problem.num_observations())),
       model(problem, graph, map, intrinsics, pool) {
   check_duplicates(problem, graph);
-  check_determined(graph, map);
+  check_constrained_cameras_observed(problem, graph);
+  check_determined(graph, map, model.constraints().num_equations());
   choice = choose_solver(*this, options);
   linear::LinearSolverOptions solver_options = options.linear_solver;
   solver_options.kind = choice.kind;

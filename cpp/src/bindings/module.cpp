@@ -36,4 +36,5 @@ PYBIND11_MODULE(_core, m) {
   sfmcpp::bindings::bind_summary(m);
   sfmcpp::bindings::bind_solve(m);
   sfmcpp::bindings::bind_check(m);
+  sfmcpp::bindings::bind_pose(m);
 }

@@ -12,5 +12,6 @@ void bind_options(py::module_& m);
 void bind_summary(py::module_& m);
 void bind_solve(py::module_& m);
 void bind_check(py::module_& m);
+void bind_pose(py::module_& m);
 
 }  // namespace sfmcpp::bindings

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
+#include "constraints.hpp"
 #include "options.hpp"
 #include "problem.hpp"
 #include "sfmcpp/ba/explore.hpp"
@@ -71,7 +72,9 @@ void write_back(const optim::State& state, const py::dict& arrays) {
 ba::SolveSummary solve(const py::dict& arrays,
                        const ba::SolveOptions& options,
                        const py::object& callback) {
-  const ba::Problem problem = problem_of(arrays);
+  ba::Problem problem = problem_of(arrays);
+  const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
+  problem.constraints = &constraints;
   optim::State state = ba::state_of(problem);
   Listener listener(callback);
   ba::SolveSummary summary;
@@ -87,7 +90,9 @@ ba::SolveSummary solve(const py::dict& arrays,
 py::dict explore_step(const py::dict& arrays,
                       const ba::SolveOptions& options,
                       const std::vector<std::pair<double, double>>& lengths) {
-  const ba::Problem problem = problem_of(arrays);
+  ba::Problem problem = problem_of(arrays);
+  const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
+  problem.constraints = &constraints;
   std::vector<optim::StepLengths> pairs;
   pairs.reserve(lengths.size());
   for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});

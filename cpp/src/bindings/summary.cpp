@@ -1,3 +1,5 @@
+#include <map>
+
 #include <pybind11/stl.h>
 
 #include "options.hpp"
@@ -59,6 +61,12 @@ void bind_summary(py::module_& m) {
   c.def_readonly("seconds_setup", &S::seconds_setup);
   c.def_readonly("seconds_total", &S::seconds_total);
   c.def_readonly("warnings", &S::warnings);
+  c.def_property_readonly("constraint_costs", [](const S& s) {
+    std::map<std::string, std::pair<double, double>> costs;
+    for (const ba::ConstraintGroupCost& group : s.constraint_costs)
+      costs[group.name] = {group.initial_cost, group.final_cost};
+    return costs;
+  });
   c.def_property_readonly("observations_behind_camera", [](const S& s) {
     return std::pair(s.behind_camera_initial, s.behind_camera_final);
   });

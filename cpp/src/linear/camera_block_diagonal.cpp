@@ -39,7 +39,11 @@ void CameraBlockDiagonal::assemble(const double* factors, std::vector<double>& r
   for (int i = 0; i < graph.num_cameras; ++i) {
     map_.fold(camera_rhs_.data() + size * i, i, rhs.data());
     fold_block(i, camera_blocks_.data() + size * size * i);
+    normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
+      if (j == i) fold_block(i, block);
+    });
   }
+  normal_.camera_terms().add_rhs(map_, rhs);
 }
 
 void CameraBlockDiagonal::fold_block(int camera, const double* panels) {

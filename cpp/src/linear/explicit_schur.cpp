@@ -5,7 +5,9 @@
 namespace sfmcpp::linear {
 
 ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind)
-    : normal_(normal), pattern_(make_camera_pattern(normal.graph())), elimination_(normal) {
+    : normal_(normal),
+      pattern_(make_camera_pattern(normal.graph(), normal.camera_terms().pairs())),
+      elimination_(normal) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
   rows_.resize(normal.map().has_shared_columns ? pattern_.num_rows() : normal.pool().num_threads());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
@@ -34,6 +36,7 @@ void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
   for (int i = 0; i < normal_.graph().num_cameras; ++i) {
     map.fold(rhs_.data() + static_cast<long>(map.camera_size) * i, i, rhs.data());
   }
+  normal_.camera_terms().add_rhs(map, rhs);
 }
 
 void ExplicitSchurSolver::form() {
@@ -65,6 +68,15 @@ void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row
                                .diagonal = row.data(),
                                .blocks = row.data(),
                                .rhs = rhs_.data() + size * i});
+  add_camera_terms(i, block_of_camera, row.data());
+}
+
+void ExplicitSchurSolver::add_camera_terms(int i, const int* block_of_camera, double* row) const {
+  const long entries = static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
+  normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
+    double* sum = row + entries * block_of_camera[j];
+    for (long k = 0; k < entries; ++k) sum[k] += block[k];
+  });
 }
 
 }  // namespace sfmcpp::linear

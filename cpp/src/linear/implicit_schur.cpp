@@ -63,6 +63,7 @@ void ImplicitSchurSolver::apply(const std::vector<double>& x, std::vector<double
              graph.chunks[chunk].camera,
              out.data());
   }
+  normal_.camera_terms().add_product(map, x, out);
 }
 
 }  // namespace sfmcpp::linear

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 namespace sfmcpp::linear {
 namespace {
@@ -42,8 +43,13 @@ double Damping::operator()(double diagonal_entry) const {
 
 NormalEquations::NormalEquations(const ObservationGraph& graph,
                                  const ParameterMap& map,
-                                 ThreadPool& pool)
-    : graph_(graph), map_(map), pool_(pool), kernels_(schur_kernels(map.camera_size)) {
+                                 ThreadPool& pool,
+                                 CameraPairs camera_pairs)
+    : graph_(graph),
+      map_(map),
+      pool_(pool),
+      kernels_(schur_kernels(map.camera_size)),
+      camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
   jacobian_.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
   records_.resize(observations * kPointRecord);
@@ -71,6 +77,8 @@ void NormalEquations::finish() {
     map_.fold(sums, graph_.chunks[chunk].camera, camera_rhs_.data());
     map_.fold(sums + size, graph_.chunks[chunk].camera, camera_diagonal_.data());
   }
+  camera_terms_.add_rhs(map_, camera_rhs_);
+  camera_terms_.add_diagonal(map_, camera_diagonal_);
   for_each_point(pool_, graph_.num_points, [this](int p) { gather_point(p); });
 
   gradient_max_norm_ = 0.0;
@@ -131,8 +139,10 @@ Slopes NormalEquations::slopes(const Step& step) const {
 }
 
 double NormalEquations::curvature(const Step& step) const {
-  return pool_.sum(static_cast<int>(graph_.chunks.size()),
-                   [&](int chunk) { return chunk_curvature(*this, graph_.chunks[chunk], step); });
+  const double observed = pool_.sum(static_cast<int>(graph_.chunks.size()), [&](int chunk) {
+    return chunk_curvature(*this, graph_.chunks[chunk], step);
+  });
+  return observed + camera_terms_.quadratic_form(map_, step.camera);
 }
 
 double NormalEquations::model_decrease(const Step& step) const {

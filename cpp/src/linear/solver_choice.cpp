@@ -51,7 +51,8 @@ Prediction predict_iterative(const ObservationGraph& graph, double size) {
 
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
-                                        LinearSolverKind requested) {
+                                        LinearSolverKind requested,
+                                        const CameraPairs& pairs) {
   if (requested != LinearSolverKind::kAuto) return {requested, "as requested"};
   const double size = map.camera_size, columns = map.num_columns;
   const Prediction form = predict_form(graph, size);
@@ -63,7 +64,7 @@ LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
   constexpr double kAlwaysDense = 300;
   const double budget = kMemoryShare * machine_bytes();
   if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
-    const CameraPattern pattern = make_camera_pattern(graph);
+    const CameraPattern pattern = make_camera_pattern(graph, pairs);
     const BlockOrdering ordering = order_blocks(make_block_graph(pattern, map));
     sparse = {form.seconds + ordering.flops / kSparseRate,
               form.bytes + 8 * (size * size * static_cast<double>(pattern.num_blocks()) +

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 
 namespace sfmcpp {
 namespace {
@@ -12,6 +13,11 @@ namespace {
 constexpr double kSmallSquaredAngle = 1e-4;
 
 }  // namespace
+
+bool is_rotation(const Eigen::Matrix3d& matrix, double tolerance) {
+  const Eigen::Matrix3d excess = matrix * matrix.transpose() - Eigen::Matrix3d::Identity();
+  return (excess.array().abs() <= tolerance).all() && matrix.determinant() > 0.0;
+}
 
 Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w) {
   const double squared = w.squaredNorm();

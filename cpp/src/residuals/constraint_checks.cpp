@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/pose_constraints.hpp"
 
 namespace sfmcpp::residuals {
@@ -16,9 +17,7 @@ constexpr double kRotationTolerance = 1e-6;
 }
 
 void require_rotation(const Eigen::Matrix3d& r, const std::string& name) {
-  const Eigen::Matrix3d gram = r * r.transpose() - Eigen::Matrix3d::Identity();
-  // Not a number compares false.
-  if (!(gram.cwiseAbs().maxCoeff() <= kRotationTolerance) || !(r.determinant() > 0.0))
+  if (!is_rotation(r, kRotationTolerance))
     refuse(name, "must be a rotation matrix, orthonormal to 1e-6 and right-handed");
 }
 
@@ -36,15 +35,11 @@ bool reads_rotation(Kind kind) {
          kind == Kind::kDisplacementRotation || kind == Kind::kDisplacementRotationLog;
 }
 
-bool reads_points(Kind kind) {
-  return kind == Kind::kOrientationReprojections || kind == Kind::kSmoothingReprojections;
-}
-
 }  // namespace
 
 void validate(const PoseConstraint& c, const std::string& name) {
   if (reads_rotation(c.kind)) require_rotation(c.rotation, name + ".rotation");
-  if (reads_points(c.kind)) require_points(c.points, name + ".points");
+  if (compares_images(c.kind)) require_points(c.points, name + ".points");
   if (!c.translation.allFinite()) refuse(name + ".translation", "must be finite");
   if (!(std::isfinite(c.distance) && c.distance >= 0.0)) {
     refuse(name + ".distance = " + std::to_string(c.distance), "must be finite and not negative");

@@ -93,7 +93,7 @@ void position_in_camera_rows(const Pose& pose,
                              const Target& target,
                              const Pose* previous,
                              Rows rows) {
-  const Matrix3d camera_from_world = pose.rotation.transpose();
+  const auto camera_from_world = pose.rotation.transpose();
   const Vector3d error = camera_from_world * (target.world.centre - pose.centre);
   rows.residual(kRotationEntries, error);
   rows.by_pose(kRotationEntries, kRotationColumn, skew(error));
@@ -202,6 +202,10 @@ void orientation_reprojection_rows(const PoseConstraint& c,
 }
 
 }  // namespace
+
+bool compares_images(Kind kind) {
+  return kind == Kind::kOrientationReprojections || kind == Kind::kSmoothingReprojections;
+}
 
 bool relates_two_poses(Kind kind) { return kind >= Kind::kDisplacementPose; }
 

@@ -28,22 +28,50 @@ SFMCPP_INLINE void load_point(const Views& views, int first, Real* point) {
 }
 
 template <class Camera>
-SFMCPP_INLINE void linearize(const Views& views,
-                             const double* intrinsics,
-                             const double* pose,
-                             int first,
-                             Real weight,
-                             Row& row) {
+using Linearized = LinearizedImagePoint<Real, Camera::kTangent, Camera::kIntrinsics>;
+
+SFMCPP_INLINE Row weighted(const Real (&j)[2][6], Real r_u, Real r_v, Real weight) {
+  Row row;
+  for (int k = 0; k < 6; ++k) {
+    row.j[0][k] = j[0][k] * weight;
+    row.j[1][k] = j[1][k] * weight;
+  }
+  row.r[0] = r_u * weight;
+  row.r[1] = r_v * weight;
+  return row;
+}
+
+template <class Camera>
+SFMCPP_INLINE Row observed_row(
+    const Views& views, const double* intrinsics, const double* pose, int first, Real weight) {
   Real point[3];
   load_point(views, first, point);
-  LinearizedImagePoint<Real, Camera::kTangent, Camera::kIntrinsics> at;
+  Linearized<Camera> at;
   Camera::linearize(pose, intrinsics, point, at);
-  for (int k = 0; k < 6; ++k) {
-    row.j[0][k] = at.camera[0][k] * weight;
-    row.j[1][k] = at.camera[1][k] * weight;
+  const Real u = load_from(views.u, first), v = load_from(views.v, first);
+  return weighted(at.camera, u - at.image.u, v - at.image.v, weight);
+}
+
+template <class Camera>
+SFMCPP_INLINE Row row_between(const Views& views,
+                              const double* intrinsics,
+                              const double* pose,
+                              const double* other,
+                              bool same_centre,
+                              int first) {
+  Real point[3];
+  load_point(views, first, point);
+  Linearized<Camera> here, there;
+  Camera::linearize(pose, intrinsics, point, here);
+  Camera::linearize(other, intrinsics, point, there);
+  for (int k = 3; k < 6 && same_centre; ++k) {
+    here.camera[0][k] = here.camera[0][k] - there.camera[0][k];
+    here.camera[1][k] = here.camera[1][k] - there.camera[1][k];
   }
-  row.r[0] = (load_from(views.u, first) - at.image.u) * weight;
-  row.r[1] = (load_from(views.v, first) - at.image.v) * weight;
+  return weighted(here.camera,
+                  there.image.u - here.image.u,
+                  there.image.v - here.image.v,
+                  load_from(views.inverse_sigma, first));
 }
 
 // One total per lane for each of the 28 sums, and room to make whole packs of them.
@@ -90,19 +118,30 @@ void sums(const Views& views,
           PoseSums& out) {
   LaneSums totals;
   for (int first = 0; first < views.padded; first += kLanes) {
-    Row row;
-    linearize<Camera>(views, intrinsics, pose, first, load_from(inverse_sigma, first), row);
-    totals.add(row);
+    const Real weight = load_from(inverse_sigma, first);
+    totals.add(observed_row<Camera>(views, intrinsics, pose, first, weight));
   }
+  totals.totals(out);
+}
+
+template <class Camera>
+void sums_between(const Views& views,
+                  const double* intrinsics,
+                  const double* pose,
+                  const double* other,
+                  bool same_centre,
+                  PoseSums& out) {
+  LaneSums totals;
+  for (int first = 0; first < views.padded; first += kLanes)
+    totals.add(row_between<Camera>(views, intrinsics, pose, other, same_centre, first));
   totals.totals(out);
 }
 
 template <class Camera>
 void rows(const Views& views, const double* intrinsics, const double* pose, double* out) {
   for (int first = 0; first < views.padded; first += kLanes) {
-    Row row;
     const Real weight = load_from(views.inverse_sigma, first);
-    linearize<Camera>(views, intrinsics, pose, first, weight, row);
+    const Row row = observed_row<Camera>(views, intrinsics, pose, first, weight);
     for (int k = 0; k < 12; ++k) store(out + k * views.padded + first, row.j[k / 6][k % 6]);
     for (int k = 0; k < 2; ++k) store(out + (12 + k) * views.padded + first, row.r[k]);
   }
@@ -166,7 +205,11 @@ ResectionKernels resection_kernels_for(CameraModelId model) {
   return visit_camera(model, [](auto camera) -> ResectionKernels {
     using Camera = decltype(camera);
     if constexpr (Camera::kMetric) {
-      return {&sums<Camera>, &rows<Camera>, &squared_errors<Camera>, &predicted_errors};
+      return {&sums<Camera>,
+              &sums_between<Camera>,
+              &rows<Camera>,
+              &squared_errors<Camera>,
+              &predicted_errors};
     } else {
       return {};
     }

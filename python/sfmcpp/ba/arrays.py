@@ -1,10 +1,14 @@
-"""The arrays of a problem as the core takes them."""
+"""The arrays of a problem and of its constraints as the core takes them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
-from sfmcpp.model import Problem
+import numpy as np
+
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.constraints import NO_CAMERA
 
 _ARRAYS = (
     "camera_model",
@@ -25,3 +29,25 @@ _ARRAYS = (
 def core_arrays(problem: Problem) -> dict[str, Any]:
     """Arrays of `problem` by name, without copies."""
     return {name: getattr(problem, name) for name in _ARRAYS}
+
+
+def core_constraints(groups: Iterable[ConstraintGroup]) -> list[dict[str, Any]]:
+    """Groups as the core takes them: pairs (previous, this) of cameras, the points of all members in one."""
+    return [_core_constraint(group) for group in groups]
+
+
+def _core_constraint(group: ConstraintGroup) -> dict[str, Any]:
+    pairs = group.cameras
+    if pairs.ndim == 1:
+        pairs = np.stack([np.full_like(pairs, NO_CAMERA), pairs], axis=1)
+    sizes = [len(x) for x in group.points] or [0] * len(pairs)
+    return {
+        "name": group.name,
+        "kind": group.kind,
+        "weight": float(group.weight),
+        "cameras": np.ascontiguousarray(pairs, dtype=np.int32),
+        "values": np.zeros(0) if group.values is None else np.ascontiguousarray(group.values),
+        "member_weights": np.ascontiguousarray(group.member_weights),
+        "points": np.concatenate([np.zeros((0, 3)), *group.points]),
+        "points_begin": np.cumsum([0, *sizes], dtype=np.int32),
+    }

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, Summary
-from sfmcpp.model import Problem
+from sfmcpp.model import ConstraintGroup, Problem
 
 METHODS: tuple[str, ...] = _core.METHODS
 LINE_SEARCHES: tuple[str, ...] = _core.LINE_SEARCHES
@@ -26,6 +26,7 @@ Callback = Callable[[Iteration], "bool | None"]
 def solve(
     problem: Problem,
     *,
+    constraints: Iterable[ConstraintGroup] = (),
     method: str = "lm-nielsen",
     line_search: str = "none",
     line_search_iterations: int = 5,
@@ -42,13 +43,17 @@ def solve(
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
 
-    Minimises ½ Σ ρ(‖r‖²) over everything that is free, r = (observed − projected) / σ.
+    Minimises ½ Σ ρ(‖r‖²) over everything that is free, r = (observed − projected) / σ, and the costs of
+    the constraints, to which the robust loss does not apply.
 
     Parameters
     ----------
     problem : Problem
         Its arrays `cameras`, `intrinsics` and `points` hold the best state found afterwards, however the
         solve ends. Use ``problem.copy()`` to keep the start.
+    constraints : iterable of ConstraintGroup
+        Named weighted groups of constraints on the cameras; see :class:`ConstraintGroup`. For metric
+        camera models. An algebraic line search proposes its lengths by the pixels alone.
     method : str
         "lm-nielsen", "lm": Levenberg–Marquardt with the Nielsen or the Hartley rule; "dog-leg" (Powell's);
         "gauss-newton"; "gradient-descent"; "conjugate-gradient": nonlinear, with a block preconditioner;
@@ -73,7 +78,8 @@ def solve(
     threads : int
         0: as many as the machine has and the problem is worth. The result has the same bits for any.
     gauge : {"auto", "free", "fixed"}
-        Whether damping holds the similarity freedom, or the first pose and the scale stay fixed.
+        Whether damping holds the similarity freedom, or the first pose and the scale stay fixed, as far
+        as neither what is fixed nor constraints hold them already.
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
     **more
@@ -108,7 +114,8 @@ def solve(
     options = SolveOptions(**values, **more)
     options.validate()
     report = None if callback is None else lambda core: callback(_iteration(core))
-    return _summary(_core.solve(core_arrays(problem), options, report), options)
+    arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
+    return _summary(_core.solve(arrays, options, report), options)
 
 
 def check(problem: Problem) -> list[str]:

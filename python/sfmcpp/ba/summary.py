@@ -62,7 +62,7 @@ class Summary:
     Attributes
     ----------
     initial_cost, final_cost : float
-        ½ Σ ρ(‖r‖²) with residuals over their standard deviation.
+        ½ Σ ρ(‖r‖²) with residuals over their standard deviation, and the costs of the constraints.
     initial_rms_px, final_rms_px : float
         sqrt(Σ‖r‖² / 2M), without the loss (thesis eq. 3.27).
     termination : str
@@ -84,6 +84,8 @@ class Summary:
         What is legal but worth knowing, by name.
     observations_behind_camera : (int, int)
         Observations whose point is not in front of the camera, at the start and at the end.
+    constraint_costs : dict of str to (float, float)
+        Weighted cost of each group of constraints, by its name, at the start and at the end.
     iterations : list of Iteration
         The whole history; the first is the start.
     """
@@ -105,6 +107,7 @@ class Summary:
     seconds_total: float
     warnings: list[str] = field(default_factory=list)
     observations_behind_camera: tuple[int, int] = (0, 0)
+    constraint_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
     iterations: list[Iteration] = field(default_factory=list)
 
     @property
@@ -133,6 +136,10 @@ class Summary:
         tried = max(len(self.iterations) - 1, 0)
         rows = [
             ("cost", f"{self.initial_cost:.6e} → {self.final_cost:.6e}"),
+            *(
+                (f"cost of {name!r}", f"{initial:.6e} → {final:.6e}")
+                for name, (initial, final) in self.constraint_costs.items()
+            ),
             ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),

@@ -13,6 +13,7 @@ from sfmcpp.ba import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS
 from sfmcpp.cli.choices import loss_scale, one_of, refined_intrinsics
 from sfmcpp.cli.evaluate import evaluate
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
 
 # What `sfmcpp.solve` does when it is not told, so that both ways in agree.
@@ -172,3 +173,4 @@ def demo(
 
 app.command()(synth)
 app.command()(evaluate)
+app.command()(slam)

@@ -10,8 +10,9 @@
     0.1,1,,,
 
 Times are in seconds and increase with the frame, ``u, v`` and the intrinsics are in pixels; ``aspect`` and
-``skew`` may be left out (1 and 0). Frames are numbered 0, 1, 2 … without gaps; one that sees nothing is a line
-with its time and number alone. Lines may come in any order; other lines that start with ``#`` are comments.
+``skew`` may be left out (1 and 0). Frames are numbered 0, 1, 2 … without gaps; one that sees nothing is a
+line with its time and number alone. Lines may come in any order; other lines that start with ``#`` are
+comments.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _TITLE = "# sfmcpp tracks\n"
 _COLUMNS = "t_s,frame,track,u,v"
 _DEFAULTS: dict[str, float | None] = {"f": None, "aspect": 1.0, "cx": None, "cy": None, "skew": 0.0}
 _INTRINSICS = re.compile(rb"^#[ \t]*intrinsics:(.*)$", re.MULTILINE)
-_COLUMN_LINE = re.compile(rb"^[ \t]*" + rb"[ \t]*,[ \t]*".join(_COLUMNS.encode().split(b",")) + rb"\s*$", re.M)
+_COLUMN_LINE = re.compile(rb"^" + rb"[ \t]*,[ \t]*".join(_COLUMNS.encode().split(b",")) + rb"\s*$", re.M)
 _CELL = rb"[ \t]*[^,\s]+[ \t]*"
 _ROW = rb",".join([_CELL] * 5) + rb"|" + rb",".join([_CELL] * 2) + rb"(?:[ \t]*,){3}[ \t]*"
 _NO_ROW = re.compile(rb"^(?![ \t]*(?:#.*)?\r?$)(?!(?:" + _ROW + rb")\r?$).+$", re.MULTILINE)

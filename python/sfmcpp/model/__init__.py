@@ -1,6 +1,7 @@
 """The data that every other package speaks: problems, camera models, trajectories, sensor streams."""
 
 from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model
+from sfmcpp.model.constraints import CONSTRAINT_KINDS, ConstraintGroup, ConstraintKind, constraint_kind
 from sfmcpp.model.problem import Metadata, Problem
 from sfmcpp.model.sensor_stream import Gap, SensorStream
 from sfmcpp.model.similarity import Similarity, fit_pose_similarity, fit_similarity
@@ -8,7 +9,10 @@ from sfmcpp.model.trajectory import Trajectory
 
 __all__ = [
     "CAMERA_MODELS",
+    "CONSTRAINT_KINDS",
     "CameraModel",
+    "ConstraintGroup",
+    "ConstraintKind",
     "Gap",
     "Metadata",
     "Problem",
@@ -16,6 +20,7 @@ __all__ = [
     "Similarity",
     "Trajectory",
     "camera_model",
+    "constraint_kind",
     "fit_pose_similarity",
     "fit_similarity",
 ]

@@ -7,6 +7,8 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/math/numeric_diff.hpp"
+
 namespace sfmcpp {
 namespace {
 
@@ -42,6 +44,19 @@ TEST_P(So3, LogUndoesExpRelativeToTheAngle) {
   }
 }
 
+TEST_P(So3, InverseRightJacobianIsTheNumericOne) {
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    const Vector3d w = GetParam() * random_axis(seed);
+    const auto moved = [&](const Eigen::VectorXd& delta) -> Eigen::VectorXd {
+      const Vector3d back = log_so3(exp_so3(w) * exp_so3(delta));
+      return (back - w).norm() < 1.0 ? back
+                                     : Vector3d((1 - 2 * std::numbers::pi / back.norm()) * back);
+    };
+    const Eigen::MatrixXd numeric = numeric_jacobian(moved, Vector3d::Constant(1e-3));
+    EXPECT_LT((inverse_right_jacobian_so3(w) - numeric).cwiseAbs().maxCoeff(), 1e-8);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Angles,
                          So3,
                          testing::Values(0.0,
@@ -64,6 +79,15 @@ TEST(So3Small, LogOfTwoTurnsIsTheShortestRotation) {
   const Vector3d axis = random_axis(7);
   const Vector3d w = log_so3(exp_so3((2 * std::numbers::pi - 0.5) * axis));
   EXPECT_LT((w + 0.5 * axis).norm(), 1e-14);
+}
+
+TEST(IsRotation, TellsRotationsFromReflectionsAndFromWhatIsNotOrthonormal) {
+  const Matrix3d rotation = exp_so3(Vector3d(0.4, -1.1, 0.7));
+  EXPECT_TRUE(is_rotation(rotation, 1e-14));
+  EXPECT_FALSE(is_rotation(-rotation, 1e-6));
+  EXPECT_FALSE(is_rotation(1.001 * rotation, 1e-6));
+  EXPECT_TRUE(is_rotation(1.001 * rotation, 1e-2));
+  EXPECT_FALSE(is_rotation(std::numeric_limits<double>::quiet_NaN() * rotation, 1e-6));
 }
 
 TEST(Skew, MultipliesLikeTheCrossProduct) {

@@ -1,6 +1,7 @@
-// The camera models as types, for typed tests; add a model to `CameraTypes` and it is tested.
+// The camera models as types, for typed tests.
 #pragma once
 
+#include <cstddef>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -19,10 +20,19 @@ using MetricCameraTypes = testing::Types<CameraOf<CalibratedCamera, CameraModelI
                                          CameraOf<PerspectiveCamera, CameraModelId::kPerspective>,
                                          CameraOf<BalCamera, CameraModelId::kBal>>;
 
-using CameraTypes = testing::Types<CameraOf<CalibratedCamera, CameraModelId::kCalibrated>,
-                                   CameraOf<PerspectiveCamera, CameraModelId::kPerspective>,
-                                   CameraOf<BalCamera, CameraModelId::kBal>,
-                                   CameraOf<ProjectiveCamera, CameraModelId::kProjective>>;
+template <class... Cameras>
+struct CameraList {
+  static constexpr std::size_t kCount = sizeof...(Cameras);
+  using Types = testing::Types<Cameras...>;
+};
+
+using AllCameras = CameraList<CameraOf<CalibratedCamera, CameraModelId::kCalibrated>,
+                              CameraOf<PerspectiveCamera, CameraModelId::kPerspective>,
+                              CameraOf<BalCamera, CameraModelId::kBal>,
+                              CameraOf<ProjectiveCamera, CameraModelId::kProjective>>;
+static_assert(AllCameras::kCount == EnumNames<CameraModelId>::kTable.size(), "a model is missing");
+
+using CameraTypes = AllCameras::Types;
 
 struct CameraTypeName {
   template <class T>

@@ -7,6 +7,7 @@
 #include "sfmcpp/linear/cholesky_isa.hpp"
 #include "sfmcpp/linear/schur_isa.hpp"
 #include "sfmcpp/residuals/reprojection_isa.hpp"
+#include "sfmcpp/residuals/resection_isa.hpp"
 
 namespace sfmcpp::support {
 
@@ -14,6 +15,7 @@ struct InstructionSet {
   std::string_view name;
   residuals::ReprojectionKernels (*reprojection)(CameraModelId);
   residuals::AlgebraicKernel (*algebraic)(CameraModelId);
+  residuals::ResectionKernels (*resection)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size);
   linear::CholeskyKernels (*cholesky)();
 };
@@ -22,6 +24,7 @@ inline std::vector<InstructionSet> instruction_sets() {
   std::vector<InstructionSet> sets{{"baseline",
                                     &residuals::baseline::kernels_for,
                                     &residuals::baseline::algebraic_kernel_for,
+                                    &residuals::baseline::resection_kernels_for,
                                     &linear::baseline::kernels_for,
                                     &linear::baseline::cholesky_kernels_of}};
 #if defined(__x86_64__)
@@ -29,6 +32,7 @@ inline std::vector<InstructionSet> instruction_sets() {
     sets.push_back({"avx2",
                     &residuals::avx2::kernels_for,
                     &residuals::avx2::algebraic_kernel_for,
+                    &residuals::avx2::resection_kernels_for,
                     &linear::avx2::kernels_for,
                     &linear::avx2::cholesky_kernels_of});
   }
@@ -36,6 +40,7 @@ inline std::vector<InstructionSet> instruction_sets() {
     sets.push_back({"avx512",
                     &residuals::avx512::kernels_for,
                     &residuals::avx512::algebraic_kernel_for,
+                    &residuals::avx512::resection_kernels_for,
                     &linear::avx512::kernels_for,
                     &linear::avx512::cholesky_kernels_of});
   }

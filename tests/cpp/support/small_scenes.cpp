@@ -187,7 +187,8 @@ ba::Problem OwnedProblem::view() const {
           .sigma_px = sigma_px,
           .fixed_cameras = fixed_cameras,
           .fixed_points = fixed_points,
-          .fixed_intrinsics = fixed_intrinsics};
+          .fixed_intrinsics = fixed_intrinsics,
+          .constraints = &constraints};
 }
 
 void OwnedProblem::start_from(const optim::State& state) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::support {
 
@@ -33,6 +34,7 @@ struct OwnedProblem {
   std::vector<double> cameras, intrinsics, points, pixels, sigma_px;
   std::vector<int> intrinsics_index, camera_index, point_index;
   std::vector<std::uint8_t> fixed_cameras, fixed_points, fixed_intrinsics;
+  residuals::ConstraintSet constraints;
   optim::State truth;
 
   ba::Problem view() const;

@@ -1,5 +1,6 @@
 // The algebraic reprojection error of a whole problem along a step: nine sums in one pass over the
-// observations (thesis §4.3, residuals/algebraic.hpp).
+// observations (thesis §4.3, residuals/algebraic.hpp). Constraints are no part of it: an algebraic
+// line search proposes lengths by the images alone and chooses among them by the true cost.
 #pragma once
 
 #include <array>

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/algebraic_cost.hpp"
+#include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
@@ -16,7 +17,8 @@ namespace sfmcpp::ba {
 
 class BundleModel final : public optim::LeastSquaresModel {
  public:
-  // The references must outlive the model. `free_intrinsics` as in mask.hpp.
+  // The references must outlive the model, the constraints of the problem too. `free_intrinsics` as
+  // in mask.hpp.
   BundleModel(const Problem& problem,
               const linear::ObservationGraph& graph,
               const linear::ParameterMap& map,
@@ -47,6 +49,7 @@ class BundleModel final : public optim::LeastSquaresModel {
     int behind_camera = 0;       // observations whose point is not in front of the camera
   };
   Residuals residuals(const optim::State& state);
+  const ConstraintTerms& constraints() const { return constraints_; }
 
  private:
   residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
@@ -76,6 +79,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   Loss loss_;
   std::vector<double> u_, v_, inverse_sigma_;  // in stored order, readable beyond the end
   std::vector<double> weights_;                // 1/σ √ρ′ where linearised last
+  ConstraintTerms constraints_;
   linear::NormalEquations normal_;
   AlgebraicCost algebraic_;
   AlgebraicWeights algebraic_weights_ = AlgebraicWeights::kUniform;

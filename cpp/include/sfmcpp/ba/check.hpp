@@ -18,11 +18,14 @@ void check_arrays(const Problem& problem);
 // Throws InvalidArgument if a camera observes a point twice.
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph);
 
-// Throws InvalidArgument if there are fewer residuals than unknowns.
-void check_determined(const linear::ObservationGraph& graph, const linear::ParameterMap& map);
+// Throws InvalidArgument if there are fewer residuals than unknowns, those of constraints included.
+void check_determined(const linear::ObservationGraph& graph,
+                      const linear::ParameterMap& map,
+                      long constraint_equations = 0);
 
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
-// of the problem that share no point.
-std::vector<std::string> warnings_about(const linear::ObservationGraph& graph);
+// of the problem that share no point, and what holds them together if there are constraints.
+std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
+                                        bool constrained = false);
 
 }  // namespace sfmcpp::ba

@@ -15,9 +15,11 @@ struct PoseParameter {
   auto operator<=>(const PoseParameter&) const = default;
 };
 
-// If nothing observed is fixed: the first pose, and for the scale the centre coordinate that it
-// moves most. Fixed cameras and points take away some of the seven degrees of freedom of a
-// similarity; for each that is left, the pose parameter that it moves most. Sorted.
+// If nothing observed is fixed or constrained: the first pose, and for the scale the centre
+// coordinate that it moves most. Fixed cameras and points take away some of the seven degrees of
+// freedom of a similarity, and so do constraints that a similarity would break: positions all seven
+// unless they lie on a line, distances the scale, relative rotations none. For each freedom that is
+// left, the pose parameter that it moves most. Sorted.
 std::vector<PoseParameter> choose_gauge(const Problem& problem,
                                         const linear::ObservationGraph& graph);
 

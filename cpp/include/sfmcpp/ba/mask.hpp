@@ -15,8 +15,8 @@ namespace sfmcpp {
 
 namespace ba {
 // Bundle adjustment determines a scene up to a similarity. `free`: damping holds those seven
-// degrees of freedom. `fixed`: as many pose parameters stay as they are as there is freedom left
-// (ba/gauge.hpp). `auto`: fixed for a method without damping.
+// degrees of freedom. `fixed`: as many pose parameters stay as they are as there is freedom left by
+// what is fixed and by constraints (ba/gauge.hpp). `auto`: fixed for a method without damping.
 enum class Gauge { kAuto, kFree, kFixed };
 }  // namespace ba
 

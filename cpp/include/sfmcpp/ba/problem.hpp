@@ -8,6 +8,10 @@
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/optim/state.hpp"
 
+namespace sfmcpp::residuals {
+class ConstraintSet;
+}
+
 namespace sfmcpp::ba {
 
 // C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
@@ -22,9 +26,10 @@ struct Problem {
   std::span<const int> point_index;       // M
   std::span<const double> pixels;         // M × 2
   std::span<const double> sigma_px;       // M, or empty for 1 px
-  std::span<const std::uint8_t> fixed_cameras;     // C
-  std::span<const std::uint8_t> fixed_points;      // N
-  std::span<const std::uint8_t> fixed_intrinsics;  // G × K
+  std::span<const std::uint8_t> fixed_cameras;            // C
+  std::span<const std::uint8_t> fixed_points;             // N
+  std::span<const std::uint8_t> fixed_intrinsics;         // G × K
+  const residuals::ConstraintSet* constraints = nullptr;  // null: none
 
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }
   int num_intrinsics() const { return static_cast<int>(intrinsic_names(camera_model).size()); }

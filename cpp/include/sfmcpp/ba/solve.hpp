@@ -28,6 +28,13 @@ struct SolveOptions {
   void validate() const;
 };
 
+// Weighted, as it counts in the cost.
+struct ConstraintGroupCost {
+  std::string name;
+  double initial_cost = 0.0;
+  double final_cost = 0.0;
+};
+
 struct SolveSummary {
   optim::MinimizerSummary minimizer;
   double initial_rms_px =
@@ -39,6 +46,7 @@ struct SolveSummary {
   int num_threads = 1;
   int behind_camera_initial = 0;  // observations whose point is not in front of the camera
   int behind_camera_final = 0;
+  std::vector<ConstraintGroupCost> constraint_costs;  // of each group, in their order
   double seconds_setup = 0.0;
   double seconds_total = 0.0;
   std::vector<std::string> warnings;

@@ -2,9 +2,10 @@
 // camera, or intrinsics that several share), one for each point. Cheap, and all that gradient
 // methods and alternation need of the normal equations.
 //
-// Shared intrinsics are blocks of their own and their terms with the poses are left out. U then has
-// blocks of two colours, poses and intrinsics, and the step of its block diagonal still lowers the
-// quadratic model: 2 blockdiag(U) − U has the eigenvalues of U (change the sign of one colour).
+// Shared intrinsics are blocks of their own and their terms with the poses are left out, and so are
+// the terms between two poses. The step of the block diagonal still lowers the quadratic model,
+// because no residual sees more than two blocks of cameras, x and y:
+// 2 ‖Jx x‖² + 2 ‖Jy y‖² ≥ ‖Jx x + Jy y‖², hence 2 blockdiag(U) − U is not indefinite.
 #pragma once
 
 #include <vector>

@@ -2,7 +2,8 @@
 // several share. The preconditioner of the reduced system (of S) and of gradient methods (of U).
 //
 // Left out are the terms of a pose with intrinsics that it shares and, in S, those between two
-// cameras that share intrinsics. What is left is a sum of blocks Jᵀ (I − G Gᵀ) J: never indefinite.
+// cameras that share intrinsics or a constraint. What is left is a sum of blocks Jᵀ (I − G Gᵀ) J
+// and of blocks Jᵀ J of residuals of cameras alone: never indefinite.
 #pragma once
 
 #include <vector>
@@ -16,8 +17,9 @@ class CameraBlockDiagonal {
  public:
   explicit CameraBlockDiagonal(const NormalEquations& normal);
 
-  // The diagonal blocks of Σ Jᵀ (I − G Gᵀ) J, and Σ Jᵀ r̄ in `rhs`, with M and y of every point in
-  // `factors` (schur_kernels.hpp). Where all of them are zero this is U and Jᵀ r.
+  // The diagonal blocks of Σ Jᵀ (I − G Gᵀ) J + B, and Σ Jᵀ r̄ + b in `rhs`, with M and y of every
+  // point in `factors` (schur_kernels.hpp), B and b of camera_terms.hpp. Where all factors are zero
+  // this is U and Jᵀ r.
   void assemble(const double* factors, std::vector<double>& rhs);
 
   // Adds `diagonal`, one number per reduced column, and factors. A block that is not positive

@@ -1,10 +1,11 @@
 // The block pattern of the Schur complement over cameras: block (i, j), j ≥ i, is there when
-// cameras i and j see a common point (or i = j). Values lie row after row, each block in panel
-// layout.
+// cameras i and j see a common point, are one of `pairs` (camera_terms.hpp), or i = j. Values lie
+// row after row, each block in panel layout.
 #pragma once
 
 #include <vector>
 
+#include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 
 namespace sfmcpp::linear {
@@ -17,7 +18,7 @@ struct CameraPattern {
   long num_blocks() const { return row_begin.back(); }
 };
 
-CameraPattern make_camera_pattern(const ObservationGraph& graph);
+CameraPattern make_camera_pattern(const ObservationGraph& graph, const CameraPairs& pairs = {});
 
 // Σ over points of n_p (n_p + 1) / 2: the camera pairs to update in one formation of S.
 double num_pair_updates(const ObservationGraph& graph);

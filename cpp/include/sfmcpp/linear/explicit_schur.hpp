@@ -21,6 +21,7 @@ class ExplicitSchurSolver final : public LinearSolver {
  private:
   void form();
   void form_row(int i, int worker, AlignedVector<double>& row);
+  void add_camera_terms(int i, const int* block_of_camera, double* row) const;
   void set_rhs(std::vector<double>& rhs) const;
 
   const NormalEquations& normal_;

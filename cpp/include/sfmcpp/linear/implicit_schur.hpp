@@ -8,8 +8,9 @@
 
 namespace sfmcpp::linear {
 
-// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + λD x, the sum over the observations
-// of each point; and G Σ Gᵀ e = A t with t = Mᵀ Σ Gᵀ e. Memory is that of the Jacobian.
+// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e) + B x + λD x, the sum over the
+// observations of each point, B of camera_terms.hpp; and G Σ Gᵀ e = A t with t = Mᵀ Σ Gᵀ e. Memory
+// is that of the Jacobian.
 class ImplicitSchurSolver final : public LinearSolver {
  public:
   ImplicitSchurSolver(const NormalEquations& normal, const LinearSolverOptions& options);

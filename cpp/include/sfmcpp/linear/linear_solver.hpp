@@ -63,7 +63,8 @@ struct LinearSolverChoice {
 // `auto`: by predicted flops and memory. Any other kind is returned as it is.
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
-                                        LinearSolverKind requested);
+                                        LinearSolverKind requested,
+                                        const CameraPairs& pairs = {});
 
 // `kind` of the options must not be auto. The normal equations must outlive the solver.
 std::unique_ptr<LinearSolver> make_linear_solver(const NormalEquations& normal,

@@ -3,6 +3,7 @@
 //
 // J = [Jc Jp], kept per observation; V = Σ JpᵀJp per point; b = Jᵀ r (EQUATIONS §2), so that −b is
 // the gradient of the cost. U and W are never formed. Linearise once, solve for many dampings.
+// Residuals that see cameras alone add their part of JᵀJ and Jᵀr as blocks (camera_terms.hpp).
 #pragma once
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/linear/schur_kernels.hpp"
@@ -40,8 +42,12 @@ struct Slopes {
 
 class NormalEquations {
  public:
-  // The references must outlive this object.
-  NormalEquations(const ObservationGraph& graph, const ParameterMap& map, ThreadPool& pool);
+  // The references must outlive this object. `camera_pairs`: cameras that other residuals than
+  // observations relate.
+  NormalEquations(const ObservationGraph& graph,
+                  const ParameterMap& map,
+                  ThreadPool& pool,
+                  CameraPairs camera_pairs = {});
 
   // Filling: first the Jacobian of every observation (kernel records, see schur_kernels.hpp) …
   double* camera_jacobian(int observation) {
@@ -50,14 +56,17 @@ class NormalEquations {
   double* point_record(int observation) {
     return records_.data() + static_cast<long>(kPointRecord) * observation;
   }
-  // … chunk by chunk, each followed by `accumulate(chunk)`, in any order; then `finish`.
+  // … chunk by chunk, each followed by `accumulate(chunk)`, in any order, and the terms of cameras
+  // alone; then `finish`.
   void accumulate(int chunk);
+  CameraTerms& camera_terms() { return camera_terms_; }
   void finish();
 
   const ObservationGraph& graph() const { return graph_; }
   const ParameterMap& map() const { return map_; }
   ThreadPool& pool() const { return pool_; }
   const SchurKernels& kernels() const { return kernels_; }
+  const CameraTerms& camera_terms() const { return camera_terms_; }
 
   const double* jacobian() const { return jacobian_.data(); }
   const double* records() const { return records_.data(); }
@@ -66,9 +75,10 @@ class NormalEquations {
     return point_blocks_.data() + static_cast<long>(kPointFactor) * p;
   }
 
-  const std::vector<double>& camera_rhs() const { return camera_rhs_; }            // Jcᵀ r
-  const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }  // diag(JcᵀJc)
-  std::vector<double> camera_damping(const Damping& damping) const;                // λD
+  // Jcᵀ r and diag(JcᵀJc), in reduced columns, over all residuals.
+  const std::vector<double>& camera_rhs() const { return camera_rhs_; }
+  const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }
+  std::vector<double> camera_damping(const Damping& damping) const;  // λD
   double gradient_max_norm() const { return gradient_max_norm_; }
   double max_diagonal() const;
 
@@ -89,6 +99,7 @@ class NormalEquations {
   const ParameterMap& map_;
   ThreadPool& pool_;
   SchurKernels kernels_;
+  CameraTerms camera_terms_;
   AlignedVector<double> jacobian_;
   AlignedVector<double> records_;
   AlignedVector<double> point_blocks_;

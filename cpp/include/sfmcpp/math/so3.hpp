@@ -11,6 +11,9 @@ inline Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
   return m;
 }
 
+// Orthonormal to the tolerance in each entry of R Rᵀ, and right-handed. False if not finite.
+bool is_rotation(const Eigen::Matrix3d& matrix, double tolerance);
+
 // exp([w]×) by Rodrigues' formula; its Taylor series where the angle is small.
 Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w);
 

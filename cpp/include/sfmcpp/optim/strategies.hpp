@@ -21,7 +21,7 @@ std::unique_ptr<StepStrategy> make_conjugate_gradient(const MinimizerOptions& op
 // Powell's Dog-Leg with the radius rules of Lourakis & Argyros 2005 (thesis §2.2.2.4, eq. 2.43).
 // Lengths are those of the damping matrix, ‖√D δ‖. The first radius is `initial_radius`, or 1 with
 // D = I and ten Cauchy steps with D = diag(JᵀJ); `initial_damping` is the little that regularises
-// the Gauss–Newton step, 1e-6 where not given. As it is not what holds the step, λ is reported as 0.
+// the Gauss–Newton step, 1e-6 where not given. It does not hold the step: λ is reported as 0.
 std::unique_ptr<StepStrategy> make_dog_leg(const MinimizerOptions& options);
 
 // Resection, then intersection (thesis §3.2.4): a block Gauss–Seidel sweep over one linearisation,

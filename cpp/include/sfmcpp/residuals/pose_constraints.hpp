@@ -107,6 +107,9 @@ struct ConstraintOutput {
   double* by_previous = nullptr;
 };
 
+// Whether the constraint compares images of its frozen points.
+bool compares_images(PoseConstraintKind kind);
+
 // Whether the constraint reads the previous pose.
 bool relates_two_poses(PoseConstraintKind kind);
 

@@ -51,6 +51,14 @@ struct ResectionKernels {
                const double* pose,
                const double* inverse_sigma,
                PoseSums&);
+  // The same against the images that another pose has of the points instead of those observed: the
+  // sums of a reprojection constraint with e = −r. With `same_centre` the other moves along with t.
+  void (*sums_between)(const ViewArrays&,
+                       const double* intrinsics,
+                       const double* pose,
+                       const double* other,
+                       bool same_centre,
+                       PoseSums&);
   void (*rows)(const ViewArrays&, const double* intrinsics, const double* pose, double* rows);
   // ‖r‖² of each observation, `padded` numbers; infinite for points not in front of the camera.
   void (*squared_errors)(const ViewArrays&,

@@ -1,0 +1,58 @@
+// The constraints of a problem as part of its cost and of its normal equations
+// (residuals/constraint_set.hpp, linear/camera_terms.hpp). A robust loss does not apply to them.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/linear/camera_terms.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
+
+namespace sfmcpp::ba {
+
+// The cameras of a state, as constraints see them.
+residuals::ConstrainedCameras constrained_cameras(const Problem& problem,
+                                                  const optim::State& state);
+
+// Throws InvalidArgument, naming group and member, for constraints that break a rule at this state,
+// or that are on intrinsics which are all fixed.
+void check_constraints(const Problem& problem, const optim::State& state);
+
+// Throws InvalidArgument for a constraint between two cameras of which one would stay at its start
+// without having been fixed, for want of observations.
+void check_constrained_cameras_observed(const Problem& problem,
+                                        const linear::ObservationGraph& graph);
+
+class ConstraintTerms {
+ public:
+  // The references must outlive this object. A member whose weight is zero here takes no part in
+  // the normal equations: the problem is the one without it.
+  ConstraintTerms(const Problem& problem,
+                  const linear::ParameterMap& map,
+                  const std::vector<int>& free_intrinsics);
+
+  linear::CameraPairs pairs() const;
+  // Independent equations at most.
+  long num_equations() const;
+
+  double cost(const optim::State& state) const;
+  // Of each group.
+  std::vector<double> costs(const optim::State& state) const;
+  // Fills the terms at `state`.
+  void linearize(const optim::State& state, linear::CameraTerms& terms) const;
+  // Derivative of the cost along the cameras' part of a step, at `state`.
+  double slope(const optim::State& state, const std::vector<double>& camera_step) const;
+
+ private:
+  struct Active {
+    const residuals::ConstraintGroup* group;
+    const residuals::ConstraintMember* member;
+  };
+
+  const Problem& problem_;
+  const linear::ParameterMap& map_;
+  residuals::ConstraintColumns columns_;
+  std::vector<Active> active_;
+};
+
+}  // namespace sfmcpp::ba

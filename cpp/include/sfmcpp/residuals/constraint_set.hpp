@@ -1,0 +1,123 @@
+// Constraints on cameras in named groups, one weight each: what a bundle adjustment minimises
+// beside the errors of its observations (thesis ch. 5, EQUATIONS §7).
+//
+// The cost of a group is ½ weight Σ member weight · ‖e‖², e of pose_constraints.hpp: a weighted
+// sum of MEAN squared errors. A group that measures with standard deviation σ, in the unit of e,
+// has the weight d/σ² with d the dimension of e, where observations are over theirs; a constraint
+// chosen by λ beside N observations has the member weight λ² N (EQUATIONS §6).
+//
+// Changing a weight rebuilds nothing.
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/residuals/pose_constraints.hpp"
+
+namespace sfmcpp::residuals {
+
+using ConstraintKind = std::variant<PoseConstraintKind, IntrinsicsConstraintKind>;
+
+std::string_view constraint_kind_name(ConstraintKind kind);
+ConstraintKind parse_constraint_kind(std::string_view name);
+std::vector<std::string_view> constraint_kind_names();
+
+inline constexpr int kNoPrevious = -1;
+
+// `previous` is for kinds that relate two poses, and for intrinsics that are compared with those of
+// another camera rather than with measured ones.
+struct ConstraintMember {
+  int camera = 0;
+  int previous = kNoPrevious;
+  double weight = 1.0;
+  PoseConstraint pose;                         // its kind and points are the set's to fill in
+  std::array<double, 2> intrinsics{1.0, 0.0};  // f̂, or ĉx and ĉy [px]
+  std::vector<double> points;                  // N × 3, of kinds that compare images
+};
+
+struct ConstraintGroup {
+  std::string name;
+  ConstraintKind kind = PoseConstraintKind::kPosition;
+  double weight = 1.0;
+  std::vector<ConstraintMember> members;
+};
+
+// The cameras that the constraints are on, as ba/problem.hpp and optim/state.hpp have them.
+struct ConstrainedCameras {
+  CameraModelId camera_model = CameraModelId::kCalibrated;
+  int count = 0;
+  const double* cameras = nullptr;
+  const double* intrinsics = nullptr;
+  const int* intrinsics_index = nullptr;
+
+  const double* pose(int i) const { return cameras + static_cast<long>(kCameraStorage) * i; }
+  const double* intrinsics_of(int i) const;
+};
+
+// Where the derivatives of a constraint go among the D columns of a camera: rotation 0–2, centre
+// 3–5, and the columns of the intrinsic parameters.
+struct ConstraintColumns {
+  static constexpr int kNone = -1;
+  int width = 6;                   // D
+  std::vector<int> of_intrinsics;  // column of each intrinsic parameter; kNone: not free
+};
+
+// √(group weight · member weight) e, and its Jacobians, rows × D row-major. Kept between calls:
+// memory grows to the largest member.
+struct ConstraintResidual {
+  int rows = 0;
+  std::vector<double> residual, by_camera, by_previous;
+};
+
+class ConstraintSet {
+ public:
+  // Throws InvalidArgument naming group, member, value and rule: a name that is empty or taken, a
+  // weight that is negative or not finite, a measurement that cannot be one, cameras that do not go
+  // with the kind.
+  void add(ConstraintGroup group);
+  void set_weight(std::string_view name, double weight);
+
+  const std::vector<ConstraintGroup>& groups() const { return groups_; }
+  bool empty() const { return groups_.empty(); }
+
+  // Throws InvalidArgument for constraints that these cameras cannot have: an index out of range, a
+  // camera model that is not metric or lacks the parameter, frozen points behind a camera.
+  void check(const ConstrainedCameras& cameras) const;
+
+  // The cost of each group, and of all.
+  std::vector<double> costs(const ConstrainedCameras& cameras) const;
+  double cost(const ConstrainedCameras& cameras) const;
+
+ private:
+  std::vector<ConstraintGroup> groups_;
+};
+
+// Whether a member takes part: its weight and that of its group are positive.
+bool is_active(const ConstraintGroup& group, const ConstraintMember& member);
+
+// "constraints['gps'][3]", for messages.
+std::string name_of(const ConstraintGroup& group, std::size_t member);
+
+// Intrinsic parameters that a kind is on, in the order of the model; none where it has no such
+// parameter or the kind is on poses.
+std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model);
+
+// What the member measured, ready to be evaluated or validated; views its points.
+PoseConstraint measurement_of(const ConstraintMember& member);
+
+// Rank of the Jacobian at most: nine entries of a rotation are three equations.
+int num_equations(ConstraintKind kind, const ConstraintMember& member);
+
+// Without Jacobians if `columns` is null. Weights as in ConstraintResidual.
+void evaluate(const ConstraintGroup& group,
+              const ConstraintMember& member,
+              const ConstrainedCameras& cameras,
+              const ConstraintColumns* columns,
+              ConstraintResidual& out);
+
+}  // namespace sfmcpp::residuals

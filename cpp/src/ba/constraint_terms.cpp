@@ -1,0 +1,175 @@
+#include "sfmcpp/ba/constraint_terms.hpp"
+
+#include <algorithm>
+#include <array>
+#include <optional>
+
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using residuals::ConstrainedCameras;
+using residuals::ConstraintGroup;
+using residuals::ConstraintMember;
+using residuals::ConstraintResidual;
+using residuals::ConstraintSet;
+using residuals::kNoPrevious;
+
+// Calls f(group, position of the member, member).
+template <class F>
+void for_each_member(const ConstraintSet* constraints, const F& f) {
+  if (constraints == nullptr) return;
+  for (const ConstraintGroup& group : constraints->groups()) {
+    for (std::size_t k = 0; k < group.members.size(); ++k) f(group, k, group.members[k]);
+  }
+}
+
+// The first of these intrinsic parameters that a camera keeps fixed, or none.
+std::optional<int> fixed_parameter(const Problem& problem,
+                                   const std::vector<int>& indices,
+                                   int camera) {
+  const auto row =
+      static_cast<std::size_t>(problem.intrinsics_index[camera]) * problem.num_intrinsics();
+  for (int k : indices) {
+    if (problem.fixed_intrinsics[row + k]) return k;
+  }
+  return std::nullopt;
+}
+
+void check_intrinsics_free(const Problem& problem,
+                           const ConstraintGroup& group,
+                           std::size_t k,
+                           const ConstraintMember& member) {
+  const auto indices = residuals::constrained_intrinsics(group.kind, problem.camera_model);
+  const auto fixed = fixed_parameter(problem, indices, member.camera);
+  if (!fixed) return;
+  if (member.previous != kNoPrevious && !fixed_parameter(problem, indices, member.previous)) return;
+  throw InvalidArgument(residuals::name_of(group, k) + ": camera " + std::to_string(member.camera) +
+                        " keeps its " + std::string(intrinsic_names(problem.camera_model)[*fixed]) +
+                        " fixed: a constraint on intrinsics needs them free");
+}
+
+// J δ of one camera, added to `moved`.
+void add_product(const std::vector<double>& jacobian,
+                 const linear::ParameterMap& map,
+                 const std::vector<double>& step,
+                 int camera,
+                 std::vector<double>& moved) {
+  std::array<double, linear::kMaxCameraSize> x;
+  map.expand(step.data(), camera, x.data());
+  const auto size = static_cast<std::size_t>(map.camera_size);
+  for (std::size_t row = 0; row < moved.size(); ++row) {
+    for (std::size_t k = 0; k < size; ++k) moved[row] += jacobian[size * row + k] * x[k];
+  }
+}
+
+}  // namespace
+
+ConstrainedCameras constrained_cameras(const Problem& problem, const optim::State& state) {
+  return {.camera_model = problem.camera_model,
+          .count = problem.num_cameras(),
+          .cameras = state.cameras.data(),
+          .intrinsics = state.intrinsics.data(),
+          .intrinsics_index = problem.intrinsics_index.data()};
+}
+
+void check_constraints(const Problem& problem, const optim::State& state) {
+  if (problem.constraints == nullptr) return;
+  problem.constraints->check(constrained_cameras(problem, state));
+  for_each_member(problem.constraints,
+                  [&](const ConstraintGroup& group, std::size_t k, const ConstraintMember& member) {
+                    check_intrinsics_free(problem, group, k, member);
+                  });
+}
+
+void check_constrained_cameras_observed(const Problem& problem,
+                                        const linear::ObservationGraph& graph) {
+  for_each_member(problem.constraints,
+                  [&](const ConstraintGroup& group, std::size_t k, const ConstraintMember& member) {
+                    if (member.previous == kNoPrevious) return;
+                    for (int camera : {member.camera, member.previous}) {
+                      if (graph.observations_of_camera(camera) > 0 || problem.fixed_cameras[camera])
+                        continue;
+                      throw InvalidArgument(residuals::name_of(group, k) + ".cameras: camera " +
+                                            std::to_string(camera) +
+                                            " has no observations: must be observed or fixed");
+                    }
+                  });
+}
+
+ConstraintTerms::ConstraintTerms(const Problem& problem,
+                                 const linear::ParameterMap& map,
+                                 const std::vector<int>& free_intrinsics)
+    : problem_(problem), map_(map) {
+  columns_.width = map.camera_size;
+  columns_.of_intrinsics.assign(problem.num_intrinsics(), residuals::ConstraintColumns::kNone);
+  for (std::size_t k = 0; k < free_intrinsics.size(); ++k)
+    columns_.of_intrinsics[free_intrinsics[k]] =
+        camera_tangent(problem.camera_model) + static_cast<int>(k);
+  for_each_member(problem.constraints,
+                  [&](const ConstraintGroup& group, std::size_t, const ConstraintMember& member) {
+                    if (residuals::is_active(group, member)) active_.push_back({&group, &member});
+                  });
+}
+
+linear::CameraPairs ConstraintTerms::pairs() const {
+  linear::CameraPairs pairs;
+  for (const auto& [group, member] : active_) {
+    pairs.emplace_back(member->camera,
+                       member->previous == kNoPrevious ? member->camera : member->previous);
+  }
+  return pairs;
+}
+
+long ConstraintTerms::num_equations() const {
+  long count = 0;
+  for (const auto& [group, member] : active_)
+    count += residuals::num_equations(group->kind, *member);
+  return count;
+}
+
+double ConstraintTerms::cost(const optim::State& state) const {
+  if (active_.empty()) return 0.0;
+  return problem_.constraints->cost(constrained_cameras(problem_, state));
+}
+
+std::vector<double> ConstraintTerms::costs(const optim::State& state) const {
+  if (problem_.constraints == nullptr) return {};
+  return problem_.constraints->costs(constrained_cameras(problem_, state));
+}
+
+void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& terms) const {
+  const ConstrainedCameras cameras = constrained_cameras(problem_, state);
+  ConstraintResidual e;
+  terms.set_zero();
+  for (const auto& [group, member] : active_) {
+    residuals::evaluate(*group, *member, cameras, &columns_, e);
+    for (double& value : e.residual) value = -value;  // e + J δ is −(r − J δ)
+    const bool two = member->previous != kNoPrevious;
+    terms.add({.rows = e.rows,
+               .residual = e.residual.data(),
+               .camera = member->camera,
+               .by_camera = e.by_camera.data(),
+               .other = two ? member->previous : linear::kNoCamera,
+               .by_other = two ? e.by_previous.data() : nullptr});
+  }
+}
+
+double ConstraintTerms::slope(const optim::State& state,
+                              const std::vector<double>& camera_step) const {
+  const ConstrainedCameras cameras = constrained_cameras(problem_, state);
+  ConstraintResidual e;
+  double sum = 0.0;
+  for (const auto& [group, member] : active_) {
+    residuals::evaluate(*group, *member, cameras, &columns_, e);
+    std::vector<double> moved(e.rows, 0.0);
+    add_product(e.by_camera, map_, camera_step, member->camera, moved);
+    if (member->previous != kNoPrevious)
+      add_product(e.by_previous, map_, camera_step, member->previous, moved);
+    for (int row = 0; row < e.rows; ++row) sum += e.residual[row] * moved[row];
+  }
+  return sum;
+}
+
+}  // namespace sfmcpp::ba

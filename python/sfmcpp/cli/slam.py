@@ -1,0 +1,66 @@
+"""`sfmcpp slam`: a camera's trajectory and a map, from tracks and sensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+
+SENSORS = ("odometer", "imu", "ins", "gps")
+WEIGHTS = ("loo", "loo-approx", "l-curve", "ltn", "fixed:λ", "none")
+
+
+def _known_sensors(names: list[str]) -> list[str]:
+    for name in names:
+        if name not in SENSORS:
+            raise typer.BadParameter(f"{name!r} is unknown; choose one of {', '.join(SENSORS)}")
+        if names.count(name) > 1:
+            raise typer.BadParameter(f"{name!r} is named twice")
+    return names
+
+
+Source = Annotated[
+    Path, typer.Argument(metavar="INPUT", help="Tracks: a KITTI drive (.mat), or a text file of tracks.")
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
+]
+Sensors = Annotated[
+    list[str] | None,
+    typer.Option("--sensor", metavar="NAME", callback=lambda names: _known_sensors(names or []),
+                 help=f"Sensor to use beside the camera; may be given several times: {', '.join(SENSORS)}."),
+]  # fmt: skip
+SensorFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="CSV of the sensors' measurements; else those that INPUT holds."),
+]
+Weights = Annotated[
+    str | None,
+    typer.Option(metavar="RULE", help=f"How sensors are weighed: {', '.join(WEIGHTS)}; else loo."),
+]
+
+
+@with_exit_code
+def slam(
+    source: Source,
+    output: Output,
+    sensor: Sensors = None,
+    sensor_file: SensorFile = None,
+    weights: Weights = None,
+    window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
+    view: Annotated[bool, typer.Option("--view", help="Show the map while it grows.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> ExitCode:
+    """Follow a camera and map what it sees, keyframe by keyframe."""
+    from sfmcpp.cli.slam_job import SlamJob
+    from sfmcpp.cli.slam_run import run_job
+    from sfmcpp.slam import SlamSettings
+
+    if weights not in (None, "none") and not sensor:
+        raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
+    settings = SlamSettings(window=window, seed=seed, weights=weights or "loo")
+    return run_job(SlamJob(source, output, settings, tuple(sensor or ()), sensor_file, view, quiet))

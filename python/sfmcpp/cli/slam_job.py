@@ -1,0 +1,50 @@
+"""What a SLAM run is asked for, and what it gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfmcpp.slam import SlamResult, SlamSettings
+
+
+@dataclass(frozen=True)
+class SlamJob:
+    """One run as asked for on the command line; names as there."""
+
+    source: Path
+    output: Path
+    settings: SlamSettings
+    sensors: tuple[str, ...] = ()
+    sensor_file: Path | None = None
+    view: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What a run gave.
+
+    Attributes
+    ----------
+    result : SlamResult
+        The map and the poses.
+    frames : int
+        Frames looked at.
+    seconds, seconds_read : float
+        Of the run, and of reading the input before [s].
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    """
+
+    result: SlamResult
+    frames: int
+    seconds: float
+    seconds_read: float
+    interrupted: bool
+
+    @property
+    def fps(self) -> float:
+        """Frames looked at per second."""
+        return self.frames / self.seconds if self.seconds > 0 else math.inf

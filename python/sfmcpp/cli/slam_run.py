@@ -1,0 +1,121 @@
+"""From a SLAM input to a folder of results."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import FrameType
+
+from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.slam_input import SlamInput, read_input, sensors_of
+from sfmcpp.cli.slam_job import Measured, SlamJob
+from sfmcpp.cli.slam_output import require_pictures, write_report_of, write_results
+from sfmcpp.cli.slam_progress import shown_progress
+from sfmcpp.cli.slam_report import lines_of
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.io.failures import failures_named
+from sfmcpp.slam import MotionSensor, SlamResult, run_slam
+
+
+class _StoppedByUser(Exception):
+    """Ends the loop between two frames."""
+
+
+@dataclass
+class _Listener:
+    """Keeps what there is after each frame, shows it, and stops the loop where it is whole."""
+
+    show: Callable[[int, SlamResult], None]
+    asked_to_stop: Callable[[], bool]
+    frames: int = 0
+    result: SlamResult = field(
+        default_factory=lambda: SlamResult(None, {}, [], [], message="no frame was looked at")
+    )
+
+    def __call__(self, frame: int, result: SlamResult) -> None:
+        self.frames, self.result = frame + 1, result
+        self.show(frame, result)
+        if self.asked_to_stop():
+            raise _StoppedByUser
+
+
+def run_job(job: SlamJob) -> ExitCode:
+    """Read, run, write, print. What can be checked is checked before the run.
+
+    Raises
+    ------
+    DatasetError
+        If the input cannot be read, or the folder cannot be written.
+    InvalidArgument
+        If an option asks for what there is not.
+    """
+    if job.view:
+        raise InvalidArgument("view: showing the map while it grows is not supported yet; see view.html")
+    require_pictures(job.output)
+    if job.output.exists() and not job.output.is_dir():
+        raise DatasetError(job.output, "is a file, a folder is wanted")
+    started = time.perf_counter()
+    given = read_input(job.source)
+    sensors = sensors_of(job.sensors, job.sensor_file, given)
+    seconds_read = time.perf_counter() - started
+    with failures_named(job.output):
+        job.output.mkdir(parents=True, exist_ok=True)
+    measured = _run(job, given, sensors, seconds_read)
+    return _finish(job, given, measured)
+
+
+def _run(job: SlamJob, given: SlamInput, sensors: list[MotionSensor], seconds_read: float) -> Measured:
+    started = time.perf_counter()
+    interrupted = False
+    with shown_progress(len(given.sequence), quiet=job.quiet) as show, _ctrl_c_noted() as asked_to_stop:
+        listener = _Listener(show, asked_to_stop)
+        try:
+            run_slam(given.sequence, job.settings, sensors, callback=listener)
+        except _StoppedByUser:
+            interrupted = True
+    seconds = time.perf_counter() - started
+    return Measured(listener.result, listener.frames, seconds, seconds_read, interrupted)
+
+
+@contextmanager
+def _ctrl_c_noted() -> Iterator[Callable[[], bool]]:
+    """Take note of the first Ctrl-C, so that no frame is left half done; the second one ends at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    asked = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _finish(job: SlamJob, given: SlamInput, measured: Measured) -> ExitCode:
+    result = measured.result
+    if result.world is None:
+        write_report_of(job, given, measured)
+        if measured.interrupted:
+            tell(f"interrupted before there was a map: {job.output / 'report.json'} tells how far it came")
+            return ExitCode.INTERRUPTED
+        tell(f"error: {job.source}: no map could be started: {result.message}")
+        return ExitCode.NUMERICAL_FAILURE
+    comparison, written, complaints = write_results(job, given, measured)
+    if complaints:
+        return tell_error("; ".join(map(str, complaints)))
+    if not job.quiet:
+        say("\n".join(lines_of(job, given, measured, comparison, written)))
+    if measured.interrupted:
+        frames = f"{measured.frames} of {len(given.sequence)} frames"
+        tell(f"interrupted after {frames}: what there is of them is in {job.output}")
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE

@@ -1,0 +1,202 @@
+"""Constraints on cameras, from a second sensor or from what is known beforehand, in named weighted groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.problem import FloatArray, IndexArray
+
+NO_CAMERA = -1
+
+
+@dataclass(frozen=True)
+class ConstraintKind:
+    """What a kind of constraint measures.
+
+    Attributes
+    ----------
+    name : str
+        Name of the kind.
+    values : tuple of int or None
+        Shape of one measurement; None: the kind has none.
+    cameras : tuple of int
+        How many cameras a member may name.
+    compares_images : bool
+        Whether it needs frozen points to compare the images of.
+    """
+
+    name: str
+    values: tuple[int, ...] | None
+    cameras: tuple[int, ...] = (1,)
+    compares_images: bool = False
+
+
+_POSE, _ROTATION, _VECTOR = (3, 4), (3, 3), (3,)
+
+CONSTRAINT_KINDS: dict[str, ConstraintKind] = {
+    kind.name: kind
+    for kind in (
+        ConstraintKind("pose", _POSE),
+        ConstraintKind("position", _VECTOR),
+        ConstraintKind("orientation", _ROTATION),
+        ConstraintKind("orientation-reprojections", _ROTATION, compares_images=True),
+        ConstraintKind("displacement-pose", _POSE, (2,)),
+        ConstraintKind("displacement-translation", _VECTOR, (2,)),
+        ConstraintKind("displacement-rotation", _ROTATION, (2,)),
+        ConstraintKind("displacement-rotation-log", _ROTATION, (2,)),
+        ConstraintKind("scale", (), (2,)),
+        ConstraintKind("smoothing", None, (2,)),
+        ConstraintKind("smoothing-reprojections", None, (2,), compares_images=True),
+        ConstraintKind("focal", (), (1, 2)),
+        ConstraintKind("principal-point", (2,), (1, 2)),
+    )
+}
+
+
+@dataclass(eq=False)
+class ConstraintGroup:
+    """Constraints of one kind and one origin, with one weight: a GPS, an odometer, a prior.
+
+    In :func:`sfmcpp.solve` the group adds ``½ weight Σ member_weights · ε`` to the cost, each ε a *mean*
+    squared error (thesis table 5.1): the squared error over its number of entries d, of points for the forms
+    that compare images. A sensor of standard deviation σ, in the unit of its error, has the weight d / σ²
+    where observations are over theirs; of σ radians about each axis, 9 / (2 σ²) for a matrix of nine entries
+    and 3 / σ² for the logarithm. Files of problems do not hold constraints.
+
+    With ``[R | t]`` the pose of a camera (rotation world_from_camera, centre in the world), hats for the
+    values and "previous" for the first of two cameras:
+
+    =========================  =========  ===================================  ====================
+    kind                       values     error                                frame of the values
+    =========================  =========  ===================================  ====================
+    pose                       (n, 3, 4)  T⁻¹ T̂ − I                            world_from_camera
+    position                   (n, 3)     t − t̂                                world
+    orientation                (n, 3, 3)  Rᵀ R̂ − I                             world_from_camera
+    orientation-reprojections  (n, 3, 3)  images by R minus those by R̂ [px]    world_from_camera
+    displacement-pose          (n, 3, 4)  D⁻¹ D̂ − I, D = T_previous⁻¹ T        previous_from_camera
+    displacement-translation   (n, 3)     t − t_previous − t̂                   world
+    displacement-rotation      (n, 3, 3)  (R_previousᵀ R)ᵀ R̂ − I               previous_from_camera
+    displacement-rotation-log  (n, 3, 3)  log(R̂ᵀ R_previousᵀ R) [rad]          previous_from_camera
+    scale                      (n,)       ‖t − t_previous‖ − value             any
+    smoothing                  none       [Rᵀ | −Rᵀ t] minus the previous one  none
+    smoothing-reprojections    none       images minus the previous ones [px]  none
+    focal                      (n,) [px]  log(value / f)                       none
+    principal-point            (n, 2)     (cx, cy) − value [px]                pixels
+    =========================  =========  ===================================  ====================
+
+    Lengths have the unit of the world. "focal" and "principal-point" may name two cameras instead of a
+    value: the intrinsics of the previous one take its place.
+
+    Parameters
+    ----------
+    kind : str
+        One of `CONSTRAINT_KINDS`.
+    cameras : (n,) or (n, 2) int32
+        The camera of each member; for kinds between two cameras the previous one and this one.
+    values : array, optional
+        Measurements, shaped as the table says; None for kinds without.
+    weight : float
+        Weight of the group; 0: as if it were not there. Change it between solves as you like.
+    member_weights : (n,) float64, optional
+        Weight of each member. Default: 1.
+    name : str
+        Name of the group in summaries and messages, unique in a solve. Default: the kind.
+    points : sequence of n (k, 3) float64, optional
+        World points, one array per member, of kinds that compare images; they stay where they are.
+        The images are those of a camera without distortion.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong or a number is not finite. Indices, rotations and weights wait for the solve.
+    """
+
+    kind: str
+    cameras: IndexArray
+    values: FloatArray | None = None
+    weight: float = 1.0
+    member_weights: FloatArray = None  # type: ignore[assignment]
+    name: str = ""
+    points: Sequence[FloatArray] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        kind = constraint_kind(self.kind)
+        self.name = self.name or self.kind
+        self.cameras = _cameras(self._label("cameras"), self.cameras, kind)
+        count = len(self.cameras)
+        self.values = self._values(kind, count)
+        if self.member_weights is None:
+            self.member_weights = np.ones(count)
+        self.member_weights = finite_array(self._label("member_weights"), self.member_weights, (count,))
+        self.points = self._points(kind, count)
+
+    @property
+    def num_members(self) -> int:
+        """Number of constraints in the group."""
+        return len(self.cameras)
+
+    def _label(self, field_name: str) -> str:
+        return f"constraints[{self.name!r}].{field_name}"
+
+    def _values(self, kind: ConstraintKind, count: int) -> FloatArray | None:
+        relative = self.cameras.ndim == 2 and 1 in kind.cameras
+        if kind.values is None or relative:
+            if self.values is None:
+                return None
+            what = "between two cameras " if relative else ""
+            raise InvalidArgument(f"{self._label('values')}: kind {kind.name!r} {what}has none, must be None")
+        if self.values is None:
+            raise InvalidArgument(f"{self._label('values')}: missing, kind {kind.name!r} needs a measurement")
+        return finite_array(self._label("values"), self.values, (count, *kind.values))
+
+    def _points(self, kind: ConstraintKind, count: int) -> list[FloatArray]:
+        given = len(self.points)
+        wanted = count if kind.compares_images else 0
+        if given != wanted:
+            raise InvalidArgument(
+                f"{self._label('points')}: {given} arrays, "
+                f"kind {kind.name!r} of {count} members needs {wanted}"
+            )
+        label = self._label("points")
+        return [finite_array(f"{label}[{k}]", x, (ANY, 3)) for k, x in enumerate(self.points)]
+
+
+def constraint_kind(name: str) -> ConstraintKind:
+    """Look a kind of constraint up by name.
+
+    Parameters
+    ----------
+    name : str
+        One of the keys of `CONSTRAINT_KINDS`.
+
+    Returns
+    -------
+    ConstraintKind
+        What it measures.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no kind of that name.
+    """
+    if name not in CONSTRAINT_KINDS:
+        raise InvalidArgument(f"kind = {name!r}: must be one of {', '.join(CONSTRAINT_KINDS)}")
+    return CONSTRAINT_KINDS[name]
+
+
+def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:
+    array = np.asarray(value)
+    if array.size == 0:
+        array = np.zeros((0, 2) if kind.cameras == (2,) else 0, dtype=np.int32)
+    if array.ndim not in kind.cameras or (array.ndim == 2 and array.shape[1] != 2):
+        shapes = " or ".join("(any,)" if n == 1 else "(any, 2)" for n in kind.cameras)
+        raise InvalidArgument(f"{label}: shape {array.shape}, must be {shapes} for kind {kind.name!r}")
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InvalidArgument(f"{label}: dtype {array.dtype}, must be whole numbers")
+    return np.ascontiguousarray(array, dtype=np.int32)

@@ -1,0 +1,117 @@
+"""Sensors in the map: the weight of each new constraint, and all of them in the local adjustment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.fusion import PoseConstraint, PoseView, WeightSelection, select_weights
+from sfmcpp.model import ConstraintGroup
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.slam.sensing import Measurement
+from sfmcpp.slam.sequence import View
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.world_map import LocalProblem, WeightedMeasurement, WorldMap
+
+# Fewer observations than this leave nothing to choose a weight from.
+_FEWEST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """A new keyframe with what its sensors say.
+
+    Attributes
+    ----------
+    pose : (3, 4) float64
+        Its pose, fitted to the images and the weighted constraints.
+    constraints : list of WeightedMeasurement
+        With the weights chosen.
+    selections : list of WeightSelection
+        The whole curves, in the same order; empty where the weights are those usual so far.
+    """
+
+    pose: FloatArray
+    constraints: list[WeightedMeasurement]
+    selections: list[WeightSelection] = field(default_factory=list)
+
+
+def fuse(
+    world: WorldMap,
+    view: View,
+    pose: FloatArray,
+    measurements: Sequence[Measurement],
+    settings: SlamSettings,
+) -> Fused:
+    """Choose the weights of the measurements of a new keyframe, and fit its pose (thesis §5.2.3)."""
+    if not measurements or settings.weights == "none":
+        return Fused(pose, [])
+    seen = _inliers(world, view, pose, settings)
+    if len(seen.tracks) < _FEWEST:
+        return Fused(pose, [WeightedMeasurement(m, _usual_weight(world, m)) for m in measurements])
+    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics)
+    previous = world.keyframes[-1].pose
+    selections = select_weights(
+        images, [_constraint(m, previous) for m in measurements], pose, settings.weights
+    )
+    weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
+    return Fused(selections[0].pose, weighted, selections)
+
+
+def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGroup]:
+    """One group per sensor, of the keyframes in `local` whose predecessor is there too.
+
+    Beside a sum over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
+    """
+    place = {int(k): position for position, k in enumerate(local.keyframes)}
+    count = np.bincount(local.problem.camera_index, minlength=len(place))
+    members: dict[tuple[str, str], list[tuple[int, int, object, float]]] = {}
+    for k, position in place.items():
+        if k - 1 not in place or local.problem.fixed_cameras[position]:
+            continue
+        for constraint in world.keyframes[k].constraints:
+            m, weight = constraint.measurement, constraint.weight
+            row = (place[k - 1], position, m.value, count[position] * weight**2)
+            members.setdefault((m.sensor, m.kind), []).append(row)
+    return [
+        ConstraintGroup(
+            kind,
+            np.array([row[:2] for row in rows], dtype=np.int32),
+            np.array([row[2] for row in rows], dtype=np.float64),
+            member_weights=np.array([row[3] for row in rows]),
+            name=sensor,
+        )
+        for (sensor, kind), rows in members.items()
+    ]
+
+
+def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> View:
+    known = view.only(world.known[view.tracks])
+    in_camera = (world.points[known.tracks] - pose[:, 3]) @ pose[:, :3]
+    f, aspect, cx, cy, skew = world.intrinsics
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = (in_camera[:, :2] / in_camera[:, 2:]).T
+    offset = np.stack([f * x + skew * y + cx, f * aspect * y + cy], axis=1) - known.pixels
+    good = (in_camera[:, 2] > 0) & (np.linalg.norm(offset, axis=1) <= settings.resection_threshold_px)
+    return known.only(good)
+
+
+def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
+    """Median of the weights of this sensor so far; 1 before there are any."""
+    weights = [
+        constraint.weight
+        for keyframe in world.keyframes
+        for constraint in keyframe.constraints
+        if constraint.measurement.sensor == measurement.sensor
+    ]
+    return float(np.median(weights)) if weights else 1.0
+
+
+def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
+    if measurement.kind == "scale":
+        distance = float(np.asarray(measurement.value))
+        return PoseConstraint("scale", distance=distance, previous=previous, name=measurement.sensor)
+    rotation = np.asarray(measurement.value)
+    return PoseConstraint(measurement.kind, rotation=rotation, previous=previous, name=measurement.sensor)

@@ -1,0 +1,79 @@
+"""The numbers that steer a SLAM run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.fusion import selection_method
+
+
+@dataclass(frozen=True)
+class SlamSettings:
+    """What decides about keyframes, poses, points and the local adjustment.
+
+    Attributes
+    ----------
+    window : int
+        Keyframes whose poses the local bundle adjustment moves. The thesis has 3 (§3.3.2); on tracks as short
+        as those of KITTI the distances of an odometer need more to reach the points: 8 bring the
+        error of every drive to half and less, 3 that of two in seven.
+    keyframe_overlap : float
+        A frame becomes a keyframe when it sees less than this part of the last keyframe's tracks …
+    keyframe_min_tracks : int
+        … or when fewer of its tracks than this have a point …
+    keyframe_parallax_px : float
+        … and the image has moved this far in the median since the last keyframe [px].
+    start_parallax_px : float
+        Median parallax that the first and the second keyframe need [px].
+    start_point_ratio : float
+        Part of the tracks shared by the first and the third keyframe that must become points.
+    triangulation_keyframes : int
+        Keyframes from which new points are triangulated (thesis: 3).
+    resection_threshold_px : float
+        Largest reprojection error of an inlier of resection [px].
+    outlier_px : float
+        Observations with larger errors after the local adjustment are dropped [px] (thesis: 4).
+    min_views : int
+        Fewest keyframes that see a point of the map (thesis: 3 as an option).
+    min_angle_deg : float
+        Smallest angle under which a new point is seen [deg].
+    min_inliers : int
+        Fewest inliers of a pose to trust.
+    registration_keyframes : int
+        Keyframes before the map is brought to the sensors' scale (thesis §5.3.3: 6).
+    weights : str
+        How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.fusion.select_weight`.
+    seed : int
+        Of every random sample; same seed, same result.
+    """
+
+    window: int = 8
+    keyframe_overlap: float = 0.7
+    keyframe_min_tracks: int = 30
+    keyframe_parallax_px: float = 5.0
+    start_parallax_px: float = 20.0
+    start_point_ratio: float = 0.6
+    triangulation_keyframes: int = 8
+    resection_threshold_px: float = 3.0
+    outlier_px: float = 4.0
+    min_views: int = 2
+    min_angle_deg: float = 0.5
+    min_inliers: int = 10
+    registration_keyframes: int = 6
+    weights: str = "loo"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("window", "min_views", "registration_keyframes"):
+            if getattr(self, name) < 2:
+                raise InvalidArgument(f"{name} = {getattr(self, name)}: must be at least 2")
+        if not 0 < self.keyframe_overlap < 1:
+            raise InvalidArgument(f"keyframe_overlap = {self.keyframe_overlap}: must be in (0, 1)")
+        for name in ("start_parallax_px", "resection_threshold_px", "outlier_px", "keyframe_parallax_px"):
+            if not getattr(self, name) > 0:
+                raise InvalidArgument(f"{name} = {getattr(self, name)}: must be positive")
+        if self.weights != "none":
+            selection_method(self.weights)
+        if self.min_inliers < 6:
+            raise InvalidArgument(f"min_inliers = {self.min_inliers}: must be at least 6")

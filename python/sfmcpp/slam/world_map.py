@@ -1,0 +1,160 @@
+"""The map: keyframes, points, and who sees what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model import Problem, Similarity
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.slam.sensing import Measurement
+from sfmcpp.slam.sequence import View
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedMeasurement:
+    """A measurement and its λ: λ² times the mean squared error is added to that of the pixels (eq. 5.1)."""
+
+    measurement: Measurement
+    weight: float
+
+
+@dataclass(eq=False)
+class Keyframe:
+    """A frame whose pose is part of the map.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    t_s : float
+        Its time [s].
+    pose : (3, 4) float64
+        ``[R | c]``, world_from_camera.
+    view : View
+        What it sees, outliers left out.
+    constraints : list of WeightedMeasurement
+        What sensors say of the motion from the keyframe before, with the weight chosen when it came.
+    """
+
+    frame: int
+    t_s: float
+    pose: FloatArray
+    view: View
+    constraints: list[WeightedMeasurement] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalProblem:
+    """Part of the map as a bundle adjustment problem.
+
+    Attributes
+    ----------
+    problem : Problem
+        Its cameras are `keyframes`, its points `tracks`.
+    keyframes : (C,) int
+        Numbers of keyframes in the map.
+    tracks : (N,) int
+        Tracks of the points.
+    """
+
+    problem: Problem
+    keyframes: NDArray[np.intp]
+    tracks: NDArray[np.intp]
+
+
+class WorldMap:
+    """Keyframes and points; a point has the number of its track.
+
+    Parameters
+    ----------
+    num_tracks : int
+        How many tracks there can be.
+    intrinsics : (5,) float64
+        Of the camera.
+    """
+
+    def __init__(self, num_tracks: int, intrinsics: FloatArray) -> None:
+        self.intrinsics = intrinsics
+        self.points: FloatArray = np.full((num_tracks, 3), np.nan)
+        self.keyframes: list[Keyframe] = []
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(T,) whether each track has a point."""
+        return np.asarray(np.isfinite(self.points[:, 0]))
+
+    def poses(self) -> FloatArray:
+        """(K, 3, 4) poses of the keyframes."""
+        return np.stack([keyframe.pose for keyframe in self.keyframes])
+
+    def transform(self, similarity: Similarity) -> None:
+        """Move the whole map (thesis eqs 5.16–5.17)."""
+        self.points[:] = similarity.apply(self.points)
+        for keyframe in self.keyframes:
+            keyframe.pose = similarity.apply_to_poses(keyframe.pose)
+
+    def around(self, moving: int) -> LocalProblem:
+        """Make the problem of the last `moving` keyframes, and of every keyframe that sees their points.
+
+        Only those last keyframes and their points are free (thesis §3.3.2).
+        """
+        first = max(len(self.keyframes) - moving, 0)
+        seen = np.zeros(len(self.points), dtype=np.bool_)
+        for keyframe in self.keyframes[first:]:
+            seen[keyframe.view.tracks] = True
+        seen &= self.known
+        parts = [keyframe.view.only(seen[keyframe.view.tracks]) for keyframe in self.keyframes]
+        # The keyframe before the window takes part for the constraint that ties the window to it.
+        needed = [k >= first - 1 or len(part.tracks) > 0 for k, part in enumerate(parts)]
+        used = np.flatnonzero(needed)
+        problem, tracks = self._problem(used, [parts[k] for k in used])
+        sees = np.bincount(problem.camera_index, minlength=len(used)) > 0
+        problem.fixed_cameras[:] = (used < first) | ~sees
+        return LocalProblem(problem, used, tracks)
+
+    def triangulation(self, last: int) -> LocalProblem:
+        """Make the problem of the tracks without a point that two or more of the `last` keyframes see."""
+        first = max(len(self.keyframes) - last, 0)
+        recent = np.arange(first, len(self.keyframes))
+        views = np.zeros(len(self.points), dtype=np.intp)
+        for k in recent:
+            views[self.keyframes[k].view.tracks] += 1
+        wanted = (views >= 2) & ~self.known
+        parts = [self.keyframes[k].view.only(wanted[self.keyframes[k].view.tracks]) for k in recent]
+        problem, tracks = self._problem(recent, parts)
+        return LocalProblem(problem, recent, tracks)
+
+    def take(self, local: LocalProblem) -> None:
+        """Take over what has moved in `local`."""
+        for k, pose in zip(local.keyframes, local.problem.cameras, strict=True):
+            self.keyframes[k].pose = pose.copy()
+        self.points[local.tracks] = local.problem.points
+
+    def drop(self, local: LocalProblem, outliers: NDArray[np.bool_], min_views: int) -> None:
+        """Forget the observations `outliers` (M,) of `local`, and points left with too few views."""
+        problem = local.problem
+        for camera in np.unique(problem.camera_index[outliers]):
+            bad = local.tracks[problem.point_index[outliers & (problem.camera_index == camera)]]
+            keyframe = self.keyframes[local.keyframes[camera]]
+            keyframe.view = keyframe.view.only(~np.isin(keyframe.view.tracks, bad))
+        views = np.bincount(problem.point_index[~outliers], minlength=problem.num_points)
+        self.points[local.tracks[views < min_views]] = np.nan
+
+    def _problem(self, keyframes: NDArray[np.intp], views: list[View]) -> tuple[Problem, NDArray[np.intp]]:
+        lengths = [len(view.tracks) for view in views]
+        seen = np.concatenate([view.tracks for view in views]) if views else np.empty(0, dtype=np.int32)
+        tracks, point_index = np.unique(seen, return_inverse=True)
+        problem = Problem(
+            "calibrated",
+            np.stack([self.keyframes[k].pose for k in keyframes]),
+            self.intrinsics[None],
+            self.points[tracks],
+            np.repeat(np.arange(len(views), dtype=np.int32), lengths),
+            point_index.astype(np.int32),
+            np.concatenate([view.pixels for view in views]),
+            intrinsics_index=np.zeros(len(views), dtype=np.int32),
+        )
+        return problem, tracks.astype(np.intp)

@@ -1,0 +1,94 @@
+"""What constraints a solve refuses, and how it says so."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from constrained import random_group, scene
+from sfmcpp import ConstraintGroup, InvalidArgument
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "gps", "cameras": [0]}, "kind = 'gps': must be one of pose, position"),
+        ({"kind": "position", "cameras": [0]}, r"constraints\['position'\].values: missing"),
+        (
+            {"kind": "position", "cameras": [0], "values": [[1, 2]]},
+            r"values: shape \(1, 2\), must be \(1, 3\)",
+        ),
+        (
+            {"kind": "position", "cameras": [0], "values": [[1, 2, np.nan]]},
+            r"values\[0, 2\] = nan: must be finite",
+        ),
+        (
+            {"kind": "position", "cameras": [[0, 1]], "values": [[1, 2, 3]]},
+            r"cameras: shape \(1, 2\), must be",
+        ),
+        ({"kind": "scale", "cameras": [0], "values": [1]}, r"cameras: shape \(1,\), must be \(any, 2\)"),
+        ({"kind": "scale", "cameras": [[0.0, 1.0]], "values": [1]}, "cameras: dtype float64"),
+        ({"kind": "smoothing", "cameras": [[0, 1]], "values": [1]}, "'smoothing' has none"),
+        ({"kind": "focal", "cameras": [[0, 1]], "values": [1]}, "between two cameras has none"),
+        ({"kind": "smoothing-reprojections", "cameras": [[0, 1]]}, "points: 0 arrays, .* needs 1"),
+        ({"kind": "smoothing", "cameras": [[0, 1]], "points": [np.zeros((1, 3))]}, "points: 1 arrays"),
+        (
+            {"kind": "smoothing", "cameras": [[0, 1]], "member_weights": [1, 2], "name": "a"},
+            r"\['a'\].member_w",
+        ),
+    ],
+)
+def test_a_group_of_the_wrong_shape_is_refused_when_it_is_made(
+    arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InvalidArgument, match=message):
+        ConstraintGroup(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"kind": "position", "cameras": [6], "values": [[1, 2, 3]]},
+            r"\['position'\]\[0\].cameras: camera 6",
+        ),
+        (
+            {"kind": "position", "cameras": [0], "values": [[1, 2, 3]], "weight": -1.0},
+            r"weight = -1.0+: must",
+        ),
+        (
+            {"kind": "orientation", "cameras": [0], "values": [2 * np.eye(3)]},
+            r"\[0\].rotation: must be a rot",
+        ),
+        ({"kind": "scale", "cameras": [[1, 1]], "values": [1]}, r"\['scale'\]\[0\].cameras: camera 1 twice"),
+        ({"kind": "focal", "cameras": [0], "values": [-5]}, "a focal length must be positive"),
+    ],
+)
+def test_a_group_that_breaks_a_rule_is_refused_by_the_solve(arguments: dict[str, Any], message: str) -> None:
+    problem = scene()
+    before = problem.copy()
+    with pytest.raises(InvalidArgument, match=message):
+        sfmcpp.solve(problem, constraints=[ConstraintGroup(**arguments)])
+    np.testing.assert_array_equal(problem.cameras, before.cameras)
+
+
+def test_two_groups_of_one_name_are_refused() -> None:
+    problem = scene()
+    groups = [random_group(problem, "scale", name="a"), random_group(problem, "position", name="a")]
+    with pytest.raises(InvalidArgument, match=r"constraints\['a'\]: two groups"):
+        sfmcpp.solve(problem, constraints=groups)
+
+
+def test_cameras_that_have_no_pose_or_no_free_focal_length_are_refused() -> None:
+    projective = sfmcpp.as_projective(scene("calibrated"))
+    gps = ConstraintGroup("position", [0], np.zeros((1, 3)))
+    with pytest.raises(InvalidArgument, match="camera_model = 'projective'"):
+        sfmcpp.solve(projective, constraints=[gps])
+    focal = ConstraintGroup("focal", [0], [800.0])
+    with pytest.raises(InvalidArgument, match="'calibrated' has no such free parameter"):
+        sfmcpp.solve(scene("calibrated"), constraints=[focal])
+    with pytest.raises(InvalidArgument, match=r"constraints\['focal'\]\[0\]: camera 0 keeps its f fixed"):
+        sfmcpp.solve(scene().set_free_intrinsics("k1"), constraints=[focal])
