@@ -114,7 +114,7 @@ def predict(sequence: TrackSequence, poses: dict[int, FloatArray], frame: int) -
     """Pose (3, 4) of a frame if the camera goes on as between the last two poses (thesis eqs 1.1–1.3)."""
     last = sorted(poses)[-2:]
     if len(last) < 2:
-        return poses[last[-1]].copy()
+        return np.array(poses[last[-1]])
     before, now = poses[last[0]], poses[last[1]]
     share = (sequence.t_s[frame] - sequence.t_s[last[1]]) / (sequence.t_s[last[1]] - sequence.t_s[last[0]])
     turn = so3.log(before[:, :3].T @ now[:, :3])
