@@ -12,7 +12,8 @@ namespace sfmcpp::optim {
 
 class ModelLine final : public StepLine {
  public:
-  // `best` and `trial` are room for states; `trial` is used from the second evaluation on. The other references must outlive this object.
+  // `best` and `trial` are room for states; `trial` is used from the second evaluation on. The
+  // other references must outlive this object.
   ModelLine(LeastSquaresModel& model,
             const State& start,
             const linear::Step& step,
