@@ -8,6 +8,7 @@ from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
 from experiments.convergence import mean_convergence
 from experiments.description import Experiment
+from experiments.drives import sensors_on_drives
 from experiments.lengths import proposed_lengths
 from experiments.real_data import real_problems
 from experiments.report import Report
@@ -21,6 +22,7 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
     "convergence": mean_convergence,
+    "drives": sensors_on_drives,
     "lengths": proposed_lengths,
     "real": real_problems,
     "rms-curves": mean_rms,
