@@ -110,8 +110,12 @@ def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
 
 
 def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
-    if measurement.kind == "scale":
-        distance = float(np.asarray(measurement.value))
-        return PoseConstraint("scale", distance=distance, previous=previous, name=measurement.sensor)
-    rotation = np.asarray(measurement.value)
-    return PoseConstraint(measurement.kind, rotation=rotation, previous=previous, name=measurement.sensor)
+    value = np.asarray(measurement.value)
+    part = {"distance": float(value)} if measurement.kind == "scale" else {"rotation": value}
+    return PoseConstraint(
+        measurement.kind,
+        **part,
+        previous=previous,
+        sensor_sigma=measurement.sigma,
+        name=measurement.sensor,
+    )

@@ -26,11 +26,14 @@ class Measurement:
         ``"displacement-rotation-log"`` (the rotation previous_from_this of the camera).
     value : float or (3, 3) float64
         Distance [m], or rotation.
+    sigma : float
+        What the sensor may be off [m or rad]: not for the weight, only for telling a conflict.
     """
 
     sensor: str
     kind: str
     value: float | FloatArray
+    sigma: float
 
 
 class MotionSensor(Protocol):
@@ -60,15 +63,22 @@ class Odometer:
         Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
     name : str
         Name in reports.
+    sigma_m, relative_sigma : float
+        What a distance may be off: a length [m], and a share of the distance.
     """
 
     stream: SensorStream
     name: str = "odometer"
+    sigma_m: float = 0.02
+    relative_sigma: float = 0.03
 
     def between(self, start_s: float, end_s: float) -> Measurement | None:
         """Distance travelled [m]; the arc stands for the chord, which keyframes are close enough for."""
         distance = travelled_distance(self.stream, start_s, end_s)
-        return None if distance is None else Measurement(self.name, "scale", abs(distance))
+        if distance is None:
+            return None
+        sigma_m = float(np.hypot(self.sigma_m, self.relative_sigma * distance))
+        return Measurement(self.name, "scale", abs(distance), sigma_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +93,22 @@ class Gyroscope:
         How the camera sits on the body.
     name : str
         Name in reports.
+    sigma_rad : float
+        What the rotation from one keyframe to the next may be off, about each axis [rad].
     """
 
     stream: SensorStream
     mounting: Mounting
     name: str = "gyro"
+    sigma_rad: float = 0.003
 
     def between(self, start_s: float, end_s: float) -> Measurement | None:
         """Rotation of the camera, previous_from_this."""
         turn = rotation_increment(self.stream, start_s, end_s)
         if turn is None:
             return None
-        return Measurement(self.name, "displacement-rotation-log", self.mounting.camera_rotation(turn))
+        rotation = self.mounting.camera_rotation(turn)
+        return Measurement(self.name, "displacement-rotation-log", rotation, self.sigma_rad)
 
 
 class SensorSuite:
