@@ -68,10 +68,10 @@ def _rows_of(name: str, drive: KittiDrive, settings: Sequence[Row]) -> list[Row]
 
 def _row(drive: KittiDrive, setting: Row) -> Row:
     lie = Lie(**setting["lie"]) if "lie" in setting else None
-    sensors = [_sensor(drive, name, lie) for name in setting["sensors"]]
+    sensors = [sensor_of_drive(drive, name, lie) for name in setting["sensors"]]
     started = time.perf_counter()
     result = run_slam(
-        _sequence(drive),
+        sequence_of(drive),
         SlamSettings(weights=setting.get("weights", "loo"), **setting.get("slam", {})),
         sensors,
     )
@@ -90,13 +90,15 @@ def _row(drive: KittiDrive, setting: Row) -> Row:
     }
 
 
-def _sequence(drive: KittiDrive) -> TrackSequence:
+def sequence_of(drive: KittiDrive) -> TrackSequence:
+    """Tracks of the left camera."""
     (fu, fv), (cu, cv) = drive.focal_px, drive.principal_point_px
     intrinsics = np.array([fu, fv / fu, cu, cv, 0.0])
     return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, intrinsics)
 
 
-def _sensor(drive: KittiDrive, name: str, lie: Lie | None) -> MotionSensor:
+def sensor_of_drive(drive: KittiDrive, name: str, lie: Lie | None) -> MotionSensor:
+    """Make ``"odometer"`` or ``"imu"`` from the streams of a drive."""
     if name == "odometer":
         return Odometer(_lying(drive.velocity, lie, factor=True))
     mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)

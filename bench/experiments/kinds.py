@@ -9,12 +9,14 @@ from experiments.basin import basin_of_convergence
 from experiments.convergence import mean_convergence
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
+from experiments.keyframe_weights import criteria_over_weights, weights_at_keyframes
 from experiments.lengths import proposed_lengths
 from experiments.real_data import real_problems
 from experiments.report import Report
 from experiments.rms_curves import mean_rms
 from experiments.roots import number_of_roots
 from experiments.scale import searches_at_scale
+from experiments.selection_time import time_to_choose
 from experiments.step_line import costs_along_steps
 from experiments.step_plane import costs_over_lengths
 
@@ -22,12 +24,15 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
     "convergence": mean_convergence,
+    "criteria": criteria_over_weights,
     "drives": sensors_on_drives,
+    "keyframe-weights": weights_at_keyframes,
     "lengths": proposed_lengths,
     "real": real_problems,
     "rms-curves": mean_rms,
     "roots": number_of_roots,
     "scale": searches_at_scale,
+    "selection-time": time_to_choose,
     "step-line": costs_along_steps,
     "step-plane": costs_over_lengths,
 }
