@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -22,8 +23,49 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
+def _intrinsics(text: str | None) -> tuple[float, ...] | None:
+    """``(f, aspect, cx, cy, skew)`` of ``f,cx,cy`` or of all five."""
+    if text is None:
+        return None
+    rule = f"{text!r}: must be f,cx,cy or f,aspect,cx,cy,skew in pixels, f and aspect positive"
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(rule, param_hint="'--camera'") from None
+    if len(numbers) == 3:
+        numbers = (numbers[0], 1.0, *numbers[1:], 0.0)
+    if len(numbers) != 5 or not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0:
+        raise typer.BadParameter(rule, param_hint="'--camera'")
+    return numbers
+
+
+def _fps(value: float | None) -> float | None:
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise typer.BadParameter(f"{value}: must be positive")
+    return value
+
+
 Source = Annotated[
-    Path, typer.Argument(metavar="INPUT", help="Tracks: a KITTI drive (.mat), or a text file of tracks.")
+    Path,
+    typer.Argument(
+        metavar="INPUT",
+        help="A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.",
+    ),
+]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F,CX,CY",
+        help="Camera of images, in pixels, or F,ASPECT,CX,CY,SKEW; else calib.txt or K.txt, with the images "
+        "or one folder above.",
+    ),
+]
+Fps = Annotated[
+    float | None,
+    typer.Option(
+        callback=_fps,
+        help="Images per second; else times.txt beside them, the video's own, or 10 for a folder.",
+    ),
 ]
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
@@ -35,7 +77,10 @@ Sensors = Annotated[
 ]  # fmt: skip
 SensorFile = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="CSV of the sensors' measurements; else those that INPUT holds."),
+    typer.Option(
+        metavar="FILE",
+        help="Sensors' measurements: CSV, or a KITTI drive (.mat); else those that INPUT holds.",
+    ),
 ]
 Weights = Annotated[
     str | None,
@@ -50,17 +95,20 @@ def slam(
     sensor: Sensors = None,
     sensor_file: SensorFile = None,
     weights: Weights = None,
+    camera: Camera = None,
+    fps: Fps = None,
     window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
     view: Annotated[bool, typer.Option("--view", help="Show the map while it grows.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
     """Follow a camera and map what it sees, keyframe by keyframe."""
-    from sfmcpp.cli.slam_job import SlamJob
+    from sfmcpp.cli.slam_job import ImageOptions, SlamJob
     from sfmcpp.cli.slam_run import run_job
     from sfmcpp.slam import SlamSettings
 
     if weights not in (None, "none") and not sensor:
         raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
     settings = SlamSettings(window=window, seed=seed, weights=weights or "loo")
-    return run_job(SlamJob(source, output, settings, tuple(sensor or ()), sensor_file, view, quiet))
+    images = ImageOptions(_intrinsics(camera), fps)
+    return run_job(SlamJob(source, output, settings, tuple(sensor or ()), sensor_file, view, quiet, images))

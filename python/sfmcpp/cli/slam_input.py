@@ -1,28 +1,51 @@
-"""What a SLAM run reads: tracks, and sensors beside them."""
+"""What a SLAM run reads: tracks or images, and sensors beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.io.track_files import read_tracks
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.problem import FloatArray
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, TrackSequence
+from sfmcpp.vision import PICTURES, VIDEOS
 
-ACCEPTED = "a KITTI drive (.mat) or a text file of tracks ('# sfmcpp tracks')"
-_PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp")
-_VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
+_ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
 # Kinds of stream that each sensor can use, the best first.
 _KINDS: dict[str, tuple[str, ...]] = {
     "odometer": ("distance", "speed", "velocity"),
     "imu": ("angular_rate", "orientation"),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What sensors measured.
+
+    Attributes
+    ----------
+    file : Path
+        Where it was read from.
+    streams : dict of str to SensorStream
+        By kind.
+    mounting : Mounting or None
+        How the camera sits on the body of the sensors, where the file tells.
+    image_t_s : (n,) float64 or None
+        Times of the images that were taken with it [s], where the file tells.
+    """
+
+    file: Path
+    streams: dict[str, SensorStream]
+    mounting: Mounting | None = None
+    image_t_s: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,52 +58,101 @@ class SlamInput:
         What the frames see.
     truth : Trajectory or None
         True poses, where the input knows them.
-    streams : dict of str to SensorStream
-        Measurements that came with the tracks, by kind.
-    mounting : Mounting
-        How the camera sits on the body of the sensors; the camera itself where the input does not tell.
+    measurements : Measurements
+        What came with the tracks; no streams where nothing did.
     """
 
     sequence: TrackSequence
     truth: Trajectory | None
-    streams: dict[str, SensorStream]
-    mounting: Mounting
+    measurements: Measurements
 
 
-def read_input(source: Path) -> SlamInput:
-    """Read a drive or a file of tracks.
+def read_input(
+    source: Path,
+    options: ImageOptions | None = None,
+    measured: Measurements | None = None,
+    show_images: Callable[[int, int], None] | None = None,
+) -> SlamInput:
+    """Read a drive or a file of tracks, or follow corners through images.
+
+    Parameters
+    ----------
+    source : Path
+        The input.
+    options : ImageOptions, optional
+        What the user says of images.
+    measured : Measurements, optional
+        What was measured beside the input; it may know when images were taken.
+    show_images : callable, optional
+        Called with the number of images looked at, and of all, after each.
 
     Raises
     ------
     DatasetError
         If the file cannot be read, or is of a kind that SLAM does not take.
+    InvalidArgument
+        If there are options of images for an input that is none.
     """
-    if source.is_dir() or source.suffix.lower() in _PICTURES + _VIDEOS:
-        kind = "a folder" if source.is_dir() else "a video or a picture"
-        raise DatasetError(source, f"is {kind}: images are not tracked yet, give {ACCEPTED}")
+    options = options or ImageOptions()
+    suffix = source.suffix.lower()
+    if suffix in PICTURES and not source.is_dir():
+        raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
     try:
-        return _from_drive(source) if source.suffix.lower() == ".mat" else _from_tracks(source)
+        if source.is_dir() or suffix in VIDEOS:
+            return _from_images(source, options, measured, show_images)
+        if options.given:
+            raise InvalidArgument("camera, fps: are for images, the input is tracks and holds its own")
+        return _from_drive(source) if suffix == ".mat" else _from_tracks(source)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
 
 
-def sensors_of(names: Sequence[str], file: Path | None, given: SlamInput) -> list[MotionSensor]:
-    """Make the sensors asked for, from the streams of `file`, or else of the input.
+def read_measurements(file: Path) -> Measurements:
+    """Read the measurements of sensors: a CSV file, or a KITTI drive with its mounting and its stamps.
 
     Raises
     ------
     DatasetError
-        If `file` cannot be read, or lacks what a sensor needs.
-    InvalidArgument
-        If a sensor is not supported, or a file is given and no sensor.
+        If the file cannot be read.
     """
-    if file is not None and not names:
-        raise InvalidArgument("sensor_file: no --sensor is named that could use it")
+    if file.suffix.lower() == ".mat":
+        return _measurements(file, read_kitti_mat(file))
+    from sfmcpp.io.sensor_csv import read_sensor_csv
+
+    return Measurements(file, read_sensor_csv(file))
+
+
+def sensors_of(
+    names: Sequence[str], given: SlamInput, measured: Measurements | None = None
+) -> list[MotionSensor]:
+    """Make the sensors asked for, from what was measured apart, or else from the input.
+
+    Raises
+    ------
+    DatasetError
+        If the file of `measured` lacks what a sensor needs.
+    InvalidArgument
+        If a sensor is not supported, or the input lacks what it needs.
+    """
     for name in names:
         if name not in _KINDS:
             raise InvalidArgument(f"sensor = {name!r}: is not supported yet; choose {', '.join(_KINDS)}")
-    streams = given.streams if file is None else _read_streams(file)
-    return [_sensor(name, streams, file, given.mounting) for name in names]
+    known = (measured.mounting if measured else None) or given.measurements.mounting
+    mounting = known or Mounting(np.eye(3), np.zeros(3))
+    return [_sensor(name, given, measured, mounting) for name in names]
+
+
+def _from_images(
+    source: Path,
+    options: ImageOptions,
+    measured: Measurements | None,
+    show: Callable[[int, int], None] | None,
+) -> SlamInput:
+    from sfmcpp.cli.slam_images import read_images
+
+    stamps = None if measured is None else measured.image_t_s
+    sequence, truth = read_images(source, options, stamps, show)
+    return SlamInput(sequence, truth, Measurements(source, {}))
 
 
 def _from_drive(source: Path) -> SlamInput:
@@ -88,9 +160,12 @@ def _from_drive(source: Path) -> SlamInput:
     sequence = TrackSequence(
         drive.t_s, drive.frame_index, drive.track_index, drive.left_px, _intrinsics(drive)
     )
-    streams = {stream.kind: stream for stream in (drive.velocity, drive.angular_rate)}
-    mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
-    return SlamInput(sequence, drive.truth, dict(streams), mounting)
+    return SlamInput(sequence, drive.truth, _measurements(source, drive))
+
+
+def _measurements(file: Path, drive: KittiDrive) -> Measurements:
+    streams: dict[str, SensorStream] = {s.kind: s for s in (drive.velocity, drive.angular_rate)}
+    return Measurements(file, streams, Mounting(drive.camera_from_body, drive.lever_arm_m), drive.t_s)
 
 
 def _intrinsics(drive: KittiDrive) -> np.ndarray:
@@ -103,22 +178,15 @@ def _from_tracks(source: Path) -> SlamInput:
     sequence = TrackSequence(
         tracks.t_s, tracks.frame_index, tracks.track_index, tracks.pixels, tracks.intrinsics
     )
-    return SlamInput(sequence, None, {}, Mounting(np.eye(3), np.zeros(3)))
+    return SlamInput(sequence, None, Measurements(source, {}))
 
 
-def _read_streams(file: Path) -> dict[str, SensorStream]:
-    from sfmcpp.io.sensor_csv import read_sensor_csv
-
-    return read_sensor_csv(file)
-
-
-def _sensor(
-    name: str, streams: dict[str, SensorStream], file: Path | None, mounting: Mounting
-) -> MotionSensor:
+def _sensor(name: str, given: SlamInput, measured: Measurements | None, mounting: Mounting) -> MotionSensor:
+    streams = (measured or given.measurements).streams
     stream = next((streams[kind] for kind in _KINDS[name] if kind in streams), None)
     if stream is None:
         wanted = " or ".join(_KINDS[name])
-        if file is not None:
-            raise DatasetError(file, f"holds no {wanted}, which the sensor {name!r} needs")
+        if measured is not None:
+            raise DatasetError(measured.file, f"holds no {wanted}, which the sensor {name!r} needs")
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
     return Odometer(stream, name) if name == "odometer" else Gyroscope(stream, mounting, name)

@@ -10,6 +10,27 @@ from sfmcpp.slam import SlamResult, SlamSettings
 
 
 @dataclass(frozen=True)
+class ImageOptions:
+    """What the user says of images that the files beside them do not.
+
+    Attributes
+    ----------
+    intrinsics : tuple of five float, or None
+        ``(f, aspect, cx, cy, skew)``.
+    fps : float or None
+        Frames per second.
+    """
+
+    intrinsics: tuple[float, ...] | None = None
+    fps: float | None = None
+
+    @property
+    def given(self) -> bool:
+        """Whether the user said anything."""
+        return self != ImageOptions()
+
+
+@dataclass(frozen=True)
 class SlamJob:
     """One run as asked for on the command line; names as there."""
 
@@ -20,6 +41,7 @@ class SlamJob:
     sensor_file: Path | None = None
     view: bool = False
     quiet: bool = False
+    images: ImageOptions = ImageOptions()
 
 
 @dataclass(frozen=True, eq=False)

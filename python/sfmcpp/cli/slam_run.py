@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from types import FrameType
 
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.slam_input import SlamInput, read_input, sensors_of
+from sfmcpp.cli.slam_input import SlamInput, read_input, read_measurements, sensors_of
 from sfmcpp.cli.slam_job import Measured, SlamJob
 from sfmcpp.cli.slam_output import require_pictures, write_report_of, write_results
-from sfmcpp.cli.slam_progress import shown_progress
+from sfmcpp.cli.slam_progress import shown_images, shown_progress
 from sfmcpp.cli.slam_report import lines_of
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.io.failures import failures_named
@@ -59,8 +59,12 @@ def run_job(job: SlamJob) -> ExitCode:
     if job.output.exists() and not job.output.is_dir():
         raise DatasetError(job.output, "is a file, a folder is wanted")
     started = time.perf_counter()
-    given = read_input(job.source)
-    sensors = sensors_of(job.sensors, job.sensor_file, given)
+    if job.sensor_file is not None and not job.sensors:
+        raise InvalidArgument("sensor_file: no --sensor is named that could use it")
+    measured_apart = None if job.sensor_file is None else read_measurements(job.sensor_file)
+    with shown_images(quiet=job.quiet) as show_images:
+        given = read_input(job.source, job.images, measured_apart, show_images)
+    sensors = sensors_of(job.sensors, given, measured_apart)
     seconds_read = time.perf_counter() - started
     with failures_named(job.output):
         job.output.mkdir(parents=True, exist_ok=True)

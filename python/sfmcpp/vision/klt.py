@@ -1,0 +1,258 @@
+"""Tracks of corners through images.
+
+Corners are those whose smaller eigenvalue of the structure tensor is large (Shi and Tomasi, "Good features
+to track", CVPR 1994), some in each cell of a grid so that they cover the image. They are followed from each
+frame to the next by the pyramidal method of Lucas and Kanade (Bouguet, Intel 2000), and back again: those
+that do not come back to where they started are dropped (Kalal, Mikolajczyk and Matas, "Forward-backward
+error", ICPR 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.problem import BoolArray, FloatArray, IndexArray
+from sfmcpp.vision._opencv import load_cv2
+from sfmcpp.vision.frames import GreyImage
+
+Corners = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class KltSettings:
+    """What decides about corners and how they are followed.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Cells of the grid across and down the image.
+    per_cell : int
+        Tracks that a cell is filled up to.
+    window_px : int
+        Side of the square that is compared, odd [px].
+    levels : int
+        Halvings of the image above the full size; each doubles the motion that can be followed.
+    forward_backward_px : float
+        Farthest that a corner may come back from where it started [px].
+    min_distance_px : int
+        Least distance of a new corner from all others [px].
+    quality : float
+        Least response of a corner, as part of the strongest one's in the image.
+    max_residual : float
+        Largest mean absolute difference of the two squares [grey levels].
+    """
+
+    columns: int = 12
+    rows: int = 4
+    per_cell: int = 5
+    window_px: int = 21
+    levels: int = 4
+    forward_backward_px: float = 1.0
+    min_distance_px: int = 10
+    quality: float = 0.01
+    max_residual: float = 40.0
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "rows", "per_cell", "min_distance_px"):
+            _require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
+        for name in ("forward_backward_px", "max_residual"):
+            _require(name, getattr(self, name), getattr(self, name) > 0, "positive")
+        _require("window_px", self.window_px, self.window_px in range(3, 256, 2), "odd, from 3 to 255")
+        _require("levels", self.levels, self.levels >= 0, "0 or more")
+        _require("quality", self.quality, 0 < self.quality < 1, "in (0, 1)")
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTracks:
+    """M observations of tracks in the frames of one camera.
+
+    Attributes
+    ----------
+    num_frames : int
+        Frames looked at.
+    width, height : int
+        Size of each [px].
+    frame_index, track_index : (M,) int32
+        Frame and track of each observation, by frame and then by track; a track sees consecutive frames.
+    pixels : (M, 2) float64
+        Where, the centre of the first pixel being (0, 0) [px].
+    """
+
+    num_frames: int
+    width: int
+    height: int
+    frame_index: IndexArray
+    track_index: IndexArray
+    pixels: FloatArray
+
+
+def track_features(
+    frames: Iterable[GreyImage],
+    settings: KltSettings | None = None,
+    *,
+    callback: Callable[[int], None] | None = None,
+) -> FeatureTracks:
+    """Follow corners through images; the same images give the same tracks.
+
+    Parameters
+    ----------
+    frames : iterable of (height, width) uint8
+        Images of one size; looked at once, two at a time.
+    settings : KltSettings, optional
+        Default: that of a car's camera.
+    callback : callable, optional
+        Called with the number of each frame when it has been looked at.
+
+    Returns
+    -------
+    FeatureTracks
+        Each new corner has a new track, numbered from 0.
+
+    Raises
+    ------
+    InvalidArgument
+        If a frame is not of uint8 numbers (height, width), or of another size than the first.
+    ModuleNotFoundError
+        If OpenCV is not installed.
+    """
+    tracker: _Tracker | None = None
+    num_frames = 0
+    for number, image in enumerate(frames):
+        _require_grey(number, image, tracker)
+        tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
+        tracker.look_at(image)
+        num_frames = number + 1
+        if callback is not None:
+            callback(number)
+    return _joined(num_frames, tracker)
+
+
+@dataclass(eq=False)
+class _Tracker:
+    """The corners followed now, and all that were seen."""
+
+    cv2: ModuleType
+    settings: KltSettings
+    shape: tuple[int, int]
+    corners: Corners = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    tracks: IndexArray = field(default_factory=lambda: np.empty(0, np.int32))
+    seen: list[tuple[IndexArray, Corners]] = field(default_factory=list)
+    image: GreyImage | None = None
+    next_track: int = 0
+
+    def look_at(self, image: GreyImage) -> None:
+        """Follow the corners into `image`, and fill up its cells."""
+        if self.image is not None and len(self.corners):
+            moved, good = self._followed(self.image, image)
+            self.corners, self.tracks = moved[good], self.tracks[good]
+        self.image = image
+        self._add(self._new_corners(image))
+        self.seen.append((self.tracks, self.corners))
+
+    def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
+        moved, found, residual = self._flow(before, image, self.corners)
+        back, found_back, _ = self._flow(image, before, moved)
+        distance = np.linalg.norm(back - self.corners, axis=1)
+        good = found & found_back & (distance <= self.settings.forward_backward_px)
+        return moved, good & (residual <= self.settings.max_residual) & self._inside(moved)
+
+    def _flow(
+        self, a: GreyImage, b: GreyImage, corners: Corners
+    ) -> tuple[Corners, BoolArray, NDArray[np.float32]]:
+        window = (self.settings.window_px,) * 2
+        stop = (self.cv2.TERM_CRITERIA_EPS | self.cv2.TERM_CRITERIA_COUNT, 30, 0.005)
+        levels = self.settings.levels
+        moved, found, residual = self.cv2.calcOpticalFlowPyrLK(
+            a, b, corners, None, winSize=window, maxLevel=levels, criteria=stop
+        )
+        return moved, found[:, 0].astype(np.bool_), residual[:, 0]
+
+    @property
+    def _border_px(self) -> int:
+        return self.settings.window_px // 2
+
+    def _inside(self, corners: Corners) -> BoolArray:
+        """Those whose square lies in the image."""
+        height, width = self.shape
+        last = np.array([width, height]) - 1 - self._border_px
+        return np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
+
+    def _new_corners(self, image: GreyImage) -> Corners:
+        """The strongest where cells lack some."""
+        wanted = self.settings.per_cell - self._cell_counts()
+        mask = self._free_pixels()
+        if not (wanted > 0).any() or not mask.any():
+            return np.empty((0, 2), np.float32)
+        quality, distance = self.settings.quality, self.settings.min_distance_px
+        found = self.cv2.goodFeaturesToTrack(image, 0, quality, distance, mask=mask, blockSize=5)
+        if found is None:
+            return np.empty((0, 2), np.float32)
+        corners: Corners = found.reshape(-1, 2)
+        cells = self._cells(corners)
+        return corners[_rank_within(cells) < wanted[cells]]
+
+    def _free_pixels(self) -> GreyImage:
+        """Where a new corner may be: away from the border and from the corners there are."""
+        free = np.zeros(self.shape, np.uint8)
+        edge = self._border_px
+        free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255
+        taken = np.full(self.shape, 255, np.uint8)
+        columns, rows = np.round(self.corners).astype(np.int64).T
+        taken[rows, columns] = 0
+        size = 2 * self.settings.min_distance_px + 1
+        return np.asarray(free & self.cv2.erode(taken, np.ones((size, size), np.uint8)))
+
+    def _cells(self, corners: Corners) -> NDArray[np.int64]:
+        height, width = self.shape
+        columns, rows = self.settings.columns, self.settings.rows
+        column = np.minimum(corners[:, 0] * columns / width, columns - 1).astype(np.int64)
+        row = np.minimum(corners[:, 1] * rows / height, rows - 1).astype(np.int64)
+        return np.asarray(row * columns + column)
+
+    def _cell_counts(self) -> NDArray[np.int64]:
+        return np.bincount(self._cells(self.corners), minlength=self.settings.columns * self.settings.rows)
+
+    def _add(self, corners: Corners) -> None:
+        numbers = np.arange(self.next_track, self.next_track + len(corners), dtype=np.int32)
+        self.next_track += len(corners)
+        self.corners = np.concatenate([self.corners, corners])
+        self.tracks = np.concatenate([self.tracks, numbers])
+
+
+def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of the same group come before each."""
+    order = np.argsort(groups, kind="stable")
+    ordered = groups[order]
+    ranks = np.empty(len(groups), dtype=np.int64)
+    ranks[order] = np.arange(len(groups)) - np.searchsorted(ordered, ordered)
+    return ranks
+
+
+def _joined(num_frames: int, tracker: _Tracker | None) -> FeatureTracks:
+    if tracker is None:
+        return FeatureTracks(0, 0, 0, np.empty(0, np.int32), np.empty(0, np.int32), np.empty((0, 2)))
+    frames = np.repeat(np.arange(num_frames, dtype=np.int32), [len(tracks) for tracks, _ in tracker.seen])
+    tracks = np.concatenate([tracks for tracks, _ in tracker.seen])
+    pixels = np.concatenate([corners for _, corners in tracker.seen]).astype(np.float64)
+    height, width = tracker.shape
+    return FeatureTracks(num_frames, width, height, frames, tracks, pixels)
+
+
+def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
+    if image.dtype != np.uint8 or image.ndim != 2:
+        found = f"{image.dtype} {image.shape}"
+        raise InvalidArgument(f"frames[{number}] is {found}: must be uint8 (height, width)")
+    if tracker is not None and image.shape != tracker.shape:
+        rule = f"must be {tracker.shape} as the first"
+        raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")
+
+
+def _require(name: str, value: float, good: bool, rule: str) -> None:
+    if not good:
+        raise InvalidArgument(f"{name} = {value}: must be {rule}")
