@@ -25,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(arguments)
     if args.list:
-        print("\n".join(f"{name:<14}{title}" for name, title in titles().items()))
+        width = max(map(len, names())) + 2
+        print("\n".join(f"{name:<{width}}{title}" for name, title in titles().items()))
         return 0
     if args.name not in names():
         parser.error(f"NAME = {args.name!r}: must be one of {', '.join(names())}")
