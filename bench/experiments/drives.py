@@ -92,9 +92,7 @@ def _row(drive: KittiDrive, setting: Row) -> Row:
 
 def sequence_of(drive: KittiDrive) -> TrackSequence:
     """Tracks of the left camera."""
-    (fu, fv), (cu, cv) = drive.focal_px, drive.principal_point_px
-    intrinsics = np.array([fu, fv / fu, cu, cv, 0.0])
-    return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, intrinsics)
+    return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
 
 
 def sensor_of_drive(drive: KittiDrive, name: str, lie: Lie | None) -> MotionSensor:

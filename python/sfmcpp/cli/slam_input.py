@@ -157,20 +157,13 @@ def _from_images(
 
 def _from_drive(source: Path) -> SlamInput:
     drive = read_kitti_mat(source)
-    sequence = TrackSequence(
-        drive.t_s, drive.frame_index, drive.track_index, drive.left_px, _intrinsics(drive)
-    )
+    sequence = TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
     return SlamInput(sequence, drive.truth, _measurements(source, drive))
 
 
 def _measurements(file: Path, drive: KittiDrive) -> Measurements:
     streams: dict[str, SensorStream] = {s.kind: s for s in (drive.velocity, drive.angular_rate)}
     return Measurements(file, streams, Mounting(drive.camera_from_body, drive.lever_arm_m), drive.t_s)
-
-
-def _intrinsics(drive: KittiDrive) -> np.ndarray:
-    (fu, fv), (cu, cv) = drive.focal_px, drive.principal_point_px
-    return np.array([fu, fv / fu, cu, cv, 0.0])
 
 
 def _from_tracks(source: Path) -> SlamInput:

@@ -89,6 +89,12 @@ class KittiDrive:
     angular_rate: SensorStream
     truth: Trajectory
 
+    @property
+    def intrinsics(self) -> FloatArray:
+        """``(f, aspect, cx, cy, skew)`` of both cameras."""
+        (fu, fv), (cu, cv) = self.focal_px, self.principal_point_px
+        return np.array([fu, fv / fu, cu, cv, 0.0])
+
 
 def read_kitti_mat(path: Path) -> KittiDrive:
     """Read a drive.

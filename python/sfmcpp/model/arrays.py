@@ -43,8 +43,8 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     """Like :func:`finite_array`, but any number passes, NaN too."""
     try:
         array = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"{name}: must be an array of numbers ({error})") from None
+    except (TypeError, ValueError):
+        raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
     if array.ndim != len(shape) or any(n not in (ANY, m) for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if n == ANY else str(n) for n in shape)
         raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")

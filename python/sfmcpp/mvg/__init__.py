@@ -6,7 +6,7 @@ from sfmcpp.mvg.point_refinement import refine_points
 from sfmcpp.mvg.point_tests import depths, reliable_points, reprojection_errors_px, triangulation_angles_deg
 from sfmcpp.mvg.pose_estimate import PoseEstimate
 from sfmcpp.mvg.relative_pose import RelativePose, relative_pose
-from sfmcpp.mvg.resection import resection
+from sfmcpp.mvg.resection import pose_inliers, resection
 from sfmcpp.mvg.triangulation import triangulate_linear, triangulate_midpoint
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "align_similarity",
     "correct_matches",
     "depths",
+    "pose_inliers",
     "refine_points",
     "relative_pose",
     "reliable_points",

@@ -8,29 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import FloatArray
 
 _LARGEST_SEED = 2**63 - 1
-
-
-def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """`value` as a float64 array of finite numbers of that shape (−1: any length), or InvalidArgument."""
-    array = _float_array(name, value)
-    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
-        wanted = ", ".join("any" if n == -1 else str(n) for n in shape)
-        raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
-    good = np.isfinite(array)
-    if not good.all():
-        where = np.argwhere(~good)[0].tolist()
-        raise InvalidArgument(f"{name}{where} = {array[tuple(where)]}: must be finite")
-    return array
-
-
-def _float_array(name: str, value: ArrayLike) -> FloatArray:
-    try:
-        return np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
 
 
 def intrinsics_row(name: str, value: ArrayLike) -> FloatArray:
@@ -40,12 +21,6 @@ def intrinsics_row(name: str, value: ArrayLike) -> FloatArray:
         if row[index] <= 0:
             raise InvalidArgument(f"{name}[{index}] = {row[index]}: {part} must be positive")
     return row
-
-
-def require_positive(name: str, value: float) -> None:
-    """Raise InvalidArgument unless `value` is finite and positive."""
-    if not (math.isfinite(value) and value > 0):
-        raise InvalidArgument(f"{name} = {value}: must be finite and positive")
 
 
 def require_not_negative(name: str, value: float) -> None:

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp.model.arrays import require_positive
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_fraction, require_positive, require_seed
+from sfmcpp.mvg._checks import require_at_least, require_fraction, require_seed
 from sfmcpp.mvg.pinhole import mean_focal_px, to_normalised, unit
 
 # Fewer samples than this save no time worth having.

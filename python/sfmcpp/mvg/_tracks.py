@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import FloatArray, IndexArray
-from sfmcpp.mvg._checks import finite_array
 from sfmcpp.mvg.pinhole import homogeneous, to_normalised
 
 

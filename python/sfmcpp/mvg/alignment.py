@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg._checks import finite_array, require_not_negative
+from sfmcpp.mvg._checks import require_not_negative
 
 # Unit vectors are opposite where their sum is this short: its direction is lost in rounding.
 _OPPOSITE = 1e-8

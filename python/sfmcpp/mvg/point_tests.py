@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import require_positive
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_not_negative, require_positive
+from sfmcpp.mvg._checks import require_at_least, require_not_negative
 from sfmcpp.mvg._tracks import (
     intrinsics_of_observations,
     num_views,

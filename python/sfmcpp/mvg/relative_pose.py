@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.model.arrays import require_positive
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_fraction, require_positive
+from sfmcpp.mvg._checks import require_at_least, require_fraction
 from sfmcpp.mvg._matches import Matches, checked_matches
 from sfmcpp.mvg._poselib import RansacOptions, relative_camera
 from sfmcpp.mvg.pose_estimate import PoseEstimate, too_few, unknown_camera

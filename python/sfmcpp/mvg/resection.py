@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import finite_array, intrinsics_row, require_at_least, require_fraction
+from sfmcpp.mvg._checks import intrinsics_row, require_at_least, require_fraction
 from sfmcpp.mvg._poselib import RansacOptions, absolute_camera
 from sfmcpp.mvg.pinhole import to_pixels
 from sfmcpp.mvg.pose_estimate import PoseEstimate, too_few, unknown_camera
@@ -86,7 +87,7 @@ def resection(
         reason = f"{len(world)} points on one line: the camera may turn round it"
         return _failed(len(world), "collinear points", reason)
     camera = absolute_camera(world, images, row, options)
-    inliers = _inliers(camera, world, images, row, threshold_px)
+    inliers = pose_inliers(camera, world, images, row, threshold_px)
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
     if np.count_nonzero(inliers) < least:
         return _failed(len(world), *too_few("inliers", int(np.count_nonzero(inliers)), least))
@@ -97,9 +98,28 @@ def _failed(count: int, failure: str, message: str) -> PoseEstimate:
     return PoseEstimate(unknown_camera(), np.zeros(count, dtype=np.bool_), failure, message)
 
 
-def _inliers(
+def pose_inliers(
     camera: FloatArray, points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, threshold_px: float
 ) -> BoolArray:
+    """Which points a pose explains: in front of it, and seen within the threshold of where they should be.
+
+    Parameters
+    ----------
+    camera : (3, 4) float64
+        ``[R | c]``, world_from_camera.
+    points : (N, 3) float64
+        World points.
+    pixels : (N, 2) float64
+        Their images [px].
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
+    threshold_px : float
+        Largest reprojection error of an inlier [px].
+
+    Returns
+    -------
+    (N,) bool
+    """
     x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
     in_front = depth > 0
     depth = np.where(in_front, depth, 1.0)

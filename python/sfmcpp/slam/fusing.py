@@ -10,6 +10,7 @@ import numpy as np
 from sfmcpp.fusion import PoseConstraint, PoseView, WeightSelection, select_weights
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.problem import FloatArray
+from sfmcpp.mvg import pose_inliers
 from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sequence import View
 from sfmcpp.slam.settings import SlamSettings
@@ -89,13 +90,8 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
 
 def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> View:
     known = view.only(world.known[view.tracks])
-    in_camera = (world.points[known.tracks] - pose[:, 3]) @ pose[:, :3]
-    f, aspect, cx, cy, skew = world.intrinsics
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = (in_camera[:, :2] / in_camera[:, 2:]).T
-    offset = np.stack([f * x + skew * y + cx, f * aspect * y + cy], axis=1) - known.pixels
-    good = (in_camera[:, 2] > 0) & (np.linalg.norm(offset, axis=1) <= settings.resection_threshold_px)
-    return known.only(good)
+    points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
+    return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics, threshold_px))
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:

@@ -209,7 +209,7 @@ class Slam:
             self.result.poses[keyframe.frame] = keyframe.pose
         if not self._sensors.metric:
             self._register()
-        record = KeyframeRecord(frame, t_s, int(inliers), new_points, clock.laps)
+        record = KeyframeRecord(frame, t_s, int(inliers), new_points, dict(clock.laps))
         for constraint in fused.constraints:
             record.weights[constraint.measurement.sensor] = constraint.weight
         for selection in fused.selections:
