@@ -62,11 +62,16 @@ AlgebraicCost::AlgebraicCost(const Problem& problem,
       u_(u),
       v_(v),
       pool_(pool),
-      kernel_(residuals::algebraic_kernel(problem.camera_model)) {
-  for (int i = 0; i < graph.num_cameras; ++i) {
-    const int begin = graph.camera_begin[i];
+      kernel_(residuals::algebraic_kernel(problem.camera_model)) {}
+
+// Once for all line searches (thesis §4.2.2), and only if there is one.
+void AlgebraicCost::normalize_images() {
+  if (!normalizations_.empty()) return;
+  normalizations_.reserve(static_cast<std::size_t>(graph_.num_cameras));
+  for (int i = 0; i < graph_.num_cameras; ++i) {
+    const int begin = graph_.camera_begin[i];
     normalizations_.push_back(
-        normalization_of(u.data() + begin, v.data() + begin, graph.observations_of_camera(i)));
+        normalization_of(u_.data() + begin, v_.data() + begin, graph_.observations_of_camera(i)));
   }
 }
 
@@ -96,7 +101,8 @@ AlgebraicCost::CameraLine AlgebraicCost::camera_line(const optim::State& state,
 Biquadratic AlgebraicCost::along(const optim::State& state,
                                  const linear::Step& step,
                                  const std::vector<double>& weights,
-                                 AlgebraicWeights algebraic_weights) const {
+                                 AlgebraicWeights algebraic_weights) {
+  normalize_images();
   std::vector<Biquadratic> sums(graph_.chunks.size());
   pool_.parallel_for(static_cast<int>(sums.size()), [&](int c) {
     const linear::Chunk& chunk = graph_.chunks[c];

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "sfmcpp/cameras/visit_camera.hpp"
+
 namespace sfmcpp::ba {
 namespace {
 
@@ -46,7 +48,6 @@ BundleModel::BundleModel(const Problem& problem,
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
       pool_(pool),
-      point_storage_(problem.point_storage()),
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
       u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
       v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
@@ -56,10 +57,14 @@ BundleModel::BundleModel(const Problem& problem,
                                                ? 1.0
                                                : 1.0 / problem.sigma_px[source];
                                   })),
-      weights_(inverse_sigma_),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs()),
       algebraic_(problem, graph, map, free_intrinsics_, u_, v_, pool) {}
+
+void BundleModel::set_loss(const Loss& loss) {
+  loss_ = loss;
+  if (loss.kind != LossKind::kSquared) weights_ = inverse_sigma_;
+}
 
 residuals::ObservationBatch BundleModel::batch(const State& state, const Chunk& chunk) const {
   const int group = problem_.intrinsics_index[chunk.camera];
@@ -144,24 +149,26 @@ void BundleModel::plus(const State& state,
     } else {
       const int begin = (task - 1) * linear::kPointsPerTask;
       const int end = std::min(begin + linear::kPointsPerTask, graph_.num_points);
-      for (int p = begin; p < end; ++p) move_point(state, step, lengths.point, p, result);
+      move_points(state, step, lengths.point, begin, end, result);
     }
   });
 }
 
-void BundleModel::move_point(
-    const State& state, const linear::Step& step, double length, int p, State& result) const {
-  double delta[kPointTangent];
-  for (int k = 0; k < kPointTangent; ++k)
-    delta[k] = length * step.point[static_cast<std::size_t>(kPointTangent) * p + k];
-  const long offset = static_cast<long>(point_storage_) * p;
-  if (point_storage_ == kPointTangent) {
-    for (int k = 0; k < kPointTangent; ++k)
-      result.points[offset + k] = state.points[offset + k] + delta[k];
-  } else {
-    plus_point(
-        problem_.camera_model, state.points.data() + offset, delta, result.points.data() + offset);
-  }
+void BundleModel::move_points(const State& state,
+                              const linear::Step& step,
+                              double length,
+                              int begin,
+                              int end,
+                              State& result) const {
+  visit_camera(problem_.camera_model, [&](auto camera) {
+    using Camera = decltype(camera);
+    for (long p = begin; p < end; ++p) {
+      const double* move = step.point.data() + kPointTangent * p;
+      const double delta[kPointTangent] = {length * move[0], length * move[1], length * move[2]};
+      const long offset = Camera::kPointStorage * p;
+      Camera::plus_point(state.points.data() + offset, delta, result.points.data() + offset);
+    }
+  });
 }
 
 void BundleModel::move_camera(
@@ -197,7 +204,7 @@ void BundleModel::normalize(State& state) const {
   for (int p = 0; p < graph_.num_points; ++p) {
     if (!problem_.fixed_points[p])
       normalize_point(problem_.camera_model,
-                      state.points.data() + static_cast<long>(point_storage_) * p);
+                      state.points.data() + static_cast<long>(problem_.point_storage()) * p);
   }
 }
 

@@ -56,13 +56,14 @@ class AlgebraicCost {
   Biquadratic along(const optim::State& state,
                     const linear::Step& step,
                     const std::vector<double>& weights,
-                    AlgebraicWeights algebraic_weights) const;
+                    AlgebraicWeights algebraic_weights);
 
  private:
   struct CameraLine {
     double matrix[kCameraStorage];
     double change[kCameraStorage];
   };
+  void normalize_images();
   CameraLine camera_line(const optim::State& state, const linear::Step& step, int camera) const;
 
   const Problem& problem_;
@@ -73,7 +74,7 @@ class AlgebraicCost {
   const std::vector<double>& v_;
   ThreadPool& pool_;
   residuals::AlgebraicKernel kernel_;
-  std::vector<ImageNormalization> normalizations_;  // of each image
+  std::vector<ImageNormalization> normalizations_;  // of each image, once it is asked for
 };
 
 }  // namespace ba

@@ -27,7 +27,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   BundleModel(const BundleModel&) = delete;
   BundleModel& operator=(const BundleModel&) = delete;
 
-  void set_loss(const Loss& loss) { loss_ = loss; }
+  void set_loss(const Loss& loss);
   void set_algebraic_weights(AlgebraicWeights weights) { algebraic_weights_ = weights; }
 
   double cost(const optim::State& state) override;
@@ -63,22 +63,22 @@ class BundleModel final : public optim::LeastSquaresModel {
                    double length,
                    int camera,
                    optim::State& result) const;
-  void move_point(const optim::State& state,
-                  const linear::Step& step,
-                  double length,
-                  int p,
-                  optim::State& result) const;
+  void move_points(const optim::State& state,
+                   const linear::Step& step,
+                   double length,
+                   int begin,
+                   int end,
+                   optim::State& result) const;
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
   ThreadPool& pool_;
-  int point_storage_;
   residuals::ReprojectionKernels kernels_;
   Loss loss_;
   std::vector<double> u_, v_, inverse_sigma_;  // in stored order, readable beyond the end
-  std::vector<double> weights_;                // 1/σ √ρ′ where linearised last
+  std::vector<double> weights_;  // 1/σ √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;
   AlgebraicCost algebraic_;
