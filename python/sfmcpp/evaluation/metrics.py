@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import so3
-from sfmcpp.model.arrays import require_positive
+from sfmcpp.model.checks import require_positive
 from sfmcpp.model.problem import FloatArray
 
 RELATIONS = ("translation_part", "rotation_angle_deg", "full_transformation")

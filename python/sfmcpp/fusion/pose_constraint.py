@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, finite_array, require_positive
+from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.checks import require_positive
 from sfmcpp.model.problem import FloatArray
 
 

@@ -27,8 +27,12 @@ from sfmcpp.io.sensor_columns import GROUPS, Column, parse_column
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.sensor_stream import ImplausibleSample
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
+
+# Beside the columns, the line of the file that each row stands on.
+_LINE = "line"
 
 Table = dict[str, FloatArray]
 
@@ -112,7 +116,7 @@ def _cells(path: Path, columns: list[Column | None], lines: Iterator[tuple[int, 
         reason = f"time {table['t'][row]:.9f} s after {table['t'][row - 1]:.9f} s: must increase"
         raise DatasetError(path, reason, rows[row][0])
     _require_whole_groups(path, table, [number for number, _ in rows])
-    return table
+    return table | {_LINE: np.array([number for number, _ in rows])}
 
 
 def _row(path: Path, number: int, line: str, columns: list[Column | None]) -> tuple[int, list[float]]:
@@ -157,12 +161,15 @@ def _streams(path: Path, table: Table, max_gap_s: float | None) -> dict[str, Sen
     if values["position"].size and values["orientation"].size:
         values["pose"] = np.hstack([values.pop("position"), values.pop("orientation")])
     values["geodetic"] = _geodetic(path, table)
-    return {kind: _stream(table["t"], v, kind, max_gap_s) for kind, v in values.items() if v.size}
+    return {kind: _stream(path, table, v, kind, max_gap_s) for kind, v in values.items() if v.size}
 
 
-def _stream(t_s: FloatArray, values: FloatArray, kind: str, max_gap_s: float | None) -> SensorStream:
+def _stream(path: Path, table: Table, values: FloatArray, kind: str, max_gap_s: float | None) -> SensorStream:
     given = ~np.isnan(values).any(axis=1)
-    return SensorStream(t_s[given], values[given], kind, kind, max_gap_s)  # type: ignore[arg-type]
+    try:
+        return SensorStream(table["t"][given], values[given], kind, kind, max_gap_s)  # type: ignore[arg-type]
+    except ImplausibleSample as error:
+        raise DatasetError(path, str(error), int(table[_LINE][given][error.sample])) from error
 
 
 def _group(table: Table, group: str) -> FloatArray:

@@ -51,12 +51,6 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     return array
 
 
-def require_positive(name: str, value: float) -> None:
-    """Raise InvalidArgument unless `value` is finite and positive."""
-    if not (np.isfinite(value) and value > 0):
-        raise InvalidArgument(f"{name} = {value}: must be finite and positive")
-
-
 def require_increasing(name: str, stamps: FloatArray) -> None:
     """Raise InvalidArgument at the first stamp [s] that does not come after the one before it."""
     late = np.flatnonzero(np.diff(stamps) <= 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.checks import looked_up
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,4 @@ def camera_model(name: str) -> CameraModel:
     InvalidArgument
         If no camera model has that name.
     """
-    try:
-        return CAMERA_MODELS[name]
-    except KeyError:
-        known = ", ".join(CAMERA_MODELS)
-        raise InvalidArgument(f"camera_model = {name!r}: must be one of {known}") from None
+    return looked_up("camera_model", name, CAMERA_MODELS)

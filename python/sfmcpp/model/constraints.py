@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.checks import looked_up
 from sfmcpp.model.problem import FloatArray, IndexArray
 
 NO_CAMERA = -1
@@ -185,9 +186,7 @@ def constraint_kind(name: str) -> ConstraintKind:
     InvalidArgument
         If there is no kind of that name.
     """
-    if name not in CONSTRAINT_KINDS:
-        raise InvalidArgument(f"kind = {name!r}: must be one of {', '.join(CONSTRAINT_KINDS)}")
-    return CONSTRAINT_KINDS[name]
+    return looked_up("kind", name, CONSTRAINT_KINDS)
 
 
 def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:

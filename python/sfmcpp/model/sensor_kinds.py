@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.checks import looked_up
 from sfmcpp.model.problem import FloatArray
 
 # Faster than any road vehicle or train the package is meant for.
@@ -136,6 +136,4 @@ def sensor_kind(name: str) -> SensorKind:
     InvalidArgument
         If there is no kind of that name.
     """
-    if name not in SENSOR_KINDS:
-        raise InvalidArgument(f"kind = {name!r}: must be one of {', '.join(SENSOR_KINDS)}")
-    return SENSOR_KINDS[name]
+    return looked_up("kind", name, SENSOR_KINDS)

@@ -15,6 +15,22 @@ from sfmcpp.model.sensor_kinds import Limit, SensorKind, sensor_kind
 BRIDGED_PERIODS = 5.0
 
 
+class ImplausibleSample(InvalidArgument):
+    """A measurement that no sensor in the declared unit makes.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong.
+    sample : int
+        Row of the sample in its stream.
+    """
+
+    def __init__(self, message: str, sample: int) -> None:
+        super().__init__(message)
+        self.sample = sample
+
+
 @dataclass(frozen=True)
 class Gap:
     """A stretch without samples that is too long to be bridged.
@@ -60,7 +76,8 @@ class SensorStream:
     Raises
     ------
     InvalidArgument
-        If any of this does not hold; the message names the stream, the sample and its time.
+        If any of this does not hold; the message names the stream, the sample and its time. Where a value is
+        implausible it is an :class:`ImplausibleSample`.
     """
 
     t_s: FloatArray
@@ -74,6 +91,8 @@ class SensorStream:
         object.__setattr__(self, "name", self.name or self.kind)
         try:
             self._check(kind)
+        except ImplausibleSample as error:
+            raise ImplausibleSample(f"stream {self.name!r}: {error}", error.sample) from None
         except InvalidArgument as error:
             raise InvalidArgument(f"stream {self.name!r}: {error}") from None
 
@@ -141,7 +160,8 @@ def _values(given: FloatArray, stamps: FloatArray, kind: SensorKind) -> FloatArr
 def _require_plausible(limit: Limit, stamps: FloatArray, values: FloatArray) -> None:
     magnitude, row = limit.measure(stamps, values)
     if magnitude > limit.largest:
-        raise InvalidArgument(
+        raise ImplausibleSample(
             f"{limit.what} of {magnitude:.6g} {limit.unit} at sample {row}, at {stamps[row]:.6f} s: "
-            f"must be at most {limit.largest:.6g} {limit.unit}; was it given in {limit.hint}?"
+            f"must be at most {limit.largest:.6g} {limit.unit}; was it given in {limit.hint}?",
+            row,
         )

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, finite_array, require_positive
+from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.checks import require_positive
+from sfmcpp.model.point_moments import PointMoments
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.model.so3 import is_rotation, nearest_rotation
 
 _ROTATION_TOLERANCE = 1e-6
-# Thinnest extent relative to the longest one that is more than rounding; variances go with its square.
+# Thinnest extent relative to the longest one that is more than rounding.
 _THINNEST = 1e-7
 
 
@@ -105,8 +107,7 @@ def fit_similarity(
     """
     moments = _moments(source, target, weights)
     _require_plane(moments)
-    rotation = nearest_rotation(moments.covariance)
-    return _with_rotation(moments, rotation, with_scale)
+    return _with_rotation(moments, nearest_rotation(moments.covariance), with_scale)
 
 
 def fit_pose_similarity(
@@ -142,66 +143,37 @@ def fit_pose_similarity(
     moments = _moments(source[:, :, 3], target[:, :, 3], weights)
     _require_movement(moments)
     turns = target[:, :, :3] @ np.swapaxes(source[:, :, :3], 1, 2)
-    orientation = np.einsum("n,nij->ij", moments.weights, turns)
-    spread = float(np.sqrt(np.trace(moments.source_spread) * np.trace(moments.target_spread)))
-    rotation = nearest_rotation(moments.covariance / spread + orientation)
-    return _with_rotation(moments, rotation, with_scale)
+    orientation = np.einsum("n,nij->ij", moments.shares, turns)
+    spread = np.sqrt(moments.source_variance * moments.target_variance)
+    return _with_rotation(moments, nearest_rotation(moments.covariance / spread + orientation), with_scale)
 
 
-@dataclass(frozen=True)
-class _Moments:
-    weights: FloatArray
-    source_mean: FloatArray
-    target_mean: FloatArray
-    covariance: FloatArray
-    source_spread: FloatArray
-    target_spread: FloatArray
+def _moments(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None) -> PointMoments:
+    moments = PointMoments.of(source, target, weights)
+    if moments.count < 2:
+        raise InvalidArgument(f"source: {moments.count} pairs count, must be two or more")
+    return moments
 
 
-def _moments(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None) -> _Moments:
-    source = finite_array("source", source, (ANY, 3))
-    target = finite_array("target", target, (len(source), 3))
-    shares = _shares(weights, len(source))
-    source_mean, target_mean = shares @ source, shares @ target
-    x, y = source - source_mean, target - target_mean
-    weighted = shares[:, None] * x
-    return _Moments(
-        shares, source_mean, target_mean, y.T @ weighted, x.T @ weighted, y.T @ (shares[:, None] * y)
-    )
-
-
-def _shares(weights: ArrayLike | None, count: int) -> FloatArray:
-    """Weights (n,) that sum to one."""
-    given = np.ones(count) if weights is None else finite_array("weights", weights, (count,))
-    if (given < 0).any():
-        row = int(np.argmin(given))
-        raise InvalidArgument(f"weights[{row}] = {given[row]}: must not be negative")
-    if np.count_nonzero(given) < 2:
-        raise InvalidArgument(f"source: {np.count_nonzero(given)} pairs count, must be two or more")
-    return np.asarray(given / given.sum())
-
-
-def _require_plane(moments: _Moments) -> None:
-    for name, spread in (("source", moments.source_spread), ("target", moments.target_spread)):
-        variances = np.linalg.eigvalsh(spread)
-        if not variances[1] > _THINNEST**2 * variances[2]:
+def _require_plane(moments: PointMoments) -> None:
+    for name, extents in (("source", moments.source_extents), ("target", moments.target_extents)):
+        if not extents[1] > _THINNEST * extents[0]:
             raise InvalidArgument(
                 f"{name}: the points lie on a line, about which any rotation fits: must span a plane"
             )
 
 
-def _require_movement(moments: _Moments) -> None:
-    for name, mean, spread in (
-        ("source", moments.source_mean, moments.source_spread),
-        ("target", moments.target_mean, moments.target_spread),
+def _require_movement(moments: PointMoments) -> None:
+    for name, mean, variance in (
+        ("source", moments.source_mean, moments.source_variance),
+        ("target", moments.target_mean, moments.target_variance),
     ):
-        if not np.sqrt(np.trace(spread)) > _THINNEST * np.linalg.norm(mean):
+        if not np.sqrt(variance) > _THINNEST * np.linalg.norm(mean):
             raise InvalidArgument(f"{name}: all positions are the same, must differ")
 
 
-def _with_rotation(moments: _Moments, rotation: FloatArray, with_scale: bool) -> Similarity:
-    overlap = float(np.sum(rotation * moments.covariance))
-    if with_scale and not overlap > 0:
+def _with_rotation(moments: PointMoments, rotation: FloatArray, with_scale: bool) -> Similarity:
+    scale = moments.scale(rotation) if with_scale else 1.0
+    if not scale > 0:
         raise InvalidArgument("target: runs against source whatever the rotation, no positive scale fits")
-    scale = overlap / float(np.trace(moments.source_spread)) if with_scale else 1.0
-    return Similarity(scale, rotation, moments.target_mean - scale * (rotation @ moments.source_mean))
+    return Similarity(scale, rotation, moments.translation(rotation, scale))

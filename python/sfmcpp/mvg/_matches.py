@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import intrinsics_row
 from sfmcpp.mvg.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
-from sfmcpp.mvg.pinhole import homogeneous, mean_focal_px, to_normalised, unit
+from sfmcpp.mvg.pinhole import homogeneous, intrinsics_row, mean_focal_px, to_normalised, unit
 from sfmcpp.mvg.rotation_fit import angles_rad, fit_rotation
 
 _FIRST_CAMERA = np.eye(3, 4)

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.model.arrays import require_positive
+from sfmcpp.model.checks import require_count, require_fraction, require_positive, require_seed
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_fraction, require_seed
 from sfmcpp.mvg.pinhole import mean_focal_px, to_normalised, unit
 
 # Fewer samples than this save no time worth having.
@@ -46,7 +45,7 @@ class RansacOptions:
     def __post_init__(self) -> None:
         require_positive("threshold_px", self.threshold_px)
         require_fraction("confidence", self.confidence)
-        require_at_least("max_iterations", self.max_iterations, 1)
+        require_count("max_iterations", self.max_iterations, 1)
         require_seed(self.seed)
 
 

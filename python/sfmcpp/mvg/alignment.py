@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import finite_array
+from sfmcpp.model.checks import require_not_negative
+from sfmcpp.model.point_moments import PointMoments
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg._checks import require_not_negative
+from sfmcpp.model.so3 import nearest_rotation
 
 # Unit vectors are opposite where their sum is this short: its direction is lost in rounding.
 _OPPOSITE = 1e-8
@@ -134,52 +134,34 @@ def _align(
     *,
     free_scale: bool,
 ) -> Alignment:
-    a = finite_array("source", source, (-1, 3))
-    b = finite_array("target", target, (len(a), 3))
-    if not len(a):
-        raise InvalidArgument("source: 0 points, must be at least 1")
     require_not_negative("collinear_ratio", collinear_ratio)
-    part = _parts(weights, len(a))
-    mean_a, mean_b = part @ a, part @ b
-    dimension = min(_dimension(x - m, part, collinear_ratio) for x, m in ((a, mean_a), (b, mean_b)))
-    rotation, trace = _rotation((part[:, None] * (b - mean_b)).T @ (a - mean_a), dimension)
-    variance = float(part @ ((a - mean_a) ** 2).sum(axis=1))
-    scale = trace / variance if free_scale and dimension else 1.0
-    translation = mean_b - scale * rotation @ mean_a
-    rms = np.sqrt(part @ ((scale * a @ rotation.T + translation - b) ** 2).sum(axis=1))
+    moments = PointMoments.of(source, target, weights)
+    extents = (moments.source_extents, moments.target_extents)
+    dimension = min(_dimension(extent, collinear_ratio) for extent in extents)
+    rotation = _rotation(moments.covariance, dimension)
+    scale = moments.scale(rotation) if free_scale and dimension else 1.0
+    translation = moments.translation(rotation, scale)
     undetermined = ("rotation and scale", "rotation about a line", "")[dimension]
-    return Alignment(float(scale), rotation, translation, float(rms), undetermined)
+    found = Alignment(scale, rotation, translation, 0.0, undetermined)
+    distances = np.linalg.norm(found.apply(source) - np.asarray(target), axis=1)
+    return replace(found, rms=float(np.sqrt(moments.shares @ distances**2)))
 
 
-def _parts(weights: ArrayLike | None, count: int) -> FloatArray:
-    """Weights that sum to one."""
-    values = np.ones(count) if weights is None else finite_array("weights", weights, (count,))
-    if (values < 0).any():
-        worst = int(np.argmin(values))
-        raise InvalidArgument(f"weights[{worst}] = {values[worst]}: must not be negative")
-    if not values.any():
-        raise InvalidArgument("weights: all zero, at least one must be positive")
-    return np.asarray(values / values.sum())
-
-
-def _dimension(centred: FloatArray, part: FloatArray, collinear_ratio: float) -> int:
+def _dimension(extents: FloatArray, collinear_ratio: float) -> int:
     """0 for points at one place, 1 on a line, 2 otherwise."""
-    spread = np.linalg.svd(np.sqrt(part)[:, None] * centred, compute_uv=False)
-    if not spread.size or spread[0] == 0:
+    if extents[0] == 0:
         return 0
-    return 1 if len(spread) < 2 or spread[1] <= collinear_ratio * spread[0] else 2
+    return 1 if extents[1] <= collinear_ratio * extents[0] else 2
 
 
-def _rotation(covariance: FloatArray, dimension: int) -> tuple[FloatArray, float]:
-    """Rotation R of largest trace(Rᵀ · covariance), the smallest of several, and that trace."""
-    u, d, vt = np.linalg.svd(covariance)
+def _rotation(covariance: FloatArray, dimension: int) -> FloatArray:
+    """Rotation R of largest trace(Rᵀ · covariance), the smallest of several."""
     if dimension == 0:
-        return np.eye(3), 0.0
-    if dimension == 1:
-        return _smallest_rotation(vt[0], u[:, 0]), float(d[0])
-    # Eq. 43: a reflection is undone along the direction that counts least.
-    handed = np.array([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)])
-    return np.asarray((u * handed) @ vt), float(d @ handed)
+        return np.eye(3)
+    if dimension == 2:
+        return nearest_rotation(covariance)
+    u, _, vt = np.linalg.svd(covariance)
+    return _smallest_rotation(vt[0], u[:, 0])
 
 
 def _smallest_rotation(source: FloatArray, target: FloatArray) -> FloatArray:

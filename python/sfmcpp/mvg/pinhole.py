@@ -6,8 +6,20 @@ With intrinsics ``(f, aspect, cx, cy, skew)``: ``u = f x + skew y + cx``, ``v = 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import finite_array
 from sfmcpp.model.problem import FloatArray
+
+
+def intrinsics_row(name: str, value: ArrayLike) -> FloatArray:
+    """`value` as ``(f, aspect, cx, cy, skew)``, or InvalidArgument."""
+    row = finite_array(name, value, (5,))
+    for index, part in enumerate(("f", "aspect")):
+        if row[index] <= 0:
+            raise InvalidArgument(f"{name}[{index}] = {row[index]}: {part} must be positive")
+    return row
 
 
 def to_normalised(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_count
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import require_at_least
 from sfmcpp.mvg._tracks import (
     intrinsics_of_observations,
     num_views,
@@ -51,7 +51,7 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
         numbers that are not finite or indices out of range.
     """
     require_calibrated(problem)
-    require_at_least("max_steps", max_steps, 1)
+    require_count("max_steps", max_steps, 1)
     best: FloatArray = require_points(problem, points).copy()
     costs = _costs(problem, best)
     damping = np.full(len(best), _FIRST_DAMPING)

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import require_positive
+from sfmcpp.model.checks import require_count, require_not_negative, require_positive
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_not_negative
 from sfmcpp.mvg._tracks import (
     intrinsics_of_observations,
     num_views,
@@ -142,7 +141,7 @@ def reliable_points(
     """
     require_positive("max_error_px", max_error_px)
     require_not_negative("min_angle_deg", min_angle_deg)
-    require_at_least("min_views", min_views, 1)
+    require_count("min_views", min_views, 1)
     bad = reprojection_errors_px(problem, points) > max_error_px
     num_bad = np.bincount(problem.point_index, bad, problem.num_points)
     wide = triangulation_angles_deg(problem, points) >= min_angle_deg

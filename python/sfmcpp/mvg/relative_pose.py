@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfmcpp.model.arrays import require_positive
+from sfmcpp.model.checks import require_count, require_fraction, require_positive
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import require_at_least, require_fraction
 from sfmcpp.mvg._matches import Matches, checked_matches
 from sfmcpp.mvg._poselib import RansacOptions, relative_camera
 from sfmcpp.mvg.pose_estimate import PoseEstimate, too_few, unknown_camera
@@ -98,7 +97,7 @@ def relative_pose(
         If PoseLib is not installed (extra ``vision``).
     """
     matches = checked_matches(pixels_1, pixels_2, intrinsics_1, intrinsics_2)
-    require_at_least("min_inliers", min_inliers, _SAMPLE_SIZE)
+    require_count("min_inliers", min_inliers, _SAMPLE_SIZE)
     require_fraction("min_inlier_ratio", min_inlier_ratio)
     require_positive("min_parallax_px", min_parallax_px)
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)

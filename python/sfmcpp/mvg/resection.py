@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.model.arrays import finite_array
+from sfmcpp.model.checks import require_count, require_fraction
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.mvg._checks import intrinsics_row, require_at_least, require_fraction
 from sfmcpp.mvg._poselib import RansacOptions, absolute_camera
-from sfmcpp.mvg.pinhole import to_pixels
+from sfmcpp.mvg.pinhole import intrinsics_row, to_pixels
 from sfmcpp.mvg.pose_estimate import PoseEstimate, too_few, unknown_camera
 
 _SAMPLE_SIZE = 3
@@ -78,7 +78,7 @@ def resection(
     world = finite_array("points", points, (-1, 3))
     images = finite_array("pixels", pixels, (len(world), 2))
     row = intrinsics_row("intrinsics", intrinsics)
-    require_at_least("min_inliers", min_inliers, _SAMPLE_SIZE + 1)
+    require_count("min_inliers", min_inliers, _SAMPLE_SIZE + 1)
     require_fraction("min_inlier_ratio", min_inlier_ratio)
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)
     if len(world) < min_inliers:

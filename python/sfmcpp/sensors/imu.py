@@ -138,6 +138,18 @@ def rotations_between_cuts(stream: SensorStream, middles_s: FloatArray, lengths_
     return np.asarray(absolute[0].T @ absolute[1:])
 
 
+def rotations_at_samples(stream: SensorStream, factor: float = 1.0) -> FloatArray:
+    """Rotations (n, 3, 3) start_from_body at a stream's stamps; rates are multiplied by `factor` first."""
+    if stream.kind != "angular_rate":
+        return so3.exp(stream.values[:, -3:])
+    middles = 0.5 * factor * (stream.values[1:] + stream.values[:-1])
+    result = np.empty((len(stream), 3, 3))
+    result[0] = np.eye(3)
+    for row, step in enumerate(so3.exp(middles * np.diff(stream.t_s)[:, None])):
+        result[row + 1] = result[row] @ step
+    return result
+
+
 def _integrated(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
     middles_s, lengths_s = segments(start_s, end_s, stream)
     turn = np.eye(3)

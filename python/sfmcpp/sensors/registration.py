@@ -13,12 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity, fit_pose_similarity, fit_similarity
+from sfmcpp.model import Similarity, fit_pose_similarity
 from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.point_moments import PointMoments
 from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.so3 import nearest_rotation
+from sfmcpp.sensors.upright import UP_IN_CAMERA, upright_rotation
 
 # N_recal of the thesis.
 PAIRS = 6
+# A scale that may be off by more than this share is none: the way gone is too short for the noise.
+LARGEST_RELATIVE_SIGMA = 0.2
+# Cameras on vehicles and in hands stand upright to about this; a roll that positions tell worse is open.
+OPEN_ROLL_RAD = float(np.deg2rad(5.0))
+# Extents of less than this share of the longest one are rounding.
+_THINNEST = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +40,21 @@ class Registration:
         What to apply to poses and points.
     residuals_m : (n,) float64
         Distance left between the positions of each pair [m]; of each step, if only distances were given.
+    relative_sigma : float
+        What the scale may be off, as a share of it, by the residuals; by positions alone also what the
+        direction of the path may be off [rad].
+    roll_sigma_rad : float
+        What the rotation about the line of the path may be off, by the positions [rad]: infinite on a
+        straight line; 0 where orientations tell it.
+    upright : bool
+        Whether that rotation was taken from the cameras standing upright, because positions left it open.
     """
 
     similarity: Similarity
     residuals_m: FloatArray
+    relative_sigma: float = 0.0
+    roll_sigma_rad: float = 0.0
+    upright: bool = False
 
     @property
     def rmse_m(self) -> float:
@@ -44,6 +64,8 @@ class Registration:
 
 def register_by_poses(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS) -> Registration:
     """Register by poses: an INS, or an odometer and a gyroscope integrated.
+
+    The orientations tell the rotation, on a straight line too.
 
     Parameters
     ----------
@@ -61,15 +83,28 @@ def register_by_poses(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS
     Raises
     ------
     InvalidArgument
-        If there are fewer than `pairs`, a shape is wrong, or the camera did not move.
+        If there are fewer than `pairs`, a shape is wrong, or the camera moved too little to tell a scale.
     """
     source, target = _first("vision", vision, pairs, 2), _first("measured", measured, pairs, 2)
+    moments = _moving(source[:, :, 3], target[:, :, 3])
     similarity = fit_pose_similarity(source, target)
-    return Registration(similarity, _distances(similarity.apply(source[:, :, 3]), target[:, :, 3]))
+    residuals = _distances(similarity.apply(source[:, :, 3]), target[:, :, 3])
+    # The positions leave three numbers of the translation and the scale to the residuals.
+    noise = _noise(residuals, 4)
+    return Registration(similarity, residuals, _relative_sigma(moments, similarity.scale, noise))
 
 
-def register_by_positions(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS) -> Registration:
-    """Register by positions alone, from a GPS: the path must bend.
+def register_by_positions(
+    vision: ArrayLike,
+    measured: ArrayLike,
+    pairs: int = PAIRS,
+    up: ArrayLike | None = None,
+    up_in_camera: ArrayLike = UP_IN_CAMERA,
+) -> Registration:
+    """Register by positions alone, from a GPS.
+
+    On a straight street positions leave the rotation about its line open. Where they tell it worse than
+    `OPEN_ROLL_RAD`, the cameras are taken as upright in the mean; all else is the least-squares fit.
 
     Parameters
     ----------
@@ -79,20 +114,36 @@ def register_by_positions(vision: ArrayLike, measured: ArrayLike, pairs: int = P
         Positions of the same cameras [m].
     pairs : int
         How many of the first ones to use, at least 3.
+    up : (3,) array-like, optional
+        Direction in the world of `measured` that is up. Without it the path must bend.
+    up_in_camera : (3,) array-like
+        Direction in the camera's frame that is up where it stands upright. Default: against its y axis.
 
     Returns
     -------
     Registration
+        :attr:`Registration.upright` tells whether `up` was needed.
 
     Raises
     ------
     InvalidArgument
-        If there are fewer than `pairs`, a shape is wrong, or the positions lie on a line.
+        If there are fewer than `pairs`, a shape is wrong, the camera moved too little for the noise of the
+        positions, or it went straight and there is no `up`, or straight along `up`.
     """
-    source = _first("vision", vision, pairs, 3)[:, :, 3]
-    target = finite_array("measured", measured, (ANY, 3))[: len(source)]
-    similarity = fit_similarity(source, target)
-    return Registration(similarity, _distances(similarity.apply(source), target))
+    poses = _first("vision", vision, pairs, 3)
+    source, target = poses[:, :, 3], finite_array("measured", measured, (ANY, 3))[:pairs]
+    moments = _moving(source, target)
+    free = _registered(moments, nearest_rotation(moments.covariance), source, target)
+    if free.roll_sigma_rad <= OPEN_ROLL_RAD:
+        return free
+    if up is None:
+        raise InvalidArgument(
+            "measured: the positions lie on a line to within their noise, about which any rotation fits: the "
+            "path must bend, or `up` be given"
+        )
+    in_map = (poses[:, :, :3] @ finite_array("up_in_camera", up_in_camera, (3,))).mean(axis=0)
+    rotation = upright_rotation(moments.covariance, in_map, finite_array("up", up, (3,)))
+    return _registered(moments, rotation, source, target, upright=True)
 
 
 def register_by_distances(vision: ArrayLike, distances_m: ArrayLike, pairs: int = PAIRS) -> Registration:
@@ -137,6 +188,48 @@ def _first(name: str, poses: ArrayLike, pairs: int, fewest: int) -> FloatArray:
     if len(array) < pairs:
         raise InvalidArgument(f"{name}: there are {len(array)} poses, must be {pairs} or more")
     return array[:pairs]
+
+
+def _moving(source: FloatArray, target: FloatArray) -> PointMoments:
+    """Moments of pairs of positions, of which neither side stands still."""
+    moments = PointMoments.of(source, target)
+    for name, mean, extents in (
+        ("vision", moments.source_mean, moments.source_extents),
+        ("measured", moments.target_mean, moments.target_extents),
+    ):
+        if not extents[0] > _THINNEST * np.linalg.norm(mean):
+            raise InvalidArgument(f"{name}: all {len(source)} positions are the same, no scale can be told")
+    return moments
+
+
+def _registered(
+    moments: PointMoments, rotation: FloatArray, source: FloatArray, target: FloatArray, upright: bool = False
+) -> Registration:
+    scale = moments.scale(rotation)
+    similarity = Similarity(scale, rotation, moments.translation(rotation, scale))
+    residuals = _distances(similarity.apply(source), target)
+    noise = _noise(residuals, 7)
+    relative = _relative_sigma(moments, scale, noise)
+    along, *across = moments.source_extents
+    arm = scale * np.sqrt(len(source)) * float(np.linalg.norm(across))
+    roll = noise / arm if np.linalg.norm(across) > _THINNEST * along else np.inf
+    return Registration(similarity, residuals, relative, float(roll), upright)
+
+
+def _noise(residuals: FloatArray, parameters: int) -> float:
+    """Standard deviation of a coordinate, from what `parameters` fitted numbers have left of it [m]."""
+    return float(np.sqrt(residuals @ residuals / (3 * len(residuals) - parameters)))
+
+
+def _relative_sigma(moments: PointMoments, scale: float, noise: float) -> float:
+    """What the scale may be off, as a share; InvalidArgument where that is too much to call it a scale."""
+    extent = scale * np.sqrt(len(moments.shares) * moments.source_variance)
+    if not noise <= LARGEST_RELATIVE_SIGMA * extent:
+        raise InvalidArgument(
+            f"measured: {len(moments.shares)} positions spread over {np.sqrt(moments.target_variance):.3g} m "
+            f"differ by {noise:.3g} m from the map's: too much to tell a scale; must be spread wider"
+        )
+    return float(noise / extent)
 
 
 def _distances(one: FloatArray, other: FloatArray) -> FloatArray:

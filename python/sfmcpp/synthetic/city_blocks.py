@@ -7,8 +7,8 @@ from itertools import count
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_above, require_count, require_positive
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.synthetic.checks import require_above, require_count, require_positive
 from sfmcpp.synthetic.distortion import NO_DISTORTION, Distortion
 from sfmcpp.synthetic.image_geometry import ImageGeometry
 from sfmcpp.synthetic.observation import keep_points_seen_twice, observe

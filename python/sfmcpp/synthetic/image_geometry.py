@@ -9,8 +9,8 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import camera_model
+from sfmcpp.model.checks import require_finite, require_positive
 from sfmcpp.model.problem import FloatArray, IndexArray
-from sfmcpp.synthetic.checks import require_finite, require_positive
 from sfmcpp.synthetic.distortion import NO_DISTORTION, Distortion, distort, undistorted_radius
 
 SCENE_CAMERA_MODELS = ("calibrated", "perspective", "bal")

@@ -6,8 +6,8 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.synthetic.checks import require_not_negative
 from sfmcpp.synthetic.image_geometry import ImageGeometry
 from sfmcpp.synthetic.sight import Lookout, Sight
 

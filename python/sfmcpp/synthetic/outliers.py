@@ -6,8 +6,8 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_positive, require_share
 from sfmcpp.model.problem import BoolArray, FloatArray
-from sfmcpp.synthetic.checks import require_positive, require_share
 
 # A stream of its own, as for perturbed starts.
 _STREAM = (2,)

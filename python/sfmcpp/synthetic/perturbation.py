@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem, so3
-from sfmcpp.synthetic.checks import require_not_negative
+from sfmcpp.model.checks import require_not_negative
 
 # A stream of its own: with a scene's stream, equal seeds would tie the noise to the positions of the points.
 _STREAM = (1,)

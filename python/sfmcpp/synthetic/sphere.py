@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_count, require_positive
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.synthetic.checks import require_count, require_positive
 from sfmcpp.synthetic.distortion import NO_DISTORTION, Distortion
 from sfmcpp.synthetic.geometry import UP, looking_at
 from sfmcpp.synthetic.image_geometry import ImageGeometry

@@ -131,5 +131,5 @@ def test_a_camera_that_stands_is_refused() -> None:
     standing[:, :, 3] = [1.0, 2.0, 3.0]
     with pytest.raises(InvalidArgument, match="vision: nothing moved"):
         register_by_distances(standing, np.ones(5))
-    with pytest.raises(InvalidArgument, match="source: all positions are the same"):
+    with pytest.raises(InvalidArgument, match="vision: all 6 positions are the same"):
         register_by_poses(standing, poses)

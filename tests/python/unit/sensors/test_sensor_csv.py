@@ -103,7 +103,8 @@ HEADER = "t [s],speed [m/s]"
         (HEADER, ["0,1", ",2"], 3, "t is ''"),
         (HEADER, ["0,1", "0.2,1", "0.1,1"], 4, "time 0.1.* s after 0.2.* s: must increase"),
         (HEADER, ["0,1", "0.2,1", "0.2,1"], 4, "must increase"),
-        (HEADER, ["0,1", "0.1,300"], None, "speed of 300 m/s.*km/h"),
+        (HEADER, ["0,1", "0.1,300"], 3, "speed of 300 m/s.*km/h"),
+        (HEADER, ["0,1", "", "0.1,", "0.2,300"], 5, "speed of 300 m/s at sample 1.*km/h"),
         (HEADER, [], None, "holds no measurements"),
         ("t [s],vx [m/s],vy [m/s],vz [m/s]", ["0,1,1,1", "1,2,,3"], 3, "only a part of velocity"),
         (

@@ -1,0 +1,70 @@
+"""Arguments that are single numbers, checked the same way everywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+
+_LARGEST_SEED = 2**63 - 1
+
+Known = TypeVar("Known")
+
+
+def require_finite(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` is finite."""
+    if not math.isfinite(value):
+        raise InvalidArgument(f"{name} = {value}: must be finite")
+
+
+def require_positive(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` is finite and positive."""
+    if not (math.isfinite(value) and value > 0):
+        raise InvalidArgument(f"{name} = {value}: must be finite and positive")
+
+
+def require_not_negative(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` is finite and at least zero."""
+    if not (math.isfinite(value) and value >= 0):
+        raise InvalidArgument(f"{name} = {value}: must be finite and not negative")
+
+
+def require_above(name: str, value: float, limit: float, what: str) -> None:
+    """Raise InvalidArgument unless `value` is finite and greater than `limit`, which is `what`."""
+    if not (math.isfinite(value) and value > limit):
+        raise InvalidArgument(f"{name} = {value}: must be finite and above {limit:g}, {what}")
+
+
+def require_share(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` is from zero to one."""
+    if not 0 <= value <= 1:
+        raise InvalidArgument(f"{name} = {value}: must be between 0 and 1")
+
+
+def require_fraction(name: str, value: float) -> None:
+    """Raise InvalidArgument unless `value` lies strictly between zero and one."""
+    if not 0 < value < 1:
+        raise InvalidArgument(f"{name} = {value}: must lie between 0 and 1")
+
+
+def require_count(name: str, value: int, at_least: int = 1) -> None:
+    """Raise InvalidArgument unless `value` is at least `at_least`."""
+    if not value >= at_least:
+        raise InvalidArgument(f"{name} = {value}: must be at least {at_least}")
+
+
+def require_seed(value: object) -> None:
+    """Raise InvalidArgument unless `value` can seed every generator in use."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value <= _LARGEST_SEED:
+        raise InvalidArgument(f"seed = {value!r}: must be an integer from 0 to {_LARGEST_SEED}")
+
+
+def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
+    """What `known` holds by the key `value`; InvalidArgument, with all keys, if it holds nothing."""
+    if value not in known:
+        raise InvalidArgument(f"{name} = {value!r}: must be one of {', '.join(known)}")
+    return known[value]

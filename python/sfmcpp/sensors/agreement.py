@@ -1,0 +1,146 @@
+"""Streams that were measured on one body at the same time must tell of the same motion.
+
+A unit that is wrong by a constant factor passes the limits of :class:`SensorStream` where the motion is slow:
+36 km/h declared as m/s are plausible by themselves, but not beside a GPS, nor in a bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import SensorStream, so3
+from sfmcpp.sensors.gps import local_positions
+from sfmcpp.sensors.odometer import travelled_distance
+from sfmcpp.sensors.stream import measured_at, segments
+
+# Sustained for a second this is more than tyres hold on a road (1 g) and than a train or a walker does.
+LARGEST_LATERAL_M_S2 = 12.0
+# Units are wrong by 3.6 and more; two honest sensors differ by less than this.
+LARGEST_RATIO = 2.0
+_WAYS = ("speed", "distance", "velocity", "position", "pose")
+_TURNS = ("angular_rate", "orientation", "pose")
+# Stretches short enough for a chord to be as long as its arc, and what they must hold to be compared.
+_STRETCH_S = 2.0
+_LEAST_WAY_M = 10.0
+_LEAST_TURN_RAD = float(np.deg2rad(5.0))
+_FEWEST_STRETCHES, _MOST_STRETCHES = 3, 200
+
+Measure = Callable[[SensorStream, float, float], float]
+
+
+def require_agreement(streams: Collection[SensorStream]) -> None:
+    """Refuse streams of one body that cannot all be in the units they are declared in.
+
+    Ways and rotations over stretches of two seconds must agree within a factor of two in the median,
+    between any two streams that measure them; and no speed may, with the angular rate, need more than
+    `LARGEST_LATERAL_M_S2` of lateral acceleration for a second. A sensor that is wrong for a while passes:
+    that is for its weight to tell.
+
+    Parameters
+    ----------
+    streams : collection of SensorStream
+        Of any kinds, on the same clock.
+
+    Raises
+    ------
+    InvalidArgument
+        Naming the two streams that disagree, by how much, and the units to look at.
+    """
+    local = [local_positions(stream) if stream.kind == "geodetic" else stream for stream in streams]
+    _require_same(local, _WAYS, _way, _LEAST_WAY_M, "ways", "km/h, mm or km")
+    _require_same(local, _TURNS, _turn, _LEAST_TURN_RAD, "rotations", "degrees")
+    for stream in local:
+        for turning in local:
+            if stream.kind in ("speed", "velocity") and turning.kind == "angular_rate":
+                _require_drivable(stream, turning)
+
+
+def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None:
+    """Refuse a stream that covers none of the time of the images: its stamps are on another clock.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of any kind.
+    first_s, last_s : float
+        Times of the first and the last image [s].
+
+    Raises
+    ------
+    InvalidArgument
+        Naming both spans.
+    """
+    start_s, end_s = float(stream.t_s[0]), float(stream.t_s[-1])
+    if start_s - stream.max_gap_s <= last_s and first_s <= end_s + stream.max_gap_s:
+        return
+    raise InvalidArgument(
+        f"stream {stream.name!r} lasts from {start_s:.3f} to {end_s:.3f} s and the images from {first_s:.3f} "
+        f"to {last_s:.3f} s: must overlap; are both on the same clock?"
+    )
+
+
+def _require_same(
+    streams: Sequence[SensorStream],
+    kinds: tuple[str, ...],
+    measure: Measure,
+    least: float,
+    what: str,
+    hint: str,
+) -> None:
+    for one, other in combinations([s for s in streams if s.kind in kinds], 2):
+        pairs = np.array([[measure(s, *span) for s in (one, other)] for span in _stretches(one, other)])
+        pairs = pairs.reshape(-1, 2)[pairs.reshape(-1, 2).max(axis=1) >= least]
+        if len(pairs) < _FEWEST_STRETCHES:
+            continue
+        with np.errstate(divide="ignore"):
+            ratio = float(np.median(pairs[:, 0] / pairs[:, 1]))
+        if not 1 / LARGEST_RATIO <= ratio <= LARGEST_RATIO:
+            raise InvalidArgument(
+                f"stream {one.name!r}: its {what} are {ratio:.3g} times those of stream {other.name!r}, must "
+                f"be {1 / LARGEST_RATIO:g} to {LARGEST_RATIO:g} times; was one given in {hint}?"
+            )
+
+
+def _stretches(one: SensorStream, other: SensorStream) -> list[tuple[float, float]]:
+    """Stretches that both cover, spread over the whole of the time they share."""
+    start, end = max(one.t_s[0], other.t_s[0]), min(one.t_s[-1], other.t_s[-1])
+    spans = list(pairwise(np.arange(start, end, _STRETCH_S).tolist()))
+    some = spans[:: max(1, len(spans) // _MOST_STRETCHES)]
+    return [span for span in some if one.covers(*span) and other.covers(*span)]
+
+
+def _way(stream: SensorStream, start_s: float, end_s: float) -> float:
+    if stream.kind in ("position", "pose"):
+        start, end = measured_at(stream, np.array([start_s, end_s]))[:, :3]
+        return float(np.linalg.norm(end - start))
+    return abs(travelled_distance(stream, start_s, end_s) or 0.0)
+
+
+def _turn(stream: SensorStream, start_s: float, end_s: float) -> float:
+    """Angle turned through; of rates the mean times the time, so that several turns are not none."""
+    if stream.kind == "angular_rate":
+        middles_s, lengths_s = segments(start_s, end_s, stream)
+        return float(np.linalg.norm(lengths_s @ measured_at(stream, middles_s)))
+    start, end = so3.exp(measured_at(stream, np.array([start_s, end_s]))[:, -3:])
+    return float(so3.rotation_angle(start.T @ end))
+
+
+def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
+    """Refuse a lateral acceleration, speed times angular rate, that no body keeps up for a second."""
+    start, end = max(speed.t_s[0], turning.t_s[0]), min(speed.t_s[-1], turning.t_s[-1])
+    times = np.arange(start, end, 0.1)
+    if len(times) < 10:
+        return
+    pace, rate = (np.linalg.norm(measured_at(s, times), axis=1) for s in (speed, turning))
+    sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, 10), axis=1)
+    worst = int(np.argmax(sustained))
+    if sustained[worst] > LARGEST_LATERAL_M_S2:
+        raise InvalidArgument(
+            f"stream {speed.name!r} at {pace[worst]:.3g} m/s with stream {turning.name!r} at "
+            f"{rate[worst]:.3g} rad/s, at {times[worst]:.3f} s: {sustained[worst]:.3g} m/s² across for a "
+            f"second, must be at most {LARGEST_LATERAL_M_S2:g}; was one given in km/h or degrees/s?"
+        )

@@ -1,0 +1,81 @@
+"""Stretches of an odometer's stream that no vehicle can have driven: its speed leaps, and leaps back.
+
+A camera alone cannot tell whether it has lost the scale or the odometer lies: both drift apart. But a body
+has inertia. A speed that changes faster than tyres can make it is the sensor's: a wheel that slips, blocks or
+spins, or a factor that changes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.sensors.stream import require_kind
+
+# Tyres on a dry road hold about 1 g.
+LARGEST_ACCELERATION_M_S2 = 12.0
+# Changes of the speed that its noise makes are this many standard deviations at most.
+_NOISE_SIGMAS = 6.0
+# A leap back undoes a leap if the speed is as before, but for what was driven meanwhile, to this share.
+_SAME = 0.15
+# Where the body stands, a factor may change without a leap.
+_STANDING_M_S = 0.3
+
+
+def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
+    """Stretches between a leap of the speed and the leap that takes it back, or the next stop, or the end.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
+
+    Returns
+    -------
+    tuple of Gap
+        In order, not overlapping.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    t_s, speeds = _speeds(stream)
+    leaps = _leaps(t_s, speeds)
+    found: list[Gap] = []
+    at = 0
+    while at < len(leaps):
+        opening = leaps[at]
+        closing = next((k for k in leaps[at + 1 :] if _undoes(speeds, opening, k)), len(speeds) - 1)
+        stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
+        last = min(stop + 1, len(speeds) - 1)
+        end_s = float(stream.t_s[-1] + stream.max_gap_s if last == len(speeds) - 1 else t_s[last])
+        found.append(Gap(float(t_s[opening]), end_s))
+        at = next((k for k in range(at + 1, len(leaps)) if leaps[k] >= last), len(leaps))
+    return tuple(found)
+
+
+def _speeds(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
+    """Speeds (n,) [m/s], not negative, and their times."""
+    require_kind(stream, "speed", "distance", "velocity")
+    if stream.kind == "distance":
+        middles_s = 0.5 * (stream.t_s[1:] + stream.t_s[:-1])
+        return middles_s, np.abs(np.diff(stream.values[:, 0]) / np.diff(stream.t_s))
+    return stream.t_s, np.linalg.norm(stream.values, axis=1)
+
+
+def _leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
+    """Samples after which the speed changes faster than it can."""
+    if len(speeds) < 3:
+        return []
+    # A second difference of white noise has six times its variance; a median ignores the leaps themselves.
+    noise = 1.4826 * float(np.median(np.abs(np.diff(speeds, 2)))) / np.sqrt(6.0)
+    most = LARGEST_ACCELERATION_M_S2 * np.diff(t_s) + _NOISE_SIGMAS * noise
+    return [int(k) for k in np.flatnonzero(np.abs(np.diff(speeds)) > most)]
+
+
+def _undoes(speeds: FloatArray, opening: int, closing: int) -> bool:
+    there = speeds[opening] * speeds[closing]
+    back = speeds[opening + 1] * speeds[closing + 1]
+    return bool(abs(there - back) <= _SAME * max(there, back))

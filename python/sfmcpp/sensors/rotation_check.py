@@ -1,0 +1,178 @@
+"""Whether a sensor's rotations are those of the camera: its clock, its unit, its axes.
+
+The rotation from one pose of the camera to the next is compared with the sensor's over the same interval,
+moved by an offset of the clock. All three axes and a robust cost: among the noisy poses of a real run the
+magnitudes of :func:`sfmcpp.sensors.estimate_clock_offset` no longer correlate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfmcpp.model import SensorStream, Trajectory, so3
+from sfmcpp.model.checks import require_positive
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.sensors.imu import rotations_at_samples
+from sfmcpp.sensors.mounting import Mounting
+from sfmcpp.sensors.prediction import interpolate_rotations
+from sfmcpp.sensors.stream import require_kind
+
+# An offset that is told less well than this is none.
+LARGEST_SIGMA_S = 0.02
+# Offsets up to this cost no accuracy that could be measured on real drives.
+TOLERATED_OFFSET_S = 0.1
+_FEWEST_INTERVALS = 16
+# Noise of the camera's poses hides the sensor's rotations except where these are largest.
+_LARGEST_TURNS = 0.25
+_STEP_S = 0.01
+_DEGREES = 180 / np.pi
+# Error over rotation: about √2 where axes are wrong, 1 where all is noise, less where the sensor is right.
+_WRONG, _RIGHT = 1.15, 0.5
+
+
+@dataclass(frozen=True)
+class RotationCheck:
+    """How a sensor's rotations compare with those of the camera.
+
+    Attributes
+    ----------
+    intervals : int
+        Pairs of poses compared.
+    offset_s : float
+        What to add to the sensor's stamps [s]: the argument of :meth:`SensorStream.shifted`.
+    sigma_s : float
+        What `offset_s` may be off [s]: infinite where the rate never changes.
+    turned_rad : float
+        Median rotation from pose to pose that the camera saw, where the sensor's are largest [rad].
+    error_rad : float
+        Median angle between the camera's rotation and the sensor's there [rad].
+    unit_factor : float
+        180/π or π/180 where the sensor's rates explain the camera's rotations only divided by it, else 1.
+    """
+
+    intervals: int
+    offset_s: float = 0.0
+    sigma_s: float = np.inf
+    turned_rad: float = 0.0
+    error_rad: float = 0.0
+    unit_factor: float = 1.0
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the offset of the clock is told."""
+        return self.sigma_s <= LARGEST_SIGMA_S
+
+    def complaint(self, name: str) -> str:
+        """What is wrong with the sensor of that name, and what to do about it; empty if nothing shows."""
+        if self.unit_factor != 1:
+            given, declared = ("degrees", "radians") if self.unit_factor > 1 else ("radians", "degrees")
+            return (
+                f"{name}: its rates are {self.unit_factor:.3g} times those seen by the camera: "
+                f"{given} declared as {declared}?"
+            )
+        if self.error_rad > _WRONG * self.turned_rad:
+            return (
+                f"{name}: where it turns most its rotations are {np.degrees(self.error_rad):.2g}° off those "
+                f"seen by the camera, which are {np.degrees(self.turned_rad):.2g}°: are its axes, its "
+                "mounting or its unit others than declared?"
+            )
+        if self.is_determined and abs(self.offset_s) > TOLERATED_OFFSET_S + 2 * self.sigma_s:
+            side = "behind" if self.offset_s > 0 else "ahead of"
+            return (
+                f"{name}: its clock is {abs(self.offset_s):.2f} ± {self.sigma_s:.2f} s {side} the camera's: "
+                f"add {self.offset_s:.2f} s to its stamps"
+            )
+        return ""
+
+
+def check_rotations(
+    stream: SensorStream, mounting: Mounting, vision: Trajectory, largest_offset_s: float = 0.5
+) -> RotationCheck:
+    """Compare a sensor's rotations with those between the poses of a camera.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``, ``"orientation"`` or ``"pose"``.
+    mounting : Mounting
+        How the camera sits on the body.
+    vision : Trajectory
+        Poses of the camera, of all frames of a run: those of keyframes alone are fewer and tell less. The
+        sensor may have taken part in them.
+    largest_offset_s : float
+        Offsets from minus to plus this are tried [s].
+
+    Returns
+    -------
+    RotationCheck
+        It tells nothing where the stream covers fewer than sixteen of the intervals at every offset.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind, or `largest_offset_s` is not positive.
+    """
+    require_kind(stream, "angular_rate", "orientation", "pose")
+    require_positive("largest_offset_s", largest_offset_s)
+    times = np.stack([vision.t_s[:-1], vision.t_s[1:]], axis=1)
+    reach = np.array([-largest_offset_s, largest_offset_s])
+    covered = np.array([stream.covers(*span) for span in times + reach], dtype=bool)
+    seen = (np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:])[covered]
+    if len(seen) < _FEWEST_INTERVALS:
+        return RotationCheck(len(seen))
+    steps = round(largest_offset_s / _STEP_S)
+    offsets: FloatArray = np.linspace(-steps, steps, 2 * steps + 1) * _STEP_S
+    factors = (1.0, _DEGREES, 1 / _DEGREES) if stream.kind == "angular_rate" else (1.0,)
+    checks = [_check(stream, f, mounting, times[covered], seen, offsets) for f in factors]
+    best = min(checks, key=_misfit)
+    return best if _misfit(best) < _RIGHT * min(1.0, _misfit(checks[0])) else checks[0]
+
+
+def _misfit(check: RotationCheck) -> float:
+    return check.error_rad / check.turned_rad if check.turned_rad > 0 else np.inf
+
+
+def _check(
+    stream: SensorStream,
+    factor: float,
+    mounting: Mounting,
+    times: FloatArray,
+    seen: FloatArray,
+    offsets: FloatArray,
+) -> RotationCheck:
+    """Compare a stream, its rates divided by `factor`, with rotations (n, 3, 3) between `times` (n, 2)."""
+    absolute = rotations_at_samples(stream, 1 / factor)
+    asked = times - offsets[:, None, None]
+    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
+    turns = mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
+    errors = so3.log(np.swapaxes(seen, 1, 2) @ turns)
+    best, offset_s, sigma_s = _best_offset(errors, offsets)
+    claimed = so3.rotation_angle(turns[best])
+    largest = claimed >= np.quantile(claimed, 1 - _LARGEST_TURNS)
+    turned, error = (float(np.median(so3.rotation_angle(r[largest]))) for r in (seen, so3.exp(errors[best])))
+    return RotationCheck(len(seen), offset_s, sigma_s, turned, error, factor)
+
+
+def _best_offset(errors: FloatArray, offsets: FloatArray) -> tuple[int, float, float]:
+    """Row of the best offset by Cauchy's loss, the offset itself between the rows, its deviation [s].
+
+    `errors` (offsets, n, 3) are rotation vectors [rad].
+    """
+    angles = np.linalg.norm(errors, axis=2)
+    # Without any noise all weights would be one or zero.
+    scale = max(float(np.median(angles, axis=1).min()), 1e-6)
+    cost = np.log1p((angles / scale) ** 2).sum(axis=1)
+    best = int(np.argmin(cost))
+    if not 0 < best < len(offsets) - 1:
+        return best, float(offsets[best]), np.inf
+    slope = (errors[best + 1] - errors[best - 1]) / (offsets[best + 1] - offsets[best - 1])
+    weight = 1 / (1 + (angles[best] / scale) ** 2)
+    information = float(weight @ (slope**2).sum(axis=1))
+    variance = float(weight @ angles[best] ** 2) / (3 * weight.sum())
+    left, peak, right = cost[best - 1 : best + 2]
+    curvature = left - 2 * peak + right
+    vertex = 0.5 * (left - right) / curvature if curvature > 0 else 0.0
+    sigma = np.sqrt(variance / information) if information > 0 else np.inf
+    return best, float(offsets[best] + _STEP_S * vertex), float(sigma)

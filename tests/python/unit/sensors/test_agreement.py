@@ -1,0 +1,131 @@
+"""Streams of one body that tell of different motions, and stamps of another clock, are named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.sensors import SensorStream, require_agreement, require_overlap
+
+SPEED, RATE = 8.0, 0.4
+SECONDS = 40.0
+WGS84_METRES_PER_DEGREE = 111_195.0
+
+
+def round_trip(hz: float = 20.0) -> dict[str, SensorStream]:
+    """Every stream that a body which goes in a circle at an even speed could give: 3.2 m/s² across."""
+    t_s = np.arange(0.0, SECONDS, 1 / hz)
+    heading = RATE * t_s
+    position = SPEED / RATE * np.stack([np.sin(heading), 1 - np.cos(heading), 0 * t_s], axis=1)
+    turned = Rotation.from_rotvec(heading[:, None] * [0.0, 0.0, 1.0]).as_rotvec()
+    geodetic = np.column_stack(
+        [position[:, 1] / WGS84_METRES_PER_DEGREE, position[:, 0] / WGS84_METRES_PER_DEGREE]
+    )
+    values = {
+        "speed": np.full(len(t_s), SPEED),
+        "distance": SPEED * t_s,
+        "velocity": np.tile([SPEED, 0.0, 0.0], (len(t_s), 1)),
+        "angular_rate": np.tile([0.0, 0.0, RATE], (len(t_s), 1)),
+        "orientation": turned,
+        "position": position,
+        "pose": np.hstack([position, turned]),
+        "geodetic": np.column_stack([geodetic, 0 * t_s]),
+    }
+    return {kind: SensorStream(t_s, value, kind) for kind, value in values.items()}
+
+
+def times(stream: SensorStream, factor: float) -> SensorStream:
+    return SensorStream(stream.t_s, factor * stream.values, stream.kind)
+
+
+def test_streams_of_one_motion_agree() -> None:
+    require_agreement(round_trip().values())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "factor", "other", "told"),
+    [
+        ("speed", 3.6, "position", r"'speed': its ways are 3\.\d+ times those of stream 'position'.*km/h"),
+        ("speed", 3.6, "geodetic", r"'speed': its ways are 3\.\d+ times those of stream 'geodetic'"),
+        (
+            "velocity",
+            1 / 3.6,
+            "distance",
+            r"'velocity': its ways are 0\.278 times those of stream 'distance'",
+        ),
+        (
+            "position",
+            0.001,
+            "distance",
+            r"'position': its ways are 0\.000\d+ times those of stream 'distance'",
+        ),
+        (
+            "angular_rate",
+            57.3,
+            "orientation",
+            r"'angular_rate': its rotations are 57\.3 times those of .*degrees",
+        ),
+        (
+            "angular_rate",
+            1 / 57.3,
+            "pose",
+            r"'angular_rate': its rotations are 0\.0175 times those of stream 'pose'",
+        ),
+        (
+            "speed",
+            3.9,
+            "angular_rate",
+            r"'speed' at 31.2 m/s with stream 'angular_rate' at 0.4 rad/s.* 12.5 m/s²",
+        ),
+        (
+            "angular_rate",
+            57.3,
+            "velocity",
+            r"'velocity' at 8 m/s with .* 22.9 rad/s.* 183 m/s² across.*degrees/s",
+        ),
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_unit_that_another_stream_rules_out_is_named(
+    wrong: str, factor: float, other: str, told: str, turned: bool
+) -> None:
+    streams = round_trip()
+    pair = [times(streams[wrong], factor), streams[other]]
+    if not turned:
+        with pytest.raises(InvalidArgument, match=told):
+            require_agreement(pair)
+    else:
+        with pytest.raises(InvalidArgument, match=r"times those of stream|across for a second"):
+            require_agreement(pair[::-1])
+
+
+def test_a_sensor_that_lies_for_a_while_is_left_to_its_weight() -> None:
+    streams = round_trip()
+    speed, rate = streams["speed"], streams["angular_rate"]
+    lie = (speed.t_s > 10) & (speed.t_s < 20)
+    fast = SensorStream(speed.t_s, np.where(lie, 1.3, 1.0) * speed.values[:, 0], "speed")
+    bias = rate.values + np.radians(5.0) * lie[:, None] * [0.0, 0.0, 1.0]
+    require_agreement([fast, SensorStream(rate.t_s, bias, "angular_rate"), streams["pose"]])
+
+
+def test_noise_of_a_body_that_stands_is_no_disagreement() -> None:
+    rng = np.random.default_rng(0)
+    t_s = np.arange(0.0, 60.0, 0.5)
+    speed = SensorStream(t_s, np.zeros(len(t_s)), "speed")
+    require_agreement([speed, SensorStream(t_s, rng.normal(0, 1.5, (len(t_s), 3)), "position")])
+
+
+def test_streams_that_share_no_time_have_nothing_to_disagree_about() -> None:
+    streams = round_trip()
+    require_agreement([times(streams["speed"], 3.6).shifted(1000.0), streams["position"]])
+
+
+def test_stamps_of_another_clock_are_refused_with_both_spans() -> None:
+    stream = round_trip()["speed"]
+    require_overlap(stream, 39.0, 80.0)
+    require_overlap(stream, -50.0, 0.0)
+    told = r"'speed' lasts from 0.000 to 39.950 s and the images from 1300000000.000 to 1300000009.000 s"
+    with pytest.raises(InvalidArgument, match=told):
+        require_overlap(stream, 1.3e9, 1.3e9 + 9)

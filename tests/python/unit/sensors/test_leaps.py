@@ -1,0 +1,59 @@
+"""Speeds that leap are found, and nothing else is doubted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.model import SensorStream
+from sfmcpp.sensors import doubtful_stretches
+
+
+def speeds(t_s: np.ndarray) -> np.ndarray:
+    """A drive that speeds up and brakes, 5 to 15 m/s, 3 m/s² at most."""
+    return 10.0 + 5.0 * np.sin(0.6 * t_s)
+
+
+def stream_of(t_s: np.ndarray, values: np.ndarray, kind: str = "speed") -> SensorStream:
+    return SensorStream(t_s, values, kind)
+
+
+@pytest.mark.parametrize(("rate_hz", "sigma"), [(10, 0.0), (10, 0.1), (100, 0.0), (100, 0.3)])
+def test_an_honest_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    noise = sigma * np.random.default_rng(0).normal(size=len(t_s))
+    assert doubtful_stretches(stream_of(t_s, speeds(t_s) + noise)) == ()
+
+
+@pytest.mark.parametrize("factor", [1.3, 0.7, 2.0])
+@pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
+def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, kind: str) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    lying = (t_s >= 20) & (t_s < 30)
+    wrong = speeds(t_s) * np.where(lying, factor, 1.0)
+    values = {"speed": wrong, "velocity": wrong[:, None] * [0.6, 0.8, 0.0], "distance": np.cumsum(0.1 * wrong)}
+    (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    assert found.start_s == pytest.approx(20, abs=0.25)
+    assert found.end_s == pytest.approx(30, abs=0.25)
+
+
+def test_a_leap_that_is_not_taken_back_lasts_until_the_body_stands() -> None:
+    t_s = np.arange(0, 40, 0.1)
+    values = np.where(t_s < 10, 10.0, 13.0)
+    (open_ended,) = doubtful_stretches(stream_of(t_s, values))
+    assert open_ended.end_s >= t_s[-1]
+    braking = np.where(t_s < 20, values, np.maximum(13.0 - 3.0 * (t_s - 20), 0.0))
+    (until_stop,) = doubtful_stretches(stream_of(t_s, braking))
+    assert until_stop.end_s == pytest.approx(24.3, abs=0.3)
+
+
+def test_two_lies_are_two_stretches() -> None:
+    t_s = np.arange(0, 60, 0.1)
+    lying = ((t_s >= 10) & (t_s < 20)) | ((t_s >= 40) & (t_s < 45))
+    found = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(lying, 1.4, 1.0)))
+    assert [round(gap.start_s) for gap in found] == [10, 40]
+    assert [round(gap.end_s) for gap in found] == [20, 45]
+
+
+def test_two_samples_tell_nothing() -> None:
+    assert doubtful_stretches(stream_of(np.array([0.0, 0.1]), np.array([1.0, 30.0]))) == ()
