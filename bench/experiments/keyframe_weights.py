@@ -56,13 +56,13 @@ def criteria_over_weights(experiment: Experiment) -> Report:
 def selections(drive: KittiDrive, sensor: str, methods: list[str]) -> Selections:
     """What each method chooses at each keyframe of a run that uses none of it."""
     suite = SensorSuite([sensor_of_drive(drive, sensor, None)])
-    slam = Slam(sequence_of(drive), SlamSettings(weights="none"), suite.sensors)
+    sequence = sequence_of(drive)
+    slam = Slam(sequence.intrinsics, SlamSettings(weights="none"), suite.sensors)
     found: Selections = {method: [] for method in methods}
     known = np.zeros(0, dtype=bool)
-    for frame in range(len(slam.sequence)):
+    for frame in sequence:
         records = len(slam.result.records)
         slam.step(frame)
-        suite.metric = slam.result.metric
         if len(slam.result.records) > records and len(known):
             _choose(slam.result, known, suite, found)
         if slam.result.world is not None:
@@ -74,13 +74,16 @@ def _choose(result: SlamResult, known: np.ndarray, suite: SensorSuite, found: Se
     """Choose for the newest keyframe by the points known before it (eq. 5.15)."""
     assert result.world is not None
     *earlier, newest = result.world.keyframes
-    world = WorldMap(len(known), result.world.intrinsics)
-    world.points[known] = result.world.points[known]
-    world.keyframes = earlier
-    measurements = suite.between(earlier[-1].t_s, newest.t_s)
+    world = WorldMap(result.world.intrinsics)
+    for keyframe in earlier:
+        world.add(keyframe)
+    before = np.flatnonzero(known)
+    world.points[before] = result.world.points[before]
+    rotation = newest.pose[:, :3]
+    measured = suite.measure(earlier[-1].t_s, newest.t_s, rotation, metric=result.metric)
     for method, chosen in found.items():
         settings = replace(SlamSettings(), weights=method)
-        chosen += fuse(world, newest.view, newest.pose, measurements, settings).selections
+        chosen += fuse(world, newest.view, newest.pose, measured, settings).selections
 
 
 def _row(sensor: str, method: str, chosen: list[WeightSelection]) -> Row:

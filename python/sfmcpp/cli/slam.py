@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
+from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.vision import CORNERS
 
 SENSORS = ("odometer", "imu", "ins", "gps")
 WEIGHTS = ("loo", "loo-approx", "l-curve", "ltn", "fixed:λ", "none")
@@ -67,6 +69,12 @@ Fps = Annotated[
         help="Images per second; else times.txt beside them, the video's own, or 10 for a folder.",
     ),
 ]
+Corners = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME", callback=one_of(CORNERS), help=f"Corners of images to follow: {', '.join(CORNERS)}."
+    ),
+]
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
 ]
@@ -81,6 +89,9 @@ SensorFile = Annotated[
         metavar="FILE",
         help="Sensors' measurements: CSV, or a KITTI drive (.mat); else those that INPUT holds.",
     ),
+]
+View = Annotated[
+    bool, typer.Option("--view", help="Show the map in the browser while it grows, and after, until Ctrl-C.")
 ]
 Weights = Annotated[
     str | None,
@@ -97,9 +108,10 @@ def slam(
     weights: Weights = None,
     camera: Camera = None,
     fps: Fps = None,
+    corners: Corners = CORNERS[0],
     window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
-    view: Annotated[bool, typer.Option("--view", help="Show the map while it grows.")] = False,
+    view: View = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
     """Follow a camera and map what it sees, keyframe by keyframe."""
@@ -110,5 +122,5 @@ def slam(
     if weights not in (None, "none") and not sensor:
         raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
     settings = SlamSettings(window=window, seed=seed, weights=weights or "loo")
-    images = ImageOptions(_intrinsics(camera), fps)
+    images = ImageOptions(_intrinsics(camera), fps, corners)
     return run_job(SlamJob(source, output, settings, tuple(sensor or ()), sensor_file, view, quiet, images))

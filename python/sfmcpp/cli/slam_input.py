@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sfmcpp.cli.slam_images import ImageStream, open_images
 from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.io.track_files import read_tracks
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, TrackSequence
+from sfmcpp.sensors import Mounting, local_positions, require_agreement, require_overlap
+from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
 from sfmcpp.vision import PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
@@ -23,6 +24,8 @@ _ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of
 _KINDS: dict[str, tuple[str, ...]] = {
     "odometer": ("distance", "speed", "velocity"),
     "imu": ("angular_rate", "orientation"),
+    "gps": ("position", "geodetic"),
+    "ins": ("pose",),
 }
 
 
@@ -54,7 +57,7 @@ class SlamInput:
 
     Attributes
     ----------
-    sequence : TrackSequence
+    frames : TrackSequence or ImageStream
         What the frames see.
     truth : Trajectory or None
         True poses, where the input knows them.
@@ -62,18 +65,15 @@ class SlamInput:
         What came with the tracks; no streams where nothing did.
     """
 
-    sequence: TrackSequence
+    frames: TrackSequence | ImageStream
     truth: Trajectory | None
     measurements: Measurements
 
 
 def read_input(
-    source: Path,
-    options: ImageOptions | None = None,
-    measured: Measurements | None = None,
-    show_images: Callable[[int, int], None] | None = None,
+    source: Path, options: ImageOptions | None = None, measured: Measurements | None = None
 ) -> SlamInput:
-    """Read a drive or a file of tracks, or follow corners through images.
+    """Read a drive or a file of tracks, or open images: they are read while the run goes on.
 
     Parameters
     ----------
@@ -83,8 +83,6 @@ def read_input(
         What the user says of images.
     measured : Measurements, optional
         What was measured beside the input; it may know when images were taken.
-    show_images : callable, optional
-        Called with the number of images looked at, and of all, after each.
 
     Raises
     ------
@@ -99,9 +97,11 @@ def read_input(
         raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
     try:
         if source.is_dir() or suffix in VIDEOS:
-            return _from_images(source, options, measured, show_images)
+            return _from_images(source, options, measured)
         if options.given:
-            raise InvalidArgument("camera, fps: are for images, the input is tracks and holds its own")
+            raise InvalidArgument(
+                "camera, fps, corners: are for images, the input is tracks and holds its own"
+            )
         return _from_drive(source) if suffix == ".mat" else _from_tracks(source)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
@@ -130,29 +130,33 @@ def sensors_of(
     Raises
     ------
     DatasetError
-        If the file of `measured` lacks what a sensor needs.
+        If the file of `measured` lacks what a sensor needs; its streams contradict each other; or a sensor
+        was not on while the images were taken.
     InvalidArgument
-        If a sensor is not supported, or the input lacks what it needs.
+        If the input lacks what a sensor needs.
     """
-    for name in names:
-        if name not in _KINDS:
-            raise InvalidArgument(f"sensor = {name!r}: is not supported yet; choose {', '.join(_KINDS)}")
-    known = (measured.mounting if measured else None) or given.measurements.mounting
-    mounting = known or Mounting(np.eye(3), np.zeros(3))
-    return [_sensor(name, given, measured, mounting) for name in names]
+    mounting = (measured.mounting if measured else None) or given.measurements.mounting
+    streams = [_stream_of(name, given, measured) for name in names]
+    source = measured or given.measurements
+    try:
+        require_agreement(source.streams.values() if names else ())
+        for stream in streams:
+            require_overlap(stream, *_span_s(given.frames))
+    except InvalidArgument as error:
+        raise DatasetError(source.file, str(error)) from error
+    return [_sensor(name, stream, mounting) for name, stream in zip(names, streams, strict=True)]
 
 
-def _from_images(
-    source: Path,
-    options: ImageOptions,
-    measured: Measurements | None,
-    show: Callable[[int, int], None] | None,
-) -> SlamInput:
-    from sfmcpp.cli.slam_images import read_images
+def _span_s(frames: TrackSequence | ImageStream) -> tuple[float, float]:
+    """Times of the first and the last frame [s]."""
+    if isinstance(frames, ImageStream):
+        return frames.span_s
+    return float(frames.t_s[0]), float(frames.t_s[-1])
 
-    stamps = None if measured is None else measured.image_t_s
-    sequence, truth = read_images(source, options, stamps, show)
-    return SlamInput(sequence, truth, Measurements(source, {}))
+
+def _from_images(source: Path, options: ImageOptions, measured: Measurements | None) -> SlamInput:
+    stream, truth = open_images(source, options, None if measured is None else measured.image_t_s)
+    return SlamInput(stream, truth, Measurements(source, {}))
 
 
 def _from_drive(source: Path) -> SlamInput:
@@ -174,12 +178,22 @@ def _from_tracks(source: Path) -> SlamInput:
     return SlamInput(sequence, None, Measurements(source, {}))
 
 
-def _sensor(name: str, given: SlamInput, measured: Measurements | None, mounting: Mounting) -> MotionSensor:
+def _stream_of(name: str, given: SlamInput, measured: Measurements | None) -> SensorStream:
     streams = (measured or given.measurements).streams
     stream = next((streams[kind] for kind in _KINDS[name] if kind in streams), None)
-    if stream is None:
-        wanted = " or ".join(_KINDS[name])
-        if measured is not None:
-            raise DatasetError(measured.file, f"holds no {wanted}, which the sensor {name!r} needs")
-        raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
-    return Odometer(stream, name) if name == "odometer" else Gyroscope(stream, mounting, name)
+    if stream is not None:
+        return stream
+    wanted = " or ".join(_KINDS[name])
+    if measured is not None:
+        raise DatasetError(measured.file, f"holds no {wanted}, which the sensor {name!r} needs")
+    raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
+
+
+def _sensor(name: str, stream: SensorStream, mounting: Mounting | None) -> MotionSensor:
+    if name == "odometer":
+        return Odometer(stream, name)
+    if name == "gps":
+        local = local_positions(stream) if stream.kind == "geodetic" else stream
+        return Gps(local, mounting, name)
+    at_camera = mounting or Mounting(np.eye(3), np.zeros(3))
+    return Ins(stream, at_camera, name) if name == "ins" else Gyroscope(stream, at_camera, name)

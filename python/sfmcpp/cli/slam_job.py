@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sfmcpp.slam import SlamResult, SlamSettings
+from sfmcpp.vision import CORNERS
 
 
 @dataclass(frozen=True)
@@ -19,10 +20,13 @@ class ImageOptions:
         ``(f, aspect, cx, cy, skew)``.
     fps : float or None
         Frames per second.
+    corners : str
+        What is followed, one of :data:`sfmcpp.vision.CORNERS`.
     """
 
     intrinsics: tuple[float, ...] | None = None
     fps: float | None = None
+    corners: str = CORNERS[0]
 
     @property
     def given(self) -> bool:
@@ -58,6 +62,8 @@ class Measured:
         Of the run, and of reading the input before [s].
     interrupted : bool
         Whether Ctrl-C ended it.
+    seconds_tracking : float or None
+        Of the run, for reading images and following their corners [s]; None for an input of tracks.
     """
 
     result: SlamResult
@@ -65,6 +71,7 @@ class Measured:
     seconds: float
     seconds_read: float
     interrupted: bool
+    seconds_tracking: float | None = None
 
     @property
     def fps(self) -> float:

@@ -38,23 +38,6 @@ def shown_progress(num_frames: int, *, quiet: bool) -> Iterator[Show]:
         yield _shower(num_frames, lambda done, text: progress.update(task, completed=done, description=text))
 
 
-@contextmanager
-def shown_images(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Show how many images have been looked at, of how many; None if nobody would see it."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (BarColumn(bar_width=12), TextColumn("image {task.completed}/{task.total}"))
-    with Progress(
-        *columns, console=Console(stderr=True), refresh_per_second=REFRESHES_PER_SECOND, transient=True
-    ) as progress:
-        task = progress.add_task("", total=None, visible=False)
-        yield lambda done, total: progress.update(task, completed=done, total=total, visible=True)
-
-
 def _shower(num_frames: int, update: Callable[[int, str], None]) -> Show:
     """Pass on the last frame, and as many of the others as anybody could read."""
     started, shown = time.perf_counter(), -np.inf

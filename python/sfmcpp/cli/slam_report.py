@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sfmcpp.cli.report import peak_memory_bytes
+from sfmcpp.cli.slam_images import ImageStream
 from sfmcpp.cli.slam_input import SlamInput
 from sfmcpp.cli.slam_job import Measured, SlamJob
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.evaluation import Evaluation, evaluate
+from sfmcpp.fusion.conflict import CONFLICT_SIGMAS
 from sfmcpp.model import Trajectory
+from sfmcpp.slam import KeyframeRecord
 
 # How a trajectory is registered to the truth, and what legends say; the next where one is not determined.
 ALIGNMENTS = {"first:0.1": "aligned to its first tenth", "all": "aligned to all of it"}
@@ -37,9 +40,9 @@ def make_report(
     job: SlamJob, given: SlamInput, measured: Measured, comparison: Evaluation | None
 ) -> dict[str, Any]:
     """Build the report: plain values; what is not finite is None."""
-    result, sequence = measured.result, given.sequence
+    result = measured.result
     report = {
-        "input": {"path": str(job.source), "frames": len(sequence), "tracks": sequence.num_tracks},
+        "input": _input(job, given),
         "settings": asdict(job.settings),
         "sensors": list(job.sensors),
         "message": result.message,
@@ -48,14 +51,35 @@ def make_report(
         "fps": measured.fps,
         "seconds": measured.seconds,
         "seconds_read": measured.seconds_read,
+        "seconds_tracking": measured.seconds_tracking,
         "peak_memory_bytes": peak_memory_bytes(),
         "bridged_frames": list(result.bridged),
         "lost_frames": list(result.lost),
-        "keyframes": [asdict(record) for record in result.records],
+        "restart_frames": list(result.restarts),
+        "correction_frames": list(result.corrections),
+        "metric": result.metric,
+        "warnings": list(result.warnings),
+        "keyframes": [_keyframe(record) for record in result.records],
         "truth": None if comparison is None else comparison.to_dict(),
     }
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _input(job: SlamJob, given: SlamInput) -> dict[str, Any]:
+    frames = given.frames
+    corners = job.images.corners if isinstance(frames, ImageStream) else None
+    return {
+        "path": str(job.source),
+        "frames": len(frames),
+        "tracks": frames.num_tracks,
+        "corners": corners,
+    }
+
+
+def _keyframe(record: KeyframeRecord) -> dict[str, Any]:
+    """All but the curves that the weights were chosen from: a hundred numbers each."""
+    return {f.name: getattr(record, f.name) for f in fields(record) if f.name != "selections"}
 
 
 def totals(measured: Measured) -> dict[str, int]:
@@ -83,13 +107,16 @@ def lines_of(
     count = totals(measured)
     lines = [
         _line("input", str(job.source)),
-        _line("frames", f"{count['frames']:,} of {len(given.sequence):,}, {count['poses']:,} with a pose"),
+        _line("frames", f"{count['frames']:,} of {len(given.frames):,}, {count['poses']:,} with a pose"),
         _line("of these", f"{count['bridged']:,} from the frame before alone, {count['lost']:,} predicted"),
         _line("map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"),
         _line("seconds", f"{measured.seconds:.3f} ({measured.fps:.0f} frames/s), {_stages(measured)}"),
+        *_tracking(measured),
     ]
     if job.sensors:
         lines.append(_line("sensors", f"{', '.join(job.sensors)}; weights {_weights(job, measured)}"))
+    lines += [_line("conflict", conflict) for conflict in _conflicts(job, measured)]
+    lines += [_line("warning", warning) for warning in measured.result.warnings]
     if comparison is not None:
         rule = ALIGNMENTS[str(comparison.alignment.rule)]
         error, length = comparison.mean_3d_error_m, comparison.truth.length_m
@@ -106,6 +133,15 @@ def _stages(measured: Measured) -> str:
     return f"ms a keyframe: {listed}" if listed else "no keyframe after the start"
 
 
+def _tracking(measured: Measured) -> list[str]:
+    """How much of the time the images took."""
+    seconds = measured.seconds_tracking
+    if seconds is None:
+        return []
+    each = 1e3 * seconds / max(measured.frames, 1)
+    return [_line("images", f"{seconds:.3f} of these seconds with their corners, {each:.3g} ms an image")]
+
+
 def _weights(job: SlamJob, measured: Measured) -> str:
     """How they were chosen, and the median for each sensor."""
     found = {
@@ -113,6 +149,18 @@ def _weights(job: SlamJob, measured: Measured) -> str:
     }
     medians = [f"{name} {np.median(values):.3g}" for name, values in found.items() if values]
     return f"by {job.settings.weights}" + (f", in the median {', '.join(medians)}" if medians else "")
+
+
+def _conflicts(job: SlamJob, measured: Measured) -> list[str]:
+    """Sensors that disagree with the images: where, and by how much."""
+    lines = []
+    for name in job.sensors:
+        told = [r.conflicts[name] for r in measured.result.records if name in r.conflicts]
+        worse = [sigmas for sigmas in told if sigmas > CONFLICT_SIGMAS]
+        if worse:
+            where = f"at {len(worse):,} of {len(told):,} keyframes"
+            lines.append(f"{name} disagrees with the images {where}, by up to {max(worse):.1f} σ")
+    return lines
 
 
 def _line(name: str, value: str) -> str:

@@ -21,6 +21,9 @@ from sfmcpp.model.problem import BoolArray, FloatArray
 
 # Rounds over several sensors: each weight is chosen with the others in place, then once more.
 ROUNDS = 2
+# What stands in for a method in all rounds but the last: there a weight need not be
+# exact: the others are chosen beside something like it.
+_FIRST_ROUND = {"loo": "loo-approx"}
 
 
 @dataclass(frozen=True)
@@ -152,8 +155,9 @@ def select_weights(
     """Choose the weights of several constraints, one after the other, twice round.
 
     Beyond the thesis, coordinate-wise: all start at zero; each is chosen with the others held at what they
-    have. Sensors of different directions do not notice each other; of two that say the same, the first takes
-    what it needs and the second what is left. The poses of the result are fitted at all final weights.
+    have, in the first round by the closed form where cross-validation is asked for. Sensors of different
+    directions do not notice each other; of two that say the same, the first takes what it needs and the
+    second what is left. The poses of the result are fitted at all final weights.
 
     Parameters
     ----------
@@ -183,11 +187,13 @@ def select_weights(
         raise InvalidArgument(
             f"method: {len(methods)}, must be one for each of {len(constraints)} constraints"
         )
-    parsed = [selection_method(m) for m in methods]
+    exact = [selection_method(m) for m in methods]
+    early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
+    rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
     images = _Images(view, refine_pose(view, [], start).pose)
     chosen = np.zeros(len(constraints))
     selections: list[WeightSelection] = []
-    for _ in range(ROUNDS if len(constraints) > 1 else 1):
+    for parsed in [*rounds, exact]:
         selections = []
         for k, constraint in enumerate(constraints):
             others = [(c, w) for j, (c, w) in enumerate(zip(constraints, chosen, strict=True)) if j != k]

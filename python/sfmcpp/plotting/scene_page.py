@@ -108,7 +108,7 @@ def save_scene_page(scene: Scene, path: str | PathLike[str]) -> None:
 
 
 def _data(scene: Scene) -> dict[str, Any]:
-    turn = _view_from_world(scene.cameras)
+    turn = view_from_world(scene.cameras)
     anchors = (scene.path, scene.cameras[:, :, 3], scene.points, np.zeros((1, 3)))
     turned = next(points for points in anchors if len(points)) @ turn.T
     origin = (turned.min(axis=0) + turned.max(axis=0)) / 2
@@ -126,8 +126,18 @@ def _data(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _view_from_world(cameras: FloatArray) -> FloatArray:
-    """Rotation (3, 3) to x right, y ahead, z up."""
+def view_from_world(cameras: FloatArray) -> FloatArray:
+    """Rotation to x right, y ahead, z up: up as the cameras' tops in the mean, ahead as the first one looks.
+
+    Parameters
+    ----------
+    cameras : (K, 3, 4) float64
+        ``[R | c]``, world_from_camera, y down in the camera; none gives the first one's axes.
+
+    Returns
+    -------
+    (3, 3) float64
+    """
     axes = cameras[:, :, :3] if len(cameras) else np.eye(3)[None]
     up = _unit(-axes[:, :, 1].mean(axis=0), fallback=-axes[0, :, 1])
     level = axes[0, :, 2] - (axes[0, :, 2] @ up) * up

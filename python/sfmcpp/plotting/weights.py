@@ -6,11 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sfmcpp.fusion.conflict import CONFLICT_SIGMAS
 from sfmcpp.plotting.style import COLORS, MUTED, new_figure, style_axes
 from sfmcpp.slam import KeyframeRecord
-
-# Disagreement of this many standard deviations is drawn as a limit.
-CONFLICT_SIGMAS = 3.0
 
 
 def plot_weights(records: list[KeyframeRecord]) -> Figure:

@@ -1,22 +1,30 @@
 """SLAM: a camera's trajectory and a map of points, from tracks, keyframe by keyframe."""
 
-from sfmcpp.slam.sensing import Gyroscope, Measurement, MotionSensor, Odometer
-from sfmcpp.slam.sequence import TrackSequence
+from sfmcpp.slam.localisation import Path
+from sfmcpp.slam.result import KeyframeRecord, SlamResult
+from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+from sfmcpp.slam.sequence import Frame, FrameSource, TrackSequence, View
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.slam import KeyframeRecord, Slam, SlamResult, run_slam
+from sfmcpp.slam.slam import Slam, run_slam
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 
 __all__ = [
+    "Frame",
+    "FrameSource",
+    "Gps",
     "Gyroscope",
+    "Ins",
     "Keyframe",
     "KeyframeRecord",
     "Measurement",
     "MotionSensor",
     "Odometer",
+    "Path",
     "Slam",
     "SlamResult",
     "SlamSettings",
     "TrackSequence",
+    "View",
     "WorldMap",
     "run_slam",
 ]

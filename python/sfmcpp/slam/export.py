@@ -24,7 +24,7 @@ def problem_of(world: WorldMap) -> Problem:
         Cameras are the keyframes in their order, points are ordered by track; one row of intrinsics for all.
         The images are named by their frames. No camera is fixed.
     """
-    whole = world.around(len(world.keyframes)).problem
+    whole = world.whole().problem
     views = np.bincount(whole.point_index, minlength=whole.num_points)
     kept = views >= _FEWEST_VIEWS
     observed = kept[whole.point_index]

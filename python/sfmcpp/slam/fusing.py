@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from sfmcpp.fusion import PoseConstraint, PoseView, WeightSelection, select_weig
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.mvg import pose_inliers
-from sfmcpp.slam.sensing import Measurement
+from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.sequence import View
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import LocalProblem, WeightedMeasurement, WorldMap
@@ -51,67 +52,95 @@ def fuse(
         return Fused(pose, [])
     seen = _inliers(world, view, pose, settings)
     if len(seen.tracks) < _FEWEST:
-        return Fused(pose, [WeightedMeasurement(m, _usual_weight(world, m)) for m in measurements])
+        return Fused(pose, usual_weights(world, measurements))
     images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics)
     previous = world.keyframes[-1].pose
-    selections = select_weights(
-        images, [_constraint(m, previous) for m in measurements], pose, settings.weights
-    )
+    methods = ["none" if m.doubtful else settings.weights for m in measurements]
+    selections = select_weights(images, [_constraint(m, previous) for m in measurements], pose, methods)
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
     return Fused(selections[0].pose, weighted, selections)
 
 
+def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:
+    """Give each measurement the weight that its sensor had so far, where nothing tells a new one."""
+    return [WeightedMeasurement(m, _usual_weight(world, m)) for m in measurements]
+
+
 def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGroup]:
-    """One group per sensor, of the keyframes in `local` whose predecessor is there too.
+    """One group per sensor, of the free keyframes in `local`: with their predecessors, if these are there.
 
     Beside a sum over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
     """
     place = {int(k): position for position, k in enumerate(local.keyframes)}
     count = np.bincount(local.problem.camera_index, minlength=len(place))
-    members: dict[tuple[str, str], list[tuple[int, int, object, float]]] = {}
+    members: dict[tuple[str, str], list[_Member]] = {}
     for k, position in place.items():
-        if k - 1 not in place or local.problem.fixed_cameras[position]:
+        if local.problem.fixed_cameras[position]:
             continue
         for constraint in world.keyframes[k].constraints:
-            m, weight = constraint.measurement, constraint.weight
-            row = (place[k - 1], position, m.value, count[position] * weight**2)
-            members.setdefault((m.sensor, m.kind), []).append(row)
-    return [
-        ConstraintGroup(
-            kind,
-            np.array([row[:2] for row in rows], dtype=np.int32),
-            np.array([row[2] for row in rows], dtype=np.float64),
-            member_weights=np.array([row[3] for row in rows]),
-            name=sensor,
-        )
-        for (sensor, kind), rows in members.items()
-    ]
+            m, weight = constraint.measurement, count[position] * constraint.weight**2
+            if m.kind in PLACE_KINDS:
+                cameras: tuple[int, ...] = (position,)
+            elif k - 1 in place:
+                cameras = (place[k - 1], position)
+            else:
+                continue
+            members.setdefault((m.sensor, m.kind), []).append(_Member(cameras, m.value, weight))
+    return [_group(sensor, kind, found) for (sensor, kind), found in members.items()]
+
+
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """One constraint of a group."""
+
+    cameras: tuple[int, ...]
+    value: float | FloatArray
+    weight: float
+
+
+def _group(sensor: str, kind: str, members: Sequence[_Member]) -> ConstraintGroup:
+    cameras = np.array([m.cameras for m in members], dtype=np.int32)
+    return ConstraintGroup(
+        kind,
+        cameras[:, 0] if kind in PLACE_KINDS else cameras,
+        np.array([m.value for m in members], dtype=np.float64),
+        member_weights=np.array([m.weight for m in members]),
+        name=sensor,
+    )
 
 
 def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> View:
-    known = view.only(world.known[view.tracks])
+    known = view.only(world.knows(view.tracks))
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
     return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics, threshold_px))
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
-    """Median of the weights of this sensor so far; 1 before there are any."""
+    """Median of the weights of this sensor so far; 1 before there are any, 0 where it is doubtful."""
+    if measurement.doubtful:
+        return 0.0
     weights = [
         constraint.weight
         for keyframe in world.keyframes
         for constraint in keyframe.constraints
-        if constraint.measurement.sensor == measurement.sensor
+        if constraint.measurement.sensor == measurement.sensor and not constraint.measurement.doubtful
     ]
     return float(np.median(weights)) if weights else 1.0
 
 
 def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
-    value = np.asarray(measurement.value)
-    part = {"distance": float(value)} if measurement.kind == "scale" else {"rotation": value}
-    return PoseConstraint(
+    make = partial(
+        PoseConstraint,
         measurement.kind,
-        **part,
         previous=previous,
         sensor_sigma=measurement.sigma,
         name=measurement.sensor,
     )
+    value = np.asarray(measurement.value)
+    if measurement.kind == "scale":
+        return make(distance=float(value))
+    if measurement.kind == "position":
+        return make(translation=value)
+    if measurement.kind == "pose":
+        return make(rotation=value[:, :3], translation=value[:, 3])
+    return make(rotation=value)

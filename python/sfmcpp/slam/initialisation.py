@@ -9,9 +9,12 @@ from sfmcpp.model.problem import FloatArray
 from sfmcpp.mvg import relative_pose
 from sfmcpp.slam.localisation import locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
-from sfmcpp.slam.sequence import TrackSequence, common
+from sfmcpp.slam.sequence import Frame, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
+
+# Frames kept while the camera stands: the oldest are given up beyond.
+_PATIENCE = 1000
 
 
 class Initialiser:
@@ -19,65 +22,78 @@ class Initialiser:
 
     Parameters
     ----------
-    sequence : TrackSequence
-        What the frames see.
+    intrinsics : (5,) float64
+        Of the camera.
     settings : SlamSettings
         Thresholds and seed.
+
+    Attributes
+    ----------
+    frames : list of Frame
+        Those offered, from the one that would be the first keyframe.
+    reason : str
+        Why there is no map yet.
     """
 
-    def __init__(self, sequence: TrackSequence, settings: SlamSettings) -> None:
-        self._sequence = sequence
-        self._settings = settings
-        self._first: int | None = None
+    def __init__(self, intrinsics: FloatArray, settings: SlamSettings) -> None:
+        self._intrinsics, self._settings = intrinsics, settings
+        self.frames: list[Frame] = []
         self.reason = "no frame yet"
 
-    def try_frame(self, frame: int) -> WorldMap | None:
+    def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""
-        if self._first is None:
-            self._first = frame
-            self.reason = f"frame {frame} is alone"
+        self.frames = [*self.frames[-_PATIENCE:], frame]
+        if len(self.frames) == 1:
+            self.reason = f"frame {frame.number} is alone"
             return None
-        first, last = self._sequence.view(self._first), self._sequence.view(frame)
-        in_first, in_last = common(first, last)
+        first = self.frames[0]
+        in_first, in_last = common(first.view, frame.view)
         if len(in_first) < 2 * self._settings.min_inliers:
-            self.reason = f"frames {self._first} and {frame} share {len(in_first)} tracks only"
-            self._first = frame
+            self.reason = f"frames {first.number} and {frame.number} share {len(in_first)} tracks only"
+            self.frames = [frame]
             return None
-        moved = np.linalg.norm(last.pixels[in_last] - first.pixels[in_first], axis=1)
-        if frame - self._first < 2 or np.median(moved) < self._settings.start_parallax_px:
-            self.reason = f"the image moves {np.median(moved):.3g} px from frame {self._first} to {frame}"
+        before, after = first.view.pixels[in_first], frame.view.pixels[in_last]
+        moved_px = np.median(np.linalg.norm(after - before, axis=1))
+        if len(self.frames) < 3 or moved_px < self._settings.start_parallax_px:
+            self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
             return None
-        return self._map_of(frame, first.pixels[in_first], last.pixels[in_last])
+        return self._map_of(before, after)
 
-    def _map_of(self, frame: int, first: FloatArray, last: FloatArray) -> WorldMap | None:
-        assert self._first is not None
-        settings = self._settings
+    def _map_of(self, before: FloatArray, after: FloatArray) -> WorldMap | None:
+        settings, first, last = self._settings, self.frames[0], self.frames[-1]
         found = relative_pose(
-            first,
-            last,
-            self._sequence.intrinsics,
+            before,
+            after,
+            self._intrinsics,
             min_parallax_px=settings.start_parallax_px / 2,
             max_iterations=1000,
             seed=settings.seed,
         )
         if not found.success:
-            self.reason = f"frames {self._first} and {frame}: {found.message}"
+            self.reason = f"frames {first.number} and {last.number}: {found.message}"
             return None
-        world = WorldMap(self._sequence.num_tracks, self._sequence.intrinsics)
-        identity = np.eye(3, 4)
-        world.keyframes = [self._keyframe(self._first, identity), self._keyframe(frame, found.camera)]
-        triangulate_new(world, settings)
-        return world if self._insert_middle(world) else None
-
-    def _insert_middle(self, world: WorldMap) -> bool:
-        """Add the frame half-way by resection, and adjust all three."""
-        settings = self._settings
-        middle = (world.keyframes[0].frame + world.keyframes[1].frame) // 2
-        pose = locate(world, self._sequence.view(middle), settings)
+        outer = [Keyframe.of(first, np.eye(3, 4)), Keyframe.of(last, found.camera)]
+        pair = self._map(outer)
+        triangulate_new(pair, settings)
+        middle = self.frames[(len(self.frames) - 1) // 2]
+        pose = locate(pair, middle.view, settings)
         if pose is None:
-            self.reason = f"frame {middle} between the first keyframes has no pose"
-            return False
-        world.keyframes.insert(1, self._keyframe(middle, pose))
+            self.reason = f"frame {middle.number} between the first keyframes has no pose"
+            return None
+        world = self._map([outer[0], Keyframe.of(middle, pose), outer[1]])
+        tracks = np.flatnonzero(pair.known)
+        world.points[tracks] = pair.points[tracks]
+        return world if self._adjusted(world) else None
+
+    def _map(self, keyframes: list[Keyframe]) -> WorldMap:
+        world = WorldMap(self._intrinsics)
+        for keyframe in keyframes:
+            world.add(keyframe)
+        return world
+
+    def _adjusted(self, world: WorldMap) -> bool:
+        """Adjust all three keyframes; whether enough points are left."""
+        settings = self._settings
         local = world.around(3)
         local.problem.fixed_cameras[0] = True
         solve(local.problem, threads=1, loss="huber", loss_scale_px=2.0)
@@ -89,6 +105,3 @@ class Initialiser:
             self.reason = f"the first three keyframes leave {points} points only, from {shared} tracks"
             return False
         return True
-
-    def _keyframe(self, frame: int, pose: FloatArray) -> Keyframe:
-        return Keyframe(frame, float(self._sequence.t_s[frame]), pose, self._sequence.view(frame))

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sfmcpp.model import so3
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.mvg import relative_pose, resection
+from sfmcpp.sensors import predict_pose
 from sfmcpp.slam.sensing import SensorSuite
-from sfmcpp.slam.sequence import TrackSequence, View, common
+from sfmcpp.slam.sequence import Frame, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 
 
 def locate(world: WorldMap, view: View, settings: SlamSettings) -> FloatArray | None:
     """Pose (3, 4) of a view by resection from the points of the map, or None."""
-    known = view.only(world.known[view.tracks])
+    known = view.only(world.knows(view.tracks))
     if len(known.tracks) < settings.min_inliers:
         return None
     found = resection(
@@ -31,6 +33,48 @@ def locate(world: WorldMap, view: View, settings: SlamSettings) -> FloatArray | 
         seed=settings.seed,
     )
     return found.camera if found.success else None
+
+
+@dataclass
+class Path:
+    """Where the camera was.
+
+    Attributes
+    ----------
+    poses : dict of int to (3, 4) float64
+        Pose of each frame that has one, world_from_camera.
+    times : dict of int to float
+        Time of each frame looked at [s].
+    """
+
+    poses: dict[int, FloatArray] = field(default_factory=dict)
+    times: dict[int, float] = field(default_factory=dict)
+
+    def latest(self, count: int, without: Collection[int] = ()) -> list[int]:
+        """Numbers of the last `count` frames with a pose, in order."""
+        return heapq.nlargest(count, (k for k in self.poses if k not in without))[::-1]
+
+    def predict(self, time_s: float) -> FloatArray:
+        """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
+        *earlier, last = self.latest(2)
+        now = self.poses[last]
+        if not earlier:
+            return np.array(now)
+        before, first_s, last_s = self.poses[earlier[0]], self.times[earlier[0]], self.times[last]
+        rotation = now[:, :3] @ before[:, :3].T
+        rate = so3.log(before[:, :3].T @ now[:, :3]) / (last_s - first_s)
+        # The body keeps its velocity in its own axes: it follows a bend.
+        velocity = rotation @ (now[:, 3] - before[:, 3]) / (last_s - first_s)
+        return predict_pose(now, rate, velocity, time_s - last_s)
+
+    def speed(self, steps: int = 5, without: Collection[int] = ()) -> float:
+        """Median speed over the last steps, in units of the map per second."""
+        last = self.latest(steps + 1, without)
+        if len(last) < 2:
+            return 0.0
+        centres = np.stack([self.poses[k][:, 3] for k in last])
+        lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+        return float(np.median(lengths / np.diff([self.times[k] for k in last])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,26 +90,26 @@ class Follower:
 
     Parameters
     ----------
-    sequence : TrackSequence
-        What the frames see.
+    intrinsics : (5,) float64
+        Of the camera.
     settings : SlamSettings
         Thresholds and seed.
     sensors : SensorSuite
-        Distances and rotations, where there are any.
+        What measures the motion, where there is anything.
     """
 
-    def __init__(self, sequence: TrackSequence, settings: SlamSettings, sensors: SensorSuite) -> None:
-        self._sequence, self._settings, self._sensors = sequence, settings, sensors
+    def __init__(self, intrinsics: FloatArray, settings: SlamSettings, sensors: SensorSuite) -> None:
+        self._intrinsics, self._settings, self._sensors = intrinsics, settings, sensors
 
-    def follow(self, frame: int, poses: dict[int, FloatArray], doubtful: Collection[int]) -> Step | None:
+    def follow(
+        self, frame: Frame, last: Frame, path: Path, doubtful: Collection[int], *, metric: bool
+    ) -> Step | None:
         """Pose by the tracks shared with the last frame; None where they do not tell it."""
-        last = max(poses)
-        before, here = self._sequence.view(last), self._sequence.view(frame)
-        in_before, in_here = common(before, here)
+        in_before, in_here = common(last.view, frame.view)
         found = relative_pose(
-            before.pixels[in_before],
-            here.pixels[in_here],
-            self._sequence.intrinsics,
+            last.view.pixels[in_before],
+            frame.view.pixels[in_here],
+            self._intrinsics,
             min_inliers=self._settings.min_inliers,
             min_parallax_px=0.3,
             max_iterations=1000,
@@ -74,58 +118,40 @@ class Follower:
         if found.failure not in ("", "ambiguous", "rotation only"):
             return None
         moved = found.failure != "rotation only"
-        length = self._length(last, frame, poses, doubtful) if moved else 0.0
-        pose = poses[last]
+        length = self.length(last.t_s, frame.t_s, path, doubtful, metric=metric) if moved else 0.0
+        pose = path.poses[last.number]
         rotation = pose[:, :3] @ found.camera[:, :3]
         centre = pose[:, 3] + length * pose[:, :3] @ found.camera[:, 3]
         return Step(np.column_stack([rotation, centre]), moved)
 
-    def predict(self, frame: int, poses: dict[int, FloatArray]) -> FloatArray:
+    def predict(self, frame: Frame, path: Path, *, metric: bool) -> FloatArray:
         """Pose by the sensors, and at constant velocity where they are silent (thesis eqs 1.1–1.3)."""
-        last = max(poses)
-        now, guess = poses[last], predict(self._sequence, poses, frame)
-        start_s, end_s = self._times(last, frame)
-        turn = self._sensors.rotation(start_s, end_s)
-        distance = self._distance(start_s, end_s)
+        known = self._sensors.pose(frame.t_s) if metric else None
+        if known is not None:
+            return known
+        guess = path.predict(frame.t_s)
+        last = path.latest(1)[0]
+        now, start_s = path.poses[last], path.times[last]
+        turn = self._sensors.rotation(start_s, frame.t_s)
         rotation = guess[:, :3] if turn is None else now[:, :3] @ turn
-        step = guess[:, 3] - now[:, 3]
-        length = float(np.linalg.norm(step))
-        if distance is not None:
-            step = distance * (step / length if length > 0 else now[:, 2])
-        return np.asarray(np.column_stack([rotation, now[:, 3] + step]))
+        centre = self._sensors.centre(frame.t_s, rotation) if metric else None
+        if centre is None:
+            centre = now[:, 3] + self._step(guess, now, start_s, frame.t_s, metric=metric)
+        return np.asarray(np.column_stack([rotation, centre]))
 
-    def _length(
-        self, last: int, frame: int, poses: dict[int, FloatArray], doubtful: Collection[int]
+    def length(
+        self, start_s: float, end_s: float, path: Path, doubtful: Collection[int], *, metric: bool
     ) -> float:
-        start_s, end_s = self._times(last, frame)
-        distance = self._distance(start_s, end_s)
-        if distance is not None:
-            return distance
-        return speed(self._sequence, {k: poses[k] for k in poses if k not in doubtful}) * (end_s - start_s)
+        """Length of the way between two times: measured, or by the speed so far."""
+        distance = self._sensors.distance(start_s, end_s) if metric else None
+        return path.speed(without=doubtful) * (end_s - start_s) if distance is None else distance
 
-    def _distance(self, start_s: float, end_s: float) -> float | None:
-        return self._sensors.distance(start_s, end_s) if self._sensors.metric else None
-
-    def _times(self, last: int, frame: int) -> tuple[float, float]:
-        return float(self._sequence.t_s[last]), float(self._sequence.t_s[frame])
-
-
-def predict(sequence: TrackSequence, poses: dict[int, FloatArray], frame: int) -> FloatArray:
-    """Pose (3, 4) of a frame if the camera goes on as between the last two poses (thesis eqs 1.1–1.3)."""
-    last = sorted(poses)[-2:]
-    if len(last) < 2:
-        return np.array(poses[last[-1]])
-    before, now = poses[last[0]], poses[last[1]]
-    share = (sequence.t_s[frame] - sequence.t_s[last[1]]) / (sequence.t_s[last[1]] - sequence.t_s[last[0]])
-    turn = so3.log(before[:, :3].T @ now[:, :3])
-    rotation = now[:, :3] @ so3.exp(share * turn)
-    moved = before[:, :3].T @ (now[:, 3] - before[:, 3])
-    return np.asarray(np.column_stack([rotation, now[:, 3] + share * now[:, :3] @ moved]))
-
-
-def speed(sequence: TrackSequence, poses: dict[int, FloatArray], frames: int = 5) -> float:
-    """Median speed over the last frames with a pose, in units of the map per second."""
-    last = sorted(poses)[-frames - 1 :]
-    centres = np.stack([poses[k][:, 3] for k in last])
-    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    return float(np.median(steps / np.diff(sequence.t_s[last]))) if len(steps) else 0.0
+    def _step(
+        self, guess: FloatArray, now: FloatArray, start_s: float, end_s: float, *, metric: bool
+    ) -> FloatArray:
+        step = np.asarray(guess[:, 3] - now[:, 3])
+        distance = self._sensors.distance(start_s, end_s) if metric else None
+        if distance is None:
+            return step
+        length = float(np.linalg.norm(step))
+        return np.asarray(distance * (step / length if length > 0 else now[:, 2]))

@@ -7,6 +7,7 @@ import numpy as np
 from sfmcpp.ba import Summary, solve
 from sfmcpp.mvg import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
 from sfmcpp.slam.fusing import constraint_groups
+from sfmcpp.slam.sensing import METRIC_KINDS
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import LocalProblem, WorldMap
 
@@ -31,7 +32,7 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
     if local.problem.num_observations < 3 * settings.min_inliers:
         return None
     groups = constraint_groups(world, local)
-    hold_gauge(local, 1 if any(group.kind == "scale" for group in groups) else 2)
+    hold_gauge(local, 1 if any(group.kind in METRIC_KINDS for group in groups) else 2)
     summary = solve(
         local.problem,
         constraints=groups,

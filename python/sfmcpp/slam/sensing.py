@@ -1,43 +1,61 @@
-"""What a sensor says of the camera's motion between two frames, as a constraint of thesis table 5.1."""
+"""What a sensor says of a keyframe's pose, as a constraint of thesis table 5.1."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from sfmcpp.model import SensorStream
+from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.sensors import Mounting, rotation_increment, travelled_distance
+from sfmcpp.sensors import (
+    Mounting,
+    check_rotations,
+    describe_gaps,
+    doubtful_stretches,
+    pose_at,
+    position_at,
+    rotation_increment,
+    travelled_distance,
+)
+
+# Kinds that mean something only in a map that is in metres, and in the sensor's world.
+METRIC_KINDS = ("scale", "position", "pose")
+# Kinds that constrain one keyframe, not the motion from the one before.
+PLACE_KINDS = ("position", "pose")
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One constraint between two keyframes.
+    """One constraint on a keyframe, or between the one before and it.
 
     Attributes
     ----------
     sensor : str
         Name of the sensor.
     kind : str
-        Row of thesis table 5.1: ``"scale"`` (the distance of the centres) or
-        ``"displacement-rotation-log"`` (the rotation previous_from_this of the camera).
-    value : float or (3, 3) float64
-        Distance [m], or rotation.
+        Row of thesis table 5.1: ``"scale"`` (the distance of the centres), ``"displacement-rotation-log"``
+        (the rotation previous_from_this of the camera), ``"position"`` (its centre) or ``"pose"``.
+    value : float, or (3, 3), (3,) or (3, 4) float64
+        Distance [m], rotation, centre [m] or pose world_from_camera.
     sigma : float
         What the sensor may be off [m or rad]: not for the weight, only for telling a conflict.
+    doubtful : bool
+        Whether the sensor's own stream shows that it cannot be right here: it gets no weight.
     """
 
     sensor: str
     kind: str
     value: float | FloatArray
     sigma: float
+    doubtful: bool = False
 
 
 class MotionSensor(Protocol):
-    """A sensor of motion: anything with a name and a measurement between two times.
+    """A sensor: anything with a name that can be asked about a keyframe.
 
     Parameters
     ----------
@@ -49,8 +67,25 @@ class MotionSensor(Protocol):
     def name(self) -> str:
         """Name in reports."""
 
-    def between(self, start_s: float, end_s: float) -> Measurement | None:
-        """Measurement of the motion between two times [s]; None where the stream does not cover them."""
+    @property
+    def stream(self) -> SensorStream:
+        """What it has measured."""
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Tell of the camera at a time, or of its motion from an earlier one.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            Times of the keyframe before and of this one [s].
+        rotation : (3, 3) float64
+            Rotation world_from_camera of this one, as far as it is known: a lever arm needs it.
+
+        Returns
+        -------
+        Measurement or None
+            None where the stream does not cover the time.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +107,30 @@ class Odometer:
     sigma_m: float = 0.02
     relative_sigma: float = 0.03
 
-    def between(self, start_s: float, end_s: float) -> Measurement | None:
-        """Distance travelled [m]; the arc stands for the chord, which keyframes are close enough for."""
-        distance = travelled_distance(self.stream, start_s, end_s)
+    @cached_property
+    def doubtful_stretches(self) -> tuple[Gap, ...]:
+        """Where its speed is one that no vehicle can have driven."""
+        return doubtful_stretches(self.stream)
+
+    def between(self, start_s: float, end_s: float) -> float | None:
+        """Distance travelled [m]; None where it is not measured, or doubtful."""
+        return None if self._doubts(start_s, end_s) else self._distance(start_s, end_s)
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Distance from the keyframe before."""
+        distance = self._distance(start_s, end_s)
         if distance is None:
             return None
         sigma_m = float(np.hypot(self.sigma_m, self.relative_sigma * distance))
-        return Measurement(self.name, "scale", abs(distance), sigma_m)
+        return Measurement(self.name, "scale", distance, sigma_m, self._doubts(start_s, end_s))
+
+    def _distance(self, start_s: float, end_s: float) -> float | None:
+        """Length of the arc; it stands for the chord, which keyframes are close enough for."""
+        distance = travelled_distance(self.stream, start_s, end_s)
+        return None if distance is None else abs(distance)
+
+    def _doubts(self, start_s: float, end_s: float) -> bool:
+        return any(gap.start_s < end_s and start_s < gap.end_s for gap in self.doubtful_stretches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +154,92 @@ class Gyroscope:
     name: str = "gyro"
     sigma_rad: float = 0.003
 
-    def between(self, start_s: float, end_s: float) -> Measurement | None:
-        """Rotation of the camera, previous_from_this."""
+    def between(self, start_s: float, end_s: float) -> FloatArray | None:
+        """Rotation (3, 3) of the camera, start_from_end."""
         turn = rotation_increment(self.stream, start_s, end_s)
+        return None if turn is None else self.mounting.camera_rotation(turn)
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Rotation from the keyframe before."""
+        turn = self.between(start_s, end_s)
         if turn is None:
             return None
-        rotation = self.mounting.camera_rotation(turn)
-        return Measurement(self.name, "displacement-rotation-log", rotation, self.sigma_rad)
+        return Measurement(self.name, "displacement-rotation-log", turn, self.sigma_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Gps:
+    """Positions: constrains the centre of a keyframe (thesis table 5.1).
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"position"``: where the antenna, the origin of the body, is in the sensor's world [m]. Of
+        kind ``"geodetic"``: see :func:`sfmcpp.sensors.local_positions`.
+    mounting : Mounting, optional
+        How the camera sits on the body, whose z axis points up. Default: the antenna is at the camera, which
+        is upright.
+    name : str
+        Name in reports.
+    sigma_m : float
+        What a position may be off, along each axis [m].
+    """
+
+    stream: SensorStream
+    mounting: Mounting | None = None
+    name: str = "gps"
+    sigma_m: float = 1.0
+
+    def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
+        """Centre (3,) of a camera with that rotation world_from_camera [m]."""
+        antenna = position_at(self.stream, time_s)
+        if antenna is None or self.mounting is None:
+            return antenna
+        return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)
+
+    @property
+    def up_in_camera(self) -> FloatArray:
+        """Direction (3,) that is up in the frame of an upright camera."""
+        if self.mounting is None:
+            return np.array([0.0, -1.0, 0.0])
+        return np.asarray(self.mounting.camera_from_body[:, 2])
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Centre of this keyframe."""
+        centre = self.at(end_s, rotation)
+        return None if centre is None else Measurement(self.name, "position", centre, self.sigma_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Ins:
+    """Poses: constrains the pose of a keyframe (thesis eq. 5.22).
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"pose"``, world_from_body.
+    mounting : Mounting
+        How the camera sits on the body.
+    name : str
+        Name in reports.
+    sigma_m : float
+        What a position may be off, along each axis [m].
+    """
+
+    stream: SensorStream
+    mounting: Mounting
+    name: str = "ins"
+    sigma_m: float = 0.5
+
+    def at(self, time_s: float) -> FloatArray | None:
+        """Pose (3, 4) of the camera, world_from_camera."""
+        body = pose_at(self.stream, time_s)
+        return None if body is None else self.mounting.camera_poses(body)
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Pose of this keyframe."""
+        pose = self.at(end_s)
+        return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
 
 
 class SensorSuite:
@@ -117,34 +248,54 @@ class SensorSuite:
     Parameters
     ----------
     sensors : sequence of MotionSensor
-        May be empty.
+        May be empty. Of two that can tell the same, the first that covers the time is asked.
     """
 
     def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
         self.sensors = tuple(sensors)
-        # The map has no metres until it is registered.
-        self.metric = False
 
-    @property
-    def gives_scale(self) -> bool:
-        """Whether any sensor measures distances."""
-        return any(isinstance(sensor, Odometer) for sensor in self.sensors)
+    def measure(
+        self, start_s: float, end_s: float, rotation: FloatArray, *, metric: bool
+    ) -> list[Measurement]:
+        """All that can constrain the map as it is: nothing in metres before it has metres."""
+        found = [sensor.measure(start_s, end_s, rotation) for sensor in self.sensors]
+        return [m for m in found if m is not None and (metric or m.kind not in METRIC_KINDS)]
 
-    def between(self, start_s: float, end_s: float) -> list[Measurement]:
-        """All measurements of an interval that can constrain the map as it is: no distances before metres."""
-        found = [sensor.between(start_s, end_s) for sensor in self.sensors]
-        return [m for m in found if m is not None and (self.metric or m.kind != "scale")]
+    def remarks(self) -> list[str]:
+        """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
+        doubts = [
+            f"stream {sensor.stream.name!r}: the speed leaps as no vehicle's can; {stretch} it gets no weight"
+            for sensor in self.sensors
+            if isinstance(sensor, Odometer)
+            for stretch in sensor.doubtful_stretches
+        ]
+        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
+
+    def complaints(self, vision: Trajectory) -> list[str]:
+        """What a whole run tells of a gyroscope, a sentence each: its clock, its unit, its axes."""
+        checks = {
+            sensor.name: check_rotations(sensor.stream, sensor.mounting, vision)
+            for sensor in self.sensors
+            if isinstance(sensor, Gyroscope)
+        }
+        return [told for name, check in checks.items() if (told := check.complaint(name))]
 
     def distance(self, start_s: float, end_s: float) -> float | None:
-        """Measured distance [m], whether or not the map is metric."""
-        for sensor in self.sensors:
-            if isinstance(sensor, Odometer) and (found := sensor.between(start_s, end_s)) is not None:
-                return float(found.value)
-        return None
+        """Distance between two times [m]."""
+        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Odometer))
+        return next((answer for answer in answers if answer is not None), None)
 
     def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
-        """Measured rotation previous_from_this of the camera."""
-        for sensor in self.sensors:
-            if isinstance(sensor, Gyroscope) and (found := sensor.between(start_s, end_s)) is not None:
-                return np.asarray(found.value)
-        return None
+        """Rotation start_from_end of the camera."""
+        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Gyroscope))
+        return next((answer for answer in answers if answer is not None), None)
+
+    def centre(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
+        """Centre of the camera in the sensors' world [m]."""
+        answers = (s.at(time_s, rotation) for s in self.sensors if isinstance(s, Gps))
+        return next((answer for answer in answers if answer is not None), None)
+
+    def pose(self, time_s: float) -> FloatArray | None:
+        """Pose of the camera in the sensors' world."""
+        answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
+        return next((answer for answer in answers if answer is not None), None)

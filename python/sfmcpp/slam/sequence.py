@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +32,45 @@ class View:
     def only(self, mask: NDArray[np.bool_]) -> View:
         """Those of `mask` (n,)."""
         return View(self.tracks[mask], self.pixels[mask])
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image of the camera, as the loop takes it.
+
+    Attributes
+    ----------
+    number : int
+        Its number, counted from 0.
+    t_s : float
+        Its time [s].
+    view : View
+        What it sees.
+    """
+
+    number: int
+    t_s: float
+    view: View
+
+
+class FrameSource(Protocol):
+    """Where frames come from, one after the other: tracks read from a file, or a camera that is running.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        Those of the class that follows this protocol.
+    """
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """``(f, aspect, cx, cy, skew)`` of the camera, float64."""
+
+    def __len__(self) -> int:
+        """How many frames are expected."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Give the frames in order; later ones have later times."""
 
 
 class TrackSequence:
@@ -82,6 +123,13 @@ class TrackSequence:
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.frame, range(len(self)))
+
+    def frame(self, number: int) -> Frame:
+        """Frame of that number."""
+        return Frame(number, float(self.t_s[number]), self.view(number))
 
     def view(self, frame: int) -> View:
         """What `frame` sees."""

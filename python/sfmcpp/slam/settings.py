@@ -41,9 +41,12 @@ class SlamSettings:
     min_inliers : int
         Fewest inliers of a pose to trust.
     registration_keyframes : int
-        Keyframes before the map is brought to the sensors' scale (thesis §5.3.3: 6).
+        Keyframes that bring the map into the sensors' world (thesis §5.3.3: 6).
     weights : str
         How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.fusion.select_weight`.
+    correct_drift : bool
+        Whether the last keyframes are moved back to a sensor, where they have drifted from it as one. Not in
+        the thesis; not done where no weight is asked for.
     seed : int
         Of every random sample; same seed, same result.
     """
@@ -62,6 +65,7 @@ class SlamSettings:
     min_inliers: int = 10
     registration_keyframes: int = 6
     weights: str = "loo"
+    correct_drift: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -4,104 +4,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from sfmcpp.model import Trajectory
 from sfmcpp.model.problem import FloatArray
-from sfmcpp.sensors import register_by_distances
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser
-from sfmcpp.slam.localisation import Follower, locate
+from sfmcpp.slam.localisation import Follower, Step, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
+from sfmcpp.slam.registering import correction, registration
+from sfmcpp.slam.rejoining import rejoin
+from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensing import MotionSensor, SensorSuite
-from sfmcpp.slam.sequence import TrackSequence, View, common
+from sfmcpp.slam.sequence import Frame, FrameSource, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 
 
-@dataclass
-class KeyframeRecord:
-    """What happened at one keyframe, for the report.
-
-    Attributes
-    ----------
-    frame : int
-        Number of the frame.
-    t_s : float
-        Its time [s].
-    inliers : int
-        Points of the map that it saw.
-    new_points : int
-        Points that it gave to the map.
-    milliseconds : dict of str to float
-        Time of each stage [ms].
-    weights : dict of str to float
-        λ of each sensor's constraint.
-    conflicts : dict of str to float
-        By how many standard deviations each sensor disagrees with the images.
-    """
-
-    frame: int
-    t_s: float
-    inliers: int
-    new_points: int
-    milliseconds: dict[str, float] = field(default_factory=dict)
-    weights: dict[str, float] = field(default_factory=dict)
-    conflicts: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass
-class SlamResult:
-    """What a run found.
-
-    Attributes
-    ----------
-    world : WorldMap or None
-        The map; None if it never started.
-    poses : dict of int to (3, 4) float64
-        Pose of every frame that has one.
-    records : list of KeyframeRecord
-        One per keyframe after the first three.
-    lost : list of int
-        Frames after the start whose images say too little: their poses are predicted at constant velocity.
-    bridged : list of int
-        Frames whose pose follows from the frame before alone, the length of the step from the speed so far.
-    metric : bool
-        Whether the map is in metres, by the distances of an odometer; else its unit is its own.
-    message : str
-        Why there is no map, or empty.
-    """
-
-    world: WorldMap | None
-    poses: dict[int, FloatArray]
-    records: list[KeyframeRecord]
-    lost: list[int]
-    bridged: list[int] = field(default_factory=list)
-    metric: bool = False
-    message: str = ""
-
-    def trajectory(self, t_s: FloatArray) -> Trajectory:
-        """All frames with a pose, in order."""
-        frames = sorted(self.poses)
-        return Trajectory(t_s[frames], np.stack([self.poses[k] for k in frames]))
-
-    def keyframe_trajectory(self) -> Trajectory:
-        """Keyframes alone."""
-        assert self.world is not None
-        keyframes = self.world.keyframes
-        return Trajectory(np.array([k.t_s for k in keyframes]), self.world.poses())
-
-
 class Slam:
-    """One run over a sequence; :meth:`step` takes one frame.
+    """One run over the frames of a camera; :meth:`step` takes one.
 
     Parameters
     ----------
-    sequence : TrackSequence
-        What the frames see.
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
     settings : SlamSettings, optional
         What decides about keyframes, poses and points.
     sensors : sequence of MotionSensor
@@ -110,96 +36,145 @@ class Slam:
 
     def __init__(
         self,
-        sequence: TrackSequence,
+        intrinsics: FloatArray,
         settings: SlamSettings | None = None,
         sensors: Sequence[MotionSensor] = (),
     ) -> None:
-        self.sequence = sequence
         self.settings = settings or SlamSettings()
-        self.result = SlamResult(None, {}, [], [], message="there is no frame")
+        self._intrinsics = intrinsics
         self._sensors = SensorSuite(sensors)
-        self._initialiser = Initialiser(sequence, self.settings)
-        self._follower = Follower(sequence, self.settings, self._sensors)
+        self.result = SlamResult(warnings=self._sensors.remarks())
+        self._initialiser = Initialiser(intrinsics, self.settings)
+        self._follower = Follower(intrinsics, self.settings, self._sensors)
+        self._last: Frame | None = None
+        self._tracking = True
 
-    def step(self, frame: int) -> None:
+    def step(self, frame: Frame) -> None:
         """Take the next frame."""
+        self.result.path.times[frame.number] = frame.t_s
         if self.result.world is None:
             self._start(frame)
             return
-        view = self.sequence.view(frame)
         clock = _Clock()
-        pose = locate(self.result.world, view, self.settings)
+        pose = locate(self.result.world, frame.view, self.settings)
         clock.lap("resection")
         if pose is None:
-            self._bridge(frame, view, clock)
+            self._go_on_without_map(frame, clock)
             return
-        self.result.poses[frame] = pose
-        if self._is_keyframe(view):
-            self._add_keyframe(frame, view, pose, clock)
+        self._tracking = True
+        self._place(frame, pose)
+        if self._is_keyframe(frame.view):
+            self._add_keyframe(frame, pose, clock)
 
-    def _bridge(self, frame: int, view: View, clock: _Clock) -> None:
-        """Too few points are left: go on from the last frame with a pose, by the tracks they share."""
-        last = max(self.result.poses)
-        doubtful = {*self.result.bridged, *self.result.lost}
-        step = self._follower.follow(frame, self.result.poses, doubtful)
-        if step is None:
-            self.result.lost.append(frame)
-            self.result.poses[frame] = self._follower.predict(frame, self.result.poses)
-            return
-        self.result.bridged.append(frame)
-        self.result.poses[frame] = step.pose
-        if not step.moved:
-            return
-        if self._world.keyframes[-1].frame != last:
-            self._add_keyframe(last, self.sequence.view(last), self.result.poses[last], clock)
-        self._add_keyframe(frame, view, step.pose, clock)
+    def finish(self) -> None:
+        """After the last frame: tell what the whole run says of the sensors."""
+        if len(self.result.poses) > 1:
+            self.result.warnings += self._sensors.complaints(self.result.trajectory())
 
-    def _start(self, frame: int) -> None:
+    def _start(self, frame: Frame) -> None:
         world = self._initialiser.try_frame(frame)
         if world is None:
             self.result.message = self._initialiser.reason
             return
         self.result.world, self.result.message = world, ""
-        for earlier in range(world.keyframes[0].frame, frame):
-            pose = locate(world, self.sequence.view(earlier), self.settings)
-            if pose is not None:
-                self.result.poses[earlier] = pose
-        for keyframe in world.keyframes:
-            self.result.poses[keyframe.frame] = keyframe.pose
+        self._relocate(self._initialiser.frames, world)
+
+    def _relocate(self, frames: Sequence[Frame], world: WorldMap) -> None:
+        """Give poses to the frames from which a map has started."""
+        of_keyframes = {keyframe.frame: keyframe.pose for keyframe in world.keyframes}
+        for frame in frames:
+            pose = of_keyframes.get(frame.number)
+            pose = locate(world, frame.view, self.settings) if pose is None else pose
+            if pose is None:
+                continue
+            self._place(frame, pose)
+            for doubtful in (self.result.bridged, self.result.lost):
+                if frame.number in doubtful:
+                    doubtful.remove(frame.number)
+
+    def _place(self, frame: Frame, pose: FloatArray) -> None:
+        self.result.poses[frame.number] = pose
+        self._last = frame
+
+    def _go_on_without_map(self, frame: Frame, clock: _Clock) -> None:
+        """Too few points are left: go on from the last frame, and look for a new start once that fails."""
+        result, last = self.result, self._last
+        assert last is not None
+        doubtful = {*result.bridged, *result.lost}
+        step = self._follower.follow(frame, last, result.path, doubtful, metric=result.metric)
+        if step is None:
+            result.lost.append(frame.number)
+            pose = self._follower.predict(frame, result.path, metric=result.metric)
+        else:
+            result.bridged.append(frame.number)
+            pose = step.pose
+        if self._tracking and step is None:
+            self._tracking = False
+            self._initialiser = Initialiser(self._intrinsics, self.settings)
+        self._place(frame, pose)
+        if not self._tracking:
+            self._start_again(frame)
+        elif step is not None and step.moved:
+            self._bridge(last, frame, step, clock)
+
+    def _bridge(self, last: Frame, frame: Frame, step: Step, clock: _Clock) -> None:
+        """Keyframes on both sides of a gap, so that points come from what they share."""
+        if self._world.keyframes[-1].frame != last.number:
+            self._add_keyframe(last, self.result.poses[last.number], clock)
+        self._add_keyframe(frame, step.pose, clock)
+
+    def _start_again(self, frame: Frame) -> None:
+        """A new part of the map, once the frames since the loss tell one."""
+        part = self._initialiser.try_frame(frame)
+        if part is None:
+            return
+        frames = self._initialiser.frames
+        rejoin(self.result, part, self._sensors, self._follower)
+        self.result.restarts.append(frames[0].number)
+        self._relocate(frames, self._world)
+        self._tracking = True
 
     def _register(self) -> None:
-        """Bring the map to metres by the distances between the first keyframes (thesis §5.3.3)."""
-        keyframes = self._world.keyframes[: self.settings.registration_keyframes]
-        if not self._sensors.gives_scale or len(keyframes) < self.settings.registration_keyframes:
+        """Bring the map into the sensors' world (thesis §5.3.3)."""
+        similarity = registration(self._world, self._sensors, self.settings)
+        if similarity is None:
             return
-        times = [keyframe.t_s for keyframe in keyframes]
-        found = [self._sensors.distance(*span) for span in pairwise(times)]
-        distances = [d for d in found if d is not None]
-        if len(distances) < len(found) or not sum(distances) > 0:
-            return
-        registration = register_by_distances(self._world.poses(), distances, len(keyframes))
-        self._world.transform(registration.similarity)
+        self._world.transform(similarity)
         for frame, pose in self.result.poses.items():
-            self.result.poses[frame] = registration.similarity.apply_to_poses(pose)
-        self._sensors.metric = self.result.metric = True
+            self.result.poses[frame] = similarity.apply_to_poses(pose)
+        self.result.metric = True
+
+    def _correct_drift(self) -> None:
+        """Bring the last keyframes back to a sensor that they have drifted from."""
+        if not self.settings.correct_drift or self.settings.weights == "none":
+            return
+        found = correction(self._world, self._sensors, self.settings)
+        if found is None:
+            return
+        first = self._world.keyframes[found.first].frame
+        self._world.move_recent(found.first, found.similarity)
+        for frame in [k for k in self.result.poses if k >= first]:
+            self.result.poses[frame] = found.similarity.apply_to_poses(self.result.poses[frame])
+        self.result.corrections.append(self._world.keyframes[-1].frame)
 
     def _is_keyframe(self, view: View) -> bool:
         world, settings = self._world, self.settings
         last = world.keyframes[-1].view
         here, there = common(view, last)
-        if len(here) < settings.keyframe_overlap * len(last.tracks):
+        if not len(here) or len(here) < settings.keyframe_overlap * len(last.tracks):
             return True
-        known = np.count_nonzero(world.known[view.tracks])
+        known = np.count_nonzero(world.knows(view.tracks))
         moved = np.linalg.norm(view.pixels[here] - last.pixels[there], axis=1)
         return bool(known < settings.keyframe_min_tracks and np.median(moved) > settings.keyframe_parallax_px)
 
-    def _add_keyframe(self, frame: int, view: View, pose: FloatArray, clock: _Clock) -> None:
+    def _add_keyframe(self, frame: Frame, pose: FloatArray, clock: _Clock) -> None:
         world = self._world
-        inliers = np.count_nonzero(world.known[view.tracks])
-        t_s = float(self.sequence.t_s[frame])
-        measurements = self._sensors.between(world.keyframes[-1].t_s, t_s)
-        fused = fuse(world, view, pose, measurements, self.settings)
-        world.keyframes.append(Keyframe(frame, t_s, fused.pose, view, fused.constraints))
+        inliers = int(np.count_nonzero(world.knows(frame.view.tracks)))
+        measurements = self._sensors.measure(
+            world.keyframes[-1].t_s, frame.t_s, pose[:, :3], metric=self.result.metric
+        )
+        fused = fuse(world, frame.view, pose, measurements, self.settings)
+        world.add(Keyframe(frame.number, frame.t_s, fused.pose, frame.view, fused.constraints))
         clock.lap("weights")
         new_points = triangulate_new(world, self.settings)
         clock.lap("triangulation")
@@ -207,13 +182,14 @@ class Slam:
         clock.lap("adjustment")
         for keyframe in world.keyframes[-self.settings.window :]:
             self.result.poses[keyframe.frame] = keyframe.pose
-        if not self._sensors.metric:
+        if self.result.metric:
+            self._correct_drift()
+        else:
             self._register()
-        record = KeyframeRecord(frame, t_s, int(inliers), new_points, dict(clock.laps))
-        for constraint in fused.constraints:
-            record.weights[constraint.measurement.sensor] = constraint.weight
-        for selection in fused.selections:
-            record.conflicts[selection.constraint.name] = selection.conflict.sigmas
+        record = KeyframeRecord(frame.number, frame.t_s, inliers, new_points, dict(clock.laps))
+        record.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
+        record.conflicts = {s.constraint.name: s.conflict.sigmas for s in fused.selections}
+        record.selections = list(fused.selections)
         self.result.records.append(record)
 
     @property
@@ -236,32 +212,33 @@ class _Clock:
 
 
 def run_slam(
-    sequence: TrackSequence,
+    source: FrameSource,
     settings: SlamSettings | None = None,
     sensors: Sequence[MotionSensor] = (),
     callback: Callable[[int, SlamResult], None] | None = None,
 ) -> SlamResult:
-    """Run over all frames of a sequence.
+    """Run over all frames of a source.
 
     Parameters
     ----------
-    sequence : TrackSequence
-        What the frames see.
+    source : FrameSource
+        What the camera sees; each frame is asked for once, when the one before is done.
     settings : SlamSettings, optional
         What decides about keyframes, poses and points.
     sensors : sequence of MotionSensor
         What measures the motion beside the camera.
     callback : callable, optional
-        Called as ``callback(frame, result)`` after each frame.
+        Called as ``callback(frame, result)`` after each frame, with its number.
 
     Returns
     -------
     SlamResult
         The map and the poses; `message` says why if there is no map.
     """
-    slam = Slam(sequence, settings, sensors)
-    for frame in range(len(sequence)):
+    slam = Slam(source.intrinsics, settings, sensors)
+    for frame in source:
         slam.step(frame)
         if callback is not None:
-            callback(frame, slam.result)
+            callback(frame.number, slam.result)
+    slam.finish()
     return slam.result

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem, Similarity
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.problem import FloatArray, IndexArray
 from sfmcpp.slam.sensing import Measurement
-from sfmcpp.slam.sequence import View
+from sfmcpp.slam.sequence import Frame, View
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,11 @@ class Keyframe:
     view: View
     constraints: list[WeightedMeasurement] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, frame: Frame, pose: FloatArray) -> Keyframe:
+        """Make a keyframe of a frame."""
+        return cls(frame.number, frame.t_s, pose, frame.view)
+
 
 @dataclass(frozen=True, eq=False)
 class LocalProblem:
@@ -68,27 +73,57 @@ class LocalProblem:
 class WorldMap:
     """Keyframes and points; a point has the number of its track.
 
+    It grows with what it is told of: tracks that no keyframe has seen take no room.
+
     Parameters
     ----------
-    num_tracks : int
-        How many tracks there can be.
     intrinsics : (5,) float64
         Of the camera.
     """
 
-    def __init__(self, num_tracks: int, intrinsics: FloatArray) -> None:
+    def __init__(self, intrinsics: FloatArray) -> None:
         self.intrinsics = intrinsics
-        self.points: FloatArray = np.full((num_tracks, 3), np.nan)
+        self.points: FloatArray = np.empty((0, 3))
         self.keyframes: list[Keyframe] = []
+        # Number of the oldest keyframe of the part that images hold together.
+        self.part_start = 0
+        # First keyframe that sees each track: older ones need not be asked.
+        self._first_seen: NDArray[np.intp] = np.empty(0, dtype=np.intp)
 
     @property
     def known(self) -> NDArray[np.bool_]:
         """(T,) whether each track has a point."""
         return np.asarray(np.isfinite(self.points[:, 0]))
 
+    def knows(self, tracks: IndexArray) -> NDArray[np.bool_]:
+        """(n,) whether each of the `tracks` (n,) has a point."""
+        found = np.zeros(len(tracks), dtype=np.bool_)
+        met = tracks < len(self.points)
+        found[met] = np.isfinite(self.points[tracks[met], 0])
+        return found
+
     def poses(self) -> FloatArray:
         """(K, 3, 4) poses of the keyframes."""
         return np.stack([keyframe.pose for keyframe in self.keyframes])
+
+    def add(self, keyframe: Keyframe) -> None:
+        """Take a new keyframe; its tracks have no points yet."""
+        tracks = keyframe.view.tracks
+        self._make_room(int(tracks.max(initial=-1)) + 1)
+        self._first_seen[tracks] = np.minimum(self._first_seen[tracks], len(self.keyframes))
+        self.keyframes.append(keyframe)
+
+    def join(self, part: WorldMap, similarity: Similarity) -> None:
+        """Take over another map of later keyframes, placed by `similarity`, world_from_part.
+
+        Images tie it to nothing before: the local adjustment will not look behind its first keyframe.
+        """
+        part.transform(similarity)
+        self.part_start = len(self.keyframes)
+        for keyframe in part.keyframes:
+            self.add(keyframe)
+        tracks = np.flatnonzero(part.known)
+        self.points[tracks] = part.points[tracks]
 
     def transform(self, similarity: Similarity) -> None:
         """Move the whole map (thesis eqs 5.16–5.17)."""
@@ -96,28 +131,52 @@ class WorldMap:
         for keyframe in self.keyframes:
             keyframe.pose = similarity.apply_to_poses(keyframe.pose)
 
+    def move_recent(self, first: int, similarity: Similarity) -> None:
+        """Move the keyframes from `first` on, and their points: a new part that images tie to nothing before.
+
+        Older keyframes forget the points that have moved.
+        """
+        moved = np.zeros(len(self.points), dtype=np.bool_)
+        for keyframe in self.keyframes[first:]:
+            moved[keyframe.view.tracks] = True
+            keyframe.pose = similarity.apply_to_poses(keyframe.pose)
+        self.points[moved] = similarity.apply(self.points[moved])
+        oldest = int(self._first_seen[moved].min(initial=first))
+        for keyframe in self.keyframes[oldest:first]:
+            keyframe.view = keyframe.view.only(~moved[keyframe.view.tracks])
+        self._first_seen[moved] = np.maximum(self._first_seen[moved], first)
+        self.part_start = first
+
     def around(self, moving: int) -> LocalProblem:
         """Make the problem of the last `moving` keyframes, and of every keyframe that sees their points.
 
-        Only those last keyframes and their points are free (thesis §3.3.2).
+        Only those last keyframes and their points are free (thesis §3.3.2), and none of an earlier part.
         """
-        first = max(len(self.keyframes) - moving, 0)
+        return self._since(max(len(self.keyframes) - moving, self.part_start))
+
+    def whole(self) -> LocalProblem:
+        """Make the problem of all keyframes and points."""
+        return self._since(0)
+
+    def _since(self, first: int) -> LocalProblem:
+        """Make the problem of the keyframes from `first` on, and of those that see their points, fixed."""
         seen = np.zeros(len(self.points), dtype=np.bool_)
         for keyframe in self.keyframes[first:]:
             seen[keyframe.view.tracks] = True
         seen &= self.known
-        parts = [keyframe.view.only(seen[keyframe.view.tracks]) for keyframe in self.keyframes]
         # The keyframe before the window takes part for the constraint that ties the window to it.
-        needed = [k >= first - 1 or len(part.tracks) > 0 for k, part in enumerate(parts)]
-        used = np.flatnonzero(needed)
-        problem, tracks = self._problem(used, [parts[k] for k in used])
+        oldest = min(int(self._first_seen[seen].min(initial=first)), max(first - 1, 0))
+        numbers = np.arange(oldest, len(self.keyframes))
+        parts = [keyframe.view.only(seen[keyframe.view.tracks]) for keyframe in self.keyframes[oldest:]]
+        used = numbers[(numbers >= first - 1) | (np.array([len(part.tracks) for part in parts]) > 0)]
+        problem, tracks = self._problem(used, [parts[k - oldest] for k in used])
         sees = np.bincount(problem.camera_index, minlength=len(used)) > 0
         problem.fixed_cameras[:] = (used < first) | ~sees
         return LocalProblem(problem, used, tracks)
 
     def triangulation(self, last: int) -> LocalProblem:
         """Make the problem of the tracks without a point that two or more of the `last` keyframes see."""
-        first = max(len(self.keyframes) - last, 0)
+        first = max(len(self.keyframes) - last, self.part_start)
         recent = np.arange(first, len(self.keyframes))
         views = np.zeros(len(self.points), dtype=np.intp)
         for k in recent:
@@ -142,6 +201,16 @@ class WorldMap:
             keyframe.view = keyframe.view.only(~np.isin(keyframe.view.tracks, bad))
         views = np.bincount(problem.point_index[~outliers], minlength=problem.num_points)
         self.points[local.tracks[views < min_views]] = np.nan
+
+    def _make_room(self, num_tracks: int) -> None:
+        """Grow by doubling, so that each track is moved a few times at most."""
+        have = len(self.points)
+        if num_tracks <= have:
+            return
+        more = max(num_tracks, 2 * have) - have
+        self.points = np.concatenate([self.points, np.full((more, 3), np.nan)])
+        never = np.full(more, np.iinfo(np.intp).max)
+        self._first_seen = np.concatenate([self._first_seen, never])
 
     def _problem(self, keyframes: NDArray[np.intp], views: list[View]) -> tuple[Problem, NDArray[np.intp]]:
         lengths = [len(view.tracks) for view in views]

@@ -1,6 +1,18 @@
 """Images: the frames of a folder or of a video, and the tracks of corners through them."""
 
 from sfmcpp.vision.frames import PICTURES, VIDEOS, Frames, open_frames
-from sfmcpp.vision.klt import FeatureTracks, KltSettings, track_features
+from sfmcpp.vision.klt import FeatureTracks, FrameFeatures, follow_features, track_features
+from sfmcpp.vision.klt_settings import CORNERS, KltSettings
 
-__all__ = ["PICTURES", "VIDEOS", "FeatureTracks", "Frames", "KltSettings", "open_frames", "track_features"]
+__all__ = [
+    "CORNERS",
+    "PICTURES",
+    "VIDEOS",
+    "FeatureTracks",
+    "FrameFeatures",
+    "Frames",
+    "KltSettings",
+    "follow_features",
+    "open_frames",
+    "track_features",
+]

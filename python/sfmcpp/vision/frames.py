@@ -43,6 +43,11 @@ class Frames(ABC):
     def __len__(self) -> int:
         """Number of frames; for a video what its container says, which can be a few too many."""
 
+    @property
+    def fewest(self) -> int:
+        """Fewest frames that there can be."""
+        return len(self)
+
     @abstractmethod
     def __iter__(self) -> Iterator[GreyImage]:
         """Each frame (height, width) uint8, decoded when it is asked for."""
@@ -130,6 +135,10 @@ class _Video(Frames):
     def __len__(self) -> int:
         return self._count
 
+    @property
+    def fewest(self) -> int:
+        return math.ceil(_LEAST_DECODED_PART * self._count)
+
     def __iter__(self) -> Iterator[GreyImage]:
         video = self._open()
         decoded, first = 0, None
@@ -141,7 +150,7 @@ class _Video(Frames):
                 yield image
         finally:
             video.release()
-        if decoded < _LEAST_DECODED_PART * self._count:
+        if decoded < self.fewest:
             reason = f"only {decoded} of the {self._count} frames that it declares can be decoded"
             raise DatasetError(self.path, reason)
 

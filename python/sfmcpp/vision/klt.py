@@ -1,7 +1,8 @@
 """Tracks of corners through images.
 
-Corners are those whose smaller eigenvalue of the structure tensor is large (Shi and Tomasi, "Good features
-to track", CVPR 1994), some in each cell of a grid so that they cover the image. They are followed from each
+Corners are those whose structure tensor has a large smaller eigenvalue (Shi and Tomasi, "Good features to
+track", CVPR 1994), or a large determinant beside its trace (Harris and Stephens, "A combined corner and edge
+detector", Alvey 1988), some in each cell of a grid so that they cover the image. They are followed from each
 frame to the next by the pyramidal method of Lucas and Kanade (Bouguet, Intel 2000), and back again: those
 that do not come back to where they started are dropped (Kalal, Mikolajczyk and Matas, "Forward-backward
 error", ICPR 2010).
@@ -9,7 +10,7 @@ error", ICPR 2010).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from types import ModuleType
 
@@ -20,52 +21,28 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.problem import BoolArray, FloatArray, IndexArray
 from sfmcpp.vision._opencv import load_cv2
 from sfmcpp.vision.frames import GreyImage
+from sfmcpp.vision.klt_settings import KltSettings
 
 Corners = NDArray[np.float32]
 
+# Harris and Stephens' k in det − k tr².
+_HARRIS_K = 0.04
 
-@dataclass(frozen=True)
-class KltSettings:
-    """What decides about corners and how they are followed.
+
+@dataclass(frozen=True, eq=False)
+class FrameFeatures:
+    """What one frame sees.
 
     Attributes
     ----------
-    columns, rows : int
-        Cells of the grid across and down the image.
-    per_cell : int
-        Tracks that a cell is filled up to.
-    window_px : int
-        Side of the square that is compared, odd [px].
-    levels : int
-        Halvings of the image above the full size; each doubles the motion that can be followed.
-    forward_backward_px : float
-        Farthest that a corner may come back from where it started [px].
-    min_distance_px : int
-        Least distance of a new corner from all others [px].
-    quality : float
-        Least response of a corner, as part of the strongest one's in the image.
-    max_residual : float
-        Largest mean absolute difference of the two squares [grey levels].
+    tracks : (n,) int32
+        Tracks, ascending.
+    pixels : (n, 2) float64
+        Where, the centre of the first pixel being (0, 0) [px].
     """
 
-    columns: int = 12
-    rows: int = 4
-    per_cell: int = 5
-    window_px: int = 21
-    levels: int = 4
-    forward_backward_px: float = 1.0
-    min_distance_px: int = 10
-    quality: float = 0.01
-    max_residual: float = 40.0
-
-    def __post_init__(self) -> None:
-        for name in ("columns", "rows", "per_cell", "min_distance_px"):
-            _require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
-        for name in ("forward_backward_px", "max_residual"):
-            _require(name, getattr(self, name), getattr(self, name) > 0, "positive")
-        _require("window_px", self.window_px, self.window_px in range(3, 256, 2), "odd, from 3 to 255")
-        _require("levels", self.levels, self.levels >= 0, "0 or more")
-        _require("quality", self.quality, 0 < self.quality < 1, "in (0, 1)")
+    tracks: IndexArray
+    pixels: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +69,46 @@ class FeatureTracks:
     pixels: FloatArray
 
 
+def follow_features(
+    frames: Iterable[GreyImage], settings: KltSettings | None = None
+) -> Iterator[FrameFeatures]:
+    """Follow corners through images as they come; the same images give the same tracks.
+
+    Only the last image and its corners are kept.
+
+    Parameters
+    ----------
+    frames : iterable of (height, width) uint8
+        Images of one size; each is looked at when its features are asked for.
+    settings : KltSettings, optional
+        Default: that of a car's camera.
+
+    Yields
+    ------
+    FrameFeatures
+        Of each frame. Each new corner has a new track, numbered from 0; a track sees consecutive frames.
+
+    Raises
+    ------
+    InvalidArgument
+        If a frame is not of uint8 numbers (height, width), or of another size than the first.
+    ModuleNotFoundError
+        If OpenCV is not installed.
+    """
+    tracker: _Tracker | None = None
+    for number, image in enumerate(frames):
+        _require_grey(number, image, tracker)
+        tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
+        yield tracker.look_at(image)
+
+
 def track_features(
     frames: Iterable[GreyImage],
     settings: KltSettings | None = None,
     *,
     callback: Callable[[int], None] | None = None,
 ) -> FeatureTracks:
-    """Follow corners through images; the same images give the same tracks.
+    """Follow corners through all images: :func:`follow_features`, collected.
 
     Parameters
     ----------
@@ -121,39 +131,41 @@ def track_features(
     ModuleNotFoundError
         If OpenCV is not installed.
     """
-    tracker: _Tracker | None = None
-    num_frames = 0
-    for number, image in enumerate(frames):
-        _require_grey(number, image, tracker)
-        tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
-        tracker.look_at(image)
-        num_frames = number + 1
+    shape, seen = (0, 0), []
+
+    def with_shape_noted() -> Iterator[GreyImage]:
+        nonlocal shape
+        for image in frames:
+            shape = image.shape
+            yield image
+
+    for number, features in enumerate(follow_features(with_shape_noted(), settings)):
+        seen.append(features)
         if callback is not None:
             callback(number)
-    return _joined(num_frames, tracker)
+    return _joined(shape, seen)
 
 
 @dataclass(eq=False)
 class _Tracker:
-    """The corners followed now, and all that were seen."""
+    """The last image, and the corners followed in it."""
 
     cv2: ModuleType
     settings: KltSettings
     shape: tuple[int, int]
     corners: Corners = field(default_factory=lambda: np.empty((0, 2), np.float32))
     tracks: IndexArray = field(default_factory=lambda: np.empty(0, np.int32))
-    seen: list[tuple[IndexArray, Corners]] = field(default_factory=list)
     image: GreyImage | None = None
     next_track: int = 0
 
-    def look_at(self, image: GreyImage) -> None:
+    def look_at(self, image: GreyImage) -> FrameFeatures:
         """Follow the corners into `image`, and fill up its cells."""
         if self.image is not None and len(self.corners):
             moved, good = self._followed(self.image, image)
             self.corners, self.tracks = moved[good], self.tracks[good]
         self.image = image
         self._add(self._new_corners(image))
-        self.seen.append((self.tracks, self.corners))
+        return FrameFeatures(self.tracks, self.corners.astype(np.float64))
 
     def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
         moved, found, residual = self._flow(before, image, self.corners)
@@ -189,8 +201,17 @@ class _Tracker:
         mask = self._free_pixels()
         if not (wanted > 0).any() or not mask.any():
             return np.empty((0, 2), np.float32)
-        quality, distance = self.settings.quality, self.settings.min_distance_px
-        found = self.cv2.goodFeaturesToTrack(image, 0, quality, distance, mask=mask, blockSize=5)
+        harris, quality = self.settings.corners == "harris", self.settings.quality
+        found = self.cv2.goodFeaturesToTrack(
+            image,
+            0,
+            quality**2 if harris else quality,
+            self.settings.min_distance_px,
+            mask=mask,
+            blockSize=5,
+            useHarrisDetector=harris,
+            k=_HARRIS_K,
+        )
         if found is None:
             return np.empty((0, 2), np.float32)
         corners: Corners = found.reshape(-1, 2)
@@ -234,14 +255,12 @@ def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
     return ranks
 
 
-def _joined(num_frames: int, tracker: _Tracker | None) -> FeatureTracks:
-    if tracker is None:
-        return FeatureTracks(0, 0, 0, np.empty(0, np.int32), np.empty(0, np.int32), np.empty((0, 2)))
-    frames = np.repeat(np.arange(num_frames, dtype=np.int32), [len(tracks) for tracks, _ in tracker.seen])
-    tracks = np.concatenate([tracks for tracks, _ in tracker.seen])
-    pixels = np.concatenate([corners for _, corners in tracker.seen]).astype(np.float64)
-    height, width = tracker.shape
-    return FeatureTracks(num_frames, width, height, frames, tracks, pixels)
+def _joined(shape: tuple[int, ...], seen: list[FrameFeatures]) -> FeatureTracks:
+    height, width = shape
+    frames = np.repeat(np.arange(len(seen), dtype=np.int32), [len(features.tracks) for features in seen])
+    tracks = np.concatenate([np.empty(0, np.int32), *(features.tracks for features in seen)])
+    pixels = np.concatenate([np.empty((0, 2)), *(features.pixels for features in seen)])
+    return FeatureTracks(len(seen), width, height, frames, tracks, pixels)
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
@@ -251,8 +270,3 @@ def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> No
     if tracker is not None and image.shape != tracker.shape:
         rule = f"must be {tracker.shape} as the first"
         raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")
-
-
-def _require(name: str, value: float, good: bool, rule: str) -> None:
-    if not good:
-        raise InvalidArgument(f"{name} = {value}: must be {rule}")

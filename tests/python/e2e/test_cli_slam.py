@@ -155,14 +155,16 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["photos", *OUT], "photos: holds no image"),
         (["clip.mp4", *OUT], "clip.mp4: no such file"),
         (["photo.png", *OUT], "photo.png: is a single picture: give a folder of images"),
-        (["drive.csv", *OUT, "--fps", "10"], "camera, fps: are for images"),
-        (["drive.csv", *OUT, "--camera", "700,0,600"], "camera, fps: are for images"),
+        (["drive.csv", *OUT, "--fps", "10"], "camera, fps, corners: are for images"),
+        (["drive.csv", *OUT, "--corners", "harris"], "camera, fps, corners: are for images"),
+        (["drive.csv", *OUT, "--corners", "fast"], "'fast' is unknown; choose one of shi-tomasi, harris"),
+        (["drive.csv", *OUT, "--camera", "700,0,600"], "camera, fps, corners: are for images"),
         (["drive.csv", *OUT, "--camera", "700,600"], "'700,600': must be f,cx,cy or f,aspect,cx,cy,skew"),
         (["drive.csv", *OUT, "--fps", "0"], "0.0: must be positive"),
         (["broken.csv", *OUT], "broken.csv:4: 'x' is not a finite number"),
         (["drive.csv", "-o", "broken.csv"], "broken.csv: is a file, a folder is wanted"),
         (["drive.csv", *OUT, "--sensor", "radar"], "'radar' is unknown; choose one of odometer, imu"),
-        (["drive.csv", *OUT, "--sensor", "gps"], "sensor = 'gps': is not supported yet"),
+        (["drive.csv", *OUT, "--sensor", "gps"], "sensor = 'gps': the input holds no position"),
         (["drive.csv", *OUT, "--sensor", "imu", "--sensor", "imu"], "'imu' is named twice"),
         (["drive.csv", *OUT, "--sensor", "odometer"], "the input holds no distance or speed or velocity"),
         (["drive.csv", *OUT, "--sensor-file", "s.csv"], "no --sensor is named"),
@@ -171,7 +173,6 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv", *OUT, *ODOMETER, "--weights", "fixed:-1"], "method = 'fixed:-1'"),
         (["drive.csv", *OUT, "--weights", "loo"], "'loo': there is no --sensor to weigh"),
         (["drive.csv", *OUT, "--window", "1"], "window = 1: must be at least 2"),
-        (["drive.csv", *OUT, "--view"], "is not supported yet"),
     ],
 )
 def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
@@ -200,7 +201,7 @@ def test_an_odometer_in_a_file_brings_the_map_to_metres(tmp_path: Path) -> None:
     result = run("slam", source, *command)
     assert (result.returncode, result.stderr) == (0, "")
     assert "odometer; weights by loo, in the median odometer" in result.stdout
-    assert names_in(tmp_path / "out") == sorted([*FILES, "weights.png"])
+    assert names_in(tmp_path / "out") == sorted([*FILES, "trade_off.png", "weights.png"])
     weighed = [keyframe["weights"] for keyframe in strict_json(tmp_path / "out/report.json")["keyframes"]]
     assert {name for weights in weighed for name in weights} == {"odometer"}
     found = read_trajectory(tmp_path / "out/trajectory.txt")
@@ -246,7 +247,7 @@ def test_a_real_drive_is_mapped_and_measured_against_its_truth(tmp_path: Path, d
     folder = tmp_path / "out"
     result = run("slam", drive, "-o", folder)
     assert (result.returncode, result.stderr) == (0, "")
-    assert names_in(folder) == FILES
+    assert names_in(folder) == sorted([*FILES, "scale.png"])
     content = strict_json(folder / "report.json")
     assert content["totals"]["frames"] == content["totals"]["poses"] == 108
     truth = content["truth"]

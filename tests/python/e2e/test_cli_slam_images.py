@@ -18,10 +18,16 @@ CAMERA = "707.0912,601.8873,183.1104"
 
 
 @pytest.mark.real
-def test_every_image_of_a_real_clip_has_a_pose_near_its_true_one(tmp_path: Path, data_dir: Path) -> None:
-    result = run("slam", data_dir / CLIP, "-o", tmp_path)
+@pytest.mark.parametrize("corners", ["shi-tomasi", "harris"])
+def test_every_image_of_a_real_clip_has_a_pose_near_its_true_one(
+    tmp_path: Path, data_dir: Path, corners: str
+) -> None:
+    result = run("slam", data_dir / CLIP, "--corners", corners, "-o", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     content = strict_json(tmp_path / "report.json")
+    assert (content["input"]["frames"], content["input"]["corners"]) == (51, corners)
+    assert content["input"]["tracks"] > 1000
+    assert 0 < content["seconds_tracking"] < content["seconds"]
     assert content["totals"]["frames"] == content["totals"]["poses"] == 51
     assert content["totals"]["lost"] == content["totals"]["bridged"] == 0
     np.testing.assert_allclose(read_trajectory(tmp_path / "trajectory.txt").t_s, 0.1 * np.arange(51))

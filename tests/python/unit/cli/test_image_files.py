@@ -1,16 +1,18 @@
-"""The camera and the times of images, from the files beside them or from the user, the nearest first."""
+"""Images come one at a time; their camera and times from the user or the files beside them, nearest first."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sfmcpp.cli.camera_files import find_intrinsics, read_intrinsics
-from sfmcpp.cli.slam_images import read_images
+from sfmcpp.cli.slam_images import ImageStream, open_images
 from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError
+from sfmcpp.vision import Frames, KltSettings, open_frames, track_features
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -19,10 +21,82 @@ CAMERA = ImageOptions(intrinsics=(90.0, 1.0, 32.0, 24.0, 0.0))
 
 
 def write_images(folder: Path, count: int = 3) -> Path:
+    """Noise that moves a pixel to the right from image to image."""
     folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (48, 64 + count)).astype(np.uint8)
+    noise = cv2.GaussianBlur(noise, (5, 5), 1.2)
     for number in range(count):
-        assert cv2.imwrite(str(folder / f"{number}.png"), np.zeros((48, 64), np.uint8))
+        assert cv2.imwrite(str(folder / f"{number}.png"), noise[:, count - number :][:, :64])
     return folder
+
+
+def times_of(images: Path, options: ImageOptions, stamps: np.ndarray | None = None) -> list[float]:
+    return [frame.t_s for frame in open_images(images, options, stamps)[0]]
+
+
+def test_frames_see_the_tracks_of_all_images_read_one_after_the_other(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 6)
+    stream, _ = open_images(images, CAMERA)
+    expected = track_features(open_frames(images))
+    frames = list(stream)
+    assert [frame.number for frame in frames] == list(range(6))
+    for frame in frames:
+        here = expected.frame_index == frame.number
+        np.testing.assert_array_equal(frame.view.tracks, expected.track_index[here])
+        np.testing.assert_array_equal(frame.view.pixels, expected.pixels[here])
+    assert len(stream) == 6
+    assert stream.num_tracks == expected.track_index.max() + 1 > 0
+    assert stream.seconds > 0
+
+
+def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_named(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 4)
+    stream = iter(open_images(images, CAMERA)[0])
+    next(stream)
+    (images / "2.png").write_text("no picture")
+    assert next(stream).number == 1
+    with pytest.raises(DatasetError, match=r"2\.png: is no image that can be decoded"):
+        next(stream)
+
+
+def test_the_corners_asked_for_are_followed(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images")
+    harris = ImageOptions(CAMERA.intrinsics, corners="harris")
+    one, other = (next(iter(open_images(images, options)[0])).view.pixels for options in (CAMERA, harris))
+    assert one.shape != other.shape or (one != other).any()
+
+
+def write_video(path: Path, count: int) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (64, 48))
+    for number in range(count):
+        writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
+    writer.release()
+    return path
+
+
+class LongerVideo(Frames):
+    """A video whose container declares more frames than there are."""
+
+    def __init__(self, path: Path, declared: int) -> None:
+        self.path, self._frames, self._declared = path, open_frames(path), declared
+
+    def __len__(self) -> int:
+        return self._declared
+
+    @property
+    def fewest(self) -> int:
+        return self._declared - 2
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return iter(self._frames)
+
+
+def test_a_video_with_fewer_frames_than_declared_is_counted_as_it_is(tmp_path: Path) -> None:
+    video = LongerVideo(write_video(tmp_path / "clip.avi", 5), declared=6)
+    stream = ImageStream(video, np.array(CAMERA.intrinsics), lambda number: 0.1 * number, KltSettings())
+    assert len(stream) == 6
+    assert [frame.number for frame in stream] == list(range(5))
+    assert len(stream) == 5
 
 
 @pytest.mark.parametrize(
@@ -73,13 +147,30 @@ def test_times_come_from_the_user_then_the_sensors_then_the_file_then_a_tenth_of
     tmp_path: Path,
 ) -> None:
     images, stamps = write_images(tmp_path / "images"), np.array([50.0, 50.2, 50.3, 50.5])
-    np.testing.assert_allclose(read_images(images, CAMERA)[0].t_s, [0, 0.1, 0.2])
+    np.testing.assert_allclose(times_of(images, CAMERA), [0, 0.1, 0.2])
     (tmp_path / "times.txt").write_text("7\n7.5\n9\n")
-    np.testing.assert_array_equal(read_images(images, CAMERA)[0].t_s, [7, 7.5, 9])
-    np.testing.assert_array_equal(read_images(images, CAMERA, stamps)[0].t_s, [50, 50.2, 50.3])
+    np.testing.assert_array_equal(times_of(images, CAMERA), [7, 7.5, 9])
+    np.testing.assert_array_equal(times_of(images, CAMERA, stamps), [50, 50.2, 50.3])
     twice = ImageOptions(CAMERA.intrinsics, fps=2.0)
-    np.testing.assert_array_equal(read_images(images, twice, stamps)[0].t_s, [50, 50.5, 51])
-    np.testing.assert_array_equal(read_images(images, twice)[0].t_s, [0, 0.5, 1])
+    np.testing.assert_array_equal(times_of(images, twice, stamps), [50, 50.5, 51])
+    np.testing.assert_array_equal(times_of(images, twice), [0, 0.5, 1])
+
+
+@pytest.mark.parametrize(("listed", "accepted"), [(3, False), (4, True), (5, True), (6, True), (7, False)])
+def test_a_video_may_have_a_few_times_fewer_than_it_declares_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listed: int, accepted: bool
+) -> None:
+    video = LongerVideo(write_video(tmp_path / "clip.avi", 5), declared=6)
+    monkeypatch.setattr("sfmcpp.cli.slam_images.open_frames", lambda path: video)
+    (tmp_path / "times.txt").write_text("".join(f"{k}\n" for k in range(listed)))
+    if not accepted:
+        with pytest.raises(DatasetError, match=f"holds {listed} times for 6 images"):
+            open_images(video.path, CAMERA)
+    elif listed < 5:
+        with pytest.raises(DatasetError, match="image 4 has no time: 4 are known; give --fps"):
+            times_of(video.path, CAMERA)
+    else:
+        assert times_of(video.path, CAMERA) == list(range(5))
 
 
 @pytest.mark.parametrize(
@@ -92,19 +183,19 @@ def test_times_come_from_the_user_then_the_sensors_then_the_file_then_a_tenth_of
 def test_times_that_cannot_be_are_refused(tmp_path: Path, content: str, told: str) -> None:
     (tmp_path / "times.txt").write_text(content)
     with pytest.raises(DatasetError, match=told):
-        read_images(write_images(tmp_path / "images"), CAMERA)
+        open_images(write_images(tmp_path / "images"), CAMERA)
 
 
 def test_a_drive_shorter_than_the_images_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="3 images for 2 stamps of the sensors' drive: give --fps"):
-        read_images(write_images(tmp_path / "images"), CAMERA, np.array([0.0, 0.1]))
+        open_images(write_images(tmp_path / "images"), CAMERA, np.array([0.0, 0.1]))
 
 
 def test_true_poses_beside_the_images_get_their_times(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images")
-    assert read_images(images, CAMERA)[1] is None
+    assert open_images(images, CAMERA)[1] is None
     (tmp_path / "poses.txt").write_text("".join(f"1 0 0 {k} 0 1 0 0 0 0 1 0\n" for k in range(3)))
-    _, truth = read_images(images, CAMERA)
+    _, truth = open_images(images, CAMERA)
     assert truth is not None
     np.testing.assert_allclose(truth.t_s, [0, 0.1, 0.2])
     np.testing.assert_array_equal(truth.centres[:, 0], [0, 1, 2])

@@ -5,20 +5,17 @@ from __future__ import annotations
 import base64
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
+from browser_helpers import screenshot
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.plotting.scene_page import Scene, save_scene_page, scene_page
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 
@@ -42,31 +39,6 @@ def data_of(page: str) -> dict[str, Any]:
     for name, width in {"points": 3, "path": 3, "truth": 3, "cameras": 12}.items():
         content[name] = np.frombuffer(base64.b64decode(content[name]), "<f4").reshape(-1, width)
     return content
-
-
-def screenshot(page: Path, picture: Path) -> np.ndarray:
-    """Pixels (height, width, 3) of the page in a headless browser."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"no browser found: {', '.join(BROWSERS)}")
-    options = [
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--hide-scrollbars",
-        "--window-size=1000,700",
-    ]
-    profile = f"--user-data-dir={picture.parent / 'profile'}"
-    command = [
-        browser,
-        *options,
-        profile,
-        "--virtual-time-budget=2000",
-        f"--screenshot={picture}",
-        page.as_uri(),
-    ]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
-    return np.asarray(imread(picture))[:, :, :3]
 
 
 def test_the_page_holds_the_scene_with_x_right_y_ahead_and_z_up() -> None:

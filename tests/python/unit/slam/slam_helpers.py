@@ -48,12 +48,12 @@ def small_map(tracks_seen: list[list[int]], unknown: tuple[int, ...] = ()) -> Wo
     """A map whose keyframe k, a step aside from the one before, sees the tracks ``tracks_seen[k]``."""
     count = 1 + max(track for tracks in tracks_seen for track in tracks)
     points = np.random.default_rng(1).uniform([-2, -2, 6], [2, 2, 10], (count, 3))
-    world = WorldMap(count, INTRINSICS)
+    world = WorldMap(INTRINSICS)
     for k, tracks in enumerate(tracks_seen):
         pose = np.eye(3, 4)
         pose[0, 3] = 0.5 * k
         seen = np.array(tracks, dtype=np.int32)
-        world.keyframes.append(Keyframe(10 * k, STEP_S * k, pose, View(seen, project(pose, points[seen]))))
-    world.points[:] = points
+        world.add(Keyframe(10 * k, STEP_S * k, pose, View(seen, project(pose, points[seen]))))
+    world.points[:count] = points
     world.points[list(unknown)] = np.nan
     return world

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.slam import TrackSequence
-from sfmcpp.slam.localisation import predict, speed
-from slam_helpers import INTRINSICS
+from sfmcpp.slam import Path
 
 
-def blind(*t_s: float) -> TrackSequence:
-    """Frames at these times that see nothing."""
-    return TrackSequence(t_s, [], [], np.empty((0, 2)), INTRINSICS)
+def path_of(poses: dict[int, np.ndarray], *t_s: float) -> Path:
+    """A path with these poses, of frames at these times."""
+    return Path(poses, dict(enumerate(t_s)))
 
 
 def screw(count: int) -> dict[int, np.ndarray]:
@@ -31,26 +29,27 @@ def screw(count: int) -> dict[int, np.ndarray]:
 def test_a_constant_motion_goes_on_exactly() -> None:
     poses = screw(6)
     expected = poses.pop(5)
-    found = predict(blind(0.0, 0.1, 0.2, 0.3, 0.4, 0.5), poses, 5)
+    found = path_of(poses, 0.0, 0.1, 0.2, 0.3, 0.4).predict(0.5)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_a_straight_motion_goes_on_in_proportion_to_time() -> None:
     start, now = np.eye(3, 4), np.eye(3, 4)
     now[:, 3] = [0.1, 0.0, 0.4]
-    found = predict(blind(1.0, 1.2, 1.9), {0: start, 1: now}, 2)
+    found = path_of({0: start, 1: now}, 1.0, 1.2).predict(1.9)
     np.testing.assert_allclose(found[:, 3], [0.45, 0.0, 1.8])
     np.testing.assert_allclose(found[:, :3], np.eye(3), atol=1e-15)
 
 
 def test_a_single_pose_stays() -> None:
     pose = screw(1)[0]
-    np.testing.assert_array_equal(predict(blind(0.0, 0.1), {0: pose}, 1), pose)
+    np.testing.assert_array_equal(path_of({0: pose}, 0.0).predict(0.1), pose)
 
 
 def test_the_speed_is_the_median_of_the_last_steps() -> None:
     centres = [0.0, 50.0, 51.0, 52.0, 53.0, 153.0, 154.0]
     poses = {k: np.column_stack([np.eye(3), [x, 0, 0]]) for k, x in enumerate(centres)}
-    times = blind(*(0.5 * np.arange(7)))
-    assert speed(times, poses) == pytest.approx(2.0)
-    assert speed(times, {0: poses[0]}) == 0.0
+    times = 0.5 * np.arange(7)
+    assert path_of(poses, *times).speed() == pytest.approx(2.0)
+    assert path_of(poses, *times).speed(without=[6]) == pytest.approx(2.0)
+    assert path_of({0: poses[0]}, *times).speed() == 0.0

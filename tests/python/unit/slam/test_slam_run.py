@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.model import Problem, fit_pose_similarity
-from sfmcpp.slam import SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam import Path, SlamResult, SlamSettings, TrackSequence, run_slam
 from sfmcpp.synthetic import add_outliers, corridor_scene, street_loop_scene
 from slam_helpers import drive, path, sequence_of
 
@@ -106,7 +106,7 @@ def test_a_camera_that_first_stands_starts_late() -> None:
     assert max(result.poses) == 49
     moving = {frame: pose for frame, pose in result.poses.items() if frame >= 20}
     assert len(moving) == 30
-    assert relative_errors(SlamResult(None, moving, [], []), truth)[0] < 0.02
+    assert relative_errors(SlamResult(path=Path(moving)), truth)[0] < 0.02
 
 
 def test_one_frame_gives_a_message_and_no_map() -> None:

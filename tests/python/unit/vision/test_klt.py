@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.vision import FeatureTracks, KltSettings, track_features
+from sfmcpp.vision import CORNERS, FeatureTracks, KltSettings, follow_features, track_features
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -39,9 +42,12 @@ def track(tracks: FeatureTracks, number: int) -> tuple[np.ndarray, np.ndarray]:
     return tracks.frame_index[mask], tracks.pixels[mask]
 
 
+@pytest.mark.parametrize("corners", CORNERS)
 @pytest.mark.parametrize("step_px", [(0.3, -0.45), (2.7, 1.15), (-11.6, 7.2), (0.0, 0.0)])
-def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(step_px: tuple[float, float]) -> None:
-    found = track_features(moved(step_px, 4), SETTINGS)
+def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(
+    step_px: tuple[float, float], corners: str
+) -> None:
+    found = track_features(moved(step_px, 4), replace(SETTINGS, corners=corners))
     errors = []
     for number in range(found.track_index.max() + 1):
         frames, pixels = track(found, number)
@@ -50,6 +56,62 @@ def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(step_px: tuple[float
     assert np.percentile(distance, 99) < 0.1
     in_all = np.bincount(found.track_index) == 4
     assert in_all.sum() > 0.5 * SETTINGS.columns * SETTINGS.rows * SETTINGS.per_cell
+
+
+@pytest.mark.parametrize("corners", CORNERS)
+def test_corners_are_the_strongest_around_by_their_own_measure(corners: str) -> None:
+    settings = replace(SETTINGS, corners=corners, quality=0.2)
+    image = texture((0, 0))
+    response = corner_responses(image)[corners]
+    columns, rows = track_features([image], settings).pixels.astype(int).T
+    border = settings.window_px // 2
+    inner = response[border:-border, border:-border]
+    least = {"shi-tomasi": 0.2, "harris": 0.2**2}[corners] * inner.max()
+    assert len(rows) > 10
+    assert response[rows, columns].min() >= least * (1 - 1e-5)
+    strongest_beside = ndimage.maximum_filter(response, 3)[rows, columns]
+    np.testing.assert_allclose(response[rows, columns], strongest_beside, rtol=1e-5)
+
+
+def corner_responses(image: np.ndarray) -> dict[str, np.ndarray]:
+    """Both measures of a corner, from the structure tensor over squares of five pixels."""
+    gradients = [ndimage.sobel(image.astype(np.float64), axis, mode="mirror") for axis in (1, 0)]
+    xx, xy, yy = (ndimage.uniform_filter(gradients[a] * gradients[b], 5) for a, b in ((0, 0), (0, 1), (1, 1)))
+    trace, determinant = xx + yy, xx * yy - xy**2
+    smaller = trace / 2 - np.sqrt(np.maximum((trace / 2) ** 2 - determinant, 0))
+    return {"shi-tomasi": smaller, "harris": determinant - 0.04 * trace**2}
+
+
+def test_the_two_kinds_of_corners_differ() -> None:
+    one, other = (track_features([texture((0, 0))], replace(SETTINGS, corners=c)).pixels for c in CORNERS)
+    assert len(one) != len(other) or (one != other).any()
+
+
+def test_features_come_frame_by_frame_and_no_older_image_is_kept() -> None:
+    images: list[weakref.ref[np.ndarray]] = []
+
+    def taken() -> Iterator[np.ndarray]:
+        for k in range(4):
+            image = texture((3.0 * k, 0.0))
+            images.append(weakref.ref(image))
+            yield image
+            del image
+
+    stream = follow_features(taken(), SETTINGS)
+    for number, features in enumerate(stream):
+        assert len(images) == number + 1
+        assert [image() is not None for image in images[:-2]] == [False] * (number - 1)
+        assert (np.diff(features.tracks) > 0).all()
+        assert features.pixels.shape == (len(features.tracks), 2)
+
+
+def test_collected_features_are_those_of_each_frame() -> None:
+    images = moved((3.0, 1.0), 4)
+    found = track_features(images, SETTINGS)
+    for number, features in enumerate(follow_features(images, SETTINGS)):
+        here = found.frame_index == number
+        np.testing.assert_array_equal(found.track_index[here], features.tracks)
+        np.testing.assert_array_equal(found.pixels[here], features.pixels)
 
 
 def test_a_track_ends_where_its_square_leaves_the_image() -> None:
@@ -128,6 +190,11 @@ def test_no_frame_and_frames_smaller_than_the_window_have_no_tracks() -> None:
 def test_settings_that_cannot_be_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(InvalidArgument, match=rf"^{name} = {value}: must be"):
         KltSettings(**{name: value})
+
+
+def test_unknown_corners_are_refused_by_name() -> None:
+    with pytest.raises(InvalidArgument, match=r"^corners = 'fast': must be one of shi-tomasi, harris"):
+        KltSettings(corners="fast")
 
 
 def test_frames_of_another_kind_or_size_are_refused() -> None:

@@ -1,0 +1,168 @@
+"""The map brought into the sensors' world: into metres, and into the frame of positions (thesis §5.3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import Similarity
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
+from sfmcpp.slam.sensing import Gps, Ins, Odometer, SensorSuite
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.world_map import Keyframe, WorldMap
+
+# What the scale may be off before positions count: with less of a way the map would be stretched by noise.
+_RELATIVE_SIGMA = 0.03
+# A map has drifted from the sensor when a fit of its last keyframes leaves this part of their distance to it.
+_DRIFT_RATIO = 0.5
+# Most keyframes that such a fit looks back on.
+_LOOK_BACK = 80
+# With a lever arm the rotation is needed to tell where the camera is, and the other way round.
+_ROUNDS = 3
+# In the sensors' world.
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Similarity | None:
+    """Find what brings the map into the sensors' world, world_from_map.
+
+    Poses decide, else positions, else distances: a map in metres alone could not take positions later.
+
+    Parameters
+    ----------
+    world : WorldMap
+        The map so far, in a frame and a unit of its own.
+    sensors : SensorSuite
+        The sensors.
+    settings : SlamSettings
+        How many keyframes it takes.
+
+    Returns
+    -------
+    Similarity or None
+        None as long as there are too few keyframes, or they do not tell it.
+    """
+    found = _fitted(_way_of(sensors), world.keyframes, sensors, settings.registration_keyframes)
+    return None if found is None else found.similarity
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What brings a map that has drifted back: the keyframes from `first` on, and how they move."""
+
+    first: int
+    similarity: Similarity
+
+
+def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Correction | None:
+    """Find how the last keyframes move if poses or positions say that the map has drifted from them.
+
+    Images hold a keyframe to the map, and cross-validation by these images takes the side of the map: what an
+    absolute sensor says against a map that has drifted as a whole would never get a weight.
+
+    Parameters
+    ----------
+    world : WorldMap
+        The map, registered before.
+    sensors : SensorSuite
+        The sensors.
+    settings : SlamSettings
+        How many keyframes it takes.
+
+    Returns
+    -------
+    Correction or None
+        None if no sensor is absolute, or the last keyframes are as near to it as they can be.
+    """
+    way = _way_of(sensors)
+    start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
+    fewest = settings.registration_keyframes
+    for first in range(len(world.keyframes) - fewest, start - 1, -fewest):
+        found = _fitted(way, world.keyframes[first:], sensors, fewest)
+        if found is not None:
+            return Correction(first, found.similarity) if found.drifted else None
+    return None
+
+
+# Poses of the map and what a sensor says of them, from the keyframes it covers and the rotation so far.
+_Way = Callable[[Sequence[Keyframe], SensorSuite, int], "_Fit | None"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A similarity world_from_map, and the root mean squares before and after it [m]."""
+
+    similarity: Similarity
+    before_m: float
+    after_m: float
+
+    @property
+    def drifted(self) -> bool:
+        return self.after_m < _DRIFT_RATIO * self.before_m
+
+
+def _way_of(sensors: SensorSuite) -> _Way | None:
+    """The best that the sensors give."""
+    kinds = {type(sensor) for sensor in sensors.sensors}
+    ways = {Ins: _by_poses, Gps: _by_positions, Odometer: _by_distances}
+    return next((way for kind, way in ways.items() if kind in kinds), None)
+
+
+def _fitted(
+    way: _Way | None, keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int
+) -> _Fit | None:
+    try:
+        return None if way is None else way(keyframes, sensors, fewest)
+    except InvalidArgument:
+        return None
+
+
+def _fit(registered: Registration, seen: FloatArray, centres: FloatArray) -> _Fit:
+    before = np.linalg.norm(seen[:, :, 3] - centres, axis=1)
+    return _Fit(registered.similarity, float(np.sqrt(np.mean(before**2))), registered.rmse_m)
+
+
+def _by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
+    pairs = [(k.pose, pose) for k in keyframes if (pose := sensors.pose(k.t_s)) is not None]
+    if len(pairs) < fewest:
+        return None
+    seen, measured = (np.stack(poses) for poses in zip(*pairs, strict=True))
+    registered = register_by_poses(seen, measured, len(pairs))
+    if registered.relative_sigma > _RELATIVE_SIGMA:
+        return None
+    return _fit(registered, seen, measured[:, :, 3])
+
+
+def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
+    """Fit to positions; on a straight way the camera is taken to be upright."""
+    gps = next(sensor for sensor in sensors.sensors if isinstance(sensor, Gps))
+    rotation, found = np.eye(3), None
+    for _ in range(_ROUNDS):
+        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
+        pairs = [(seen, centre) for seen, centre in at if centre is not None]
+        if len(pairs) < fewest:
+            return None
+        seen, centres = (np.stack(part) for part in zip(*pairs, strict=True))
+        registered = register_by_positions(seen, centres, len(pairs), up=_UP, up_in_camera=gps.up_in_camera)
+        if registered.relative_sigma > _RELATIVE_SIGMA:
+            return None
+        rotation, found = registered.similarity.rotation, _fit(registered, seen, centres)
+    return found
+
+
+def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
+    """Ratio of the mean steps (eq. 5.19) of the last keyframes in a row, whose distances must be known."""
+    last = keyframes[-count:]
+    found = [sensors.distance(*span) for span in pairwise(k.t_s for k in last)]
+    distances = np.array([d for d in found if d is not None])
+    if len(last) < count or len(distances) < len(found) or not distances.sum() > 0:
+        return None
+    poses = np.stack([k.pose for k in last])
+    registered = register_by_distances(poses, distances, count)
+    before = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances
+    return _Fit(registered.similarity, float(np.sqrt(np.mean(before**2))), registered.rmse_m)

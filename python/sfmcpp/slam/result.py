@@ -1,0 +1,107 @@
+"""What a SLAM run gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.fusion import WeightSelection
+from sfmcpp.model import Trajectory
+from sfmcpp.model.problem import FloatArray
+from sfmcpp.slam.localisation import Path
+from sfmcpp.slam.world_map import WorldMap
+
+
+@dataclass
+class KeyframeRecord:
+    """What happened at one keyframe, for the report.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    t_s : float
+        Its time [s].
+    inliers : int
+        Points of the map that it saw.
+    new_points : int
+        Points that it gave to the map.
+    milliseconds : dict of str to float
+        Time of each stage [ms].
+    weights : dict of str to float
+        λ of each sensor's constraint.
+    conflicts : dict of str to float
+        By how many standard deviations each sensor disagrees with the images.
+    selections : list of WeightSelection
+        The whole curves that the weights were chosen from, one per sensor.
+    """
+
+    frame: int
+    t_s: float
+    inliers: int
+    new_points: int
+    milliseconds: dict[str, float] = field(default_factory=dict)
+    weights: dict[str, float] = field(default_factory=dict)
+    conflicts: dict[str, float] = field(default_factory=dict)
+    selections: list[WeightSelection] = field(default_factory=list, repr=False)
+
+
+@dataclass
+class SlamResult:
+    """What a run has found so far.
+
+    Attributes
+    ----------
+    world : WorldMap or None
+        The map; None as long as it has not started.
+    path : Path
+        Pose of every frame that has one, time of every frame.
+    records : list of KeyframeRecord
+        One per keyframe after the first three.
+    bridged : list of int
+        Frames whose pose follows from the frame before alone, the length of the step from the speed so far.
+    lost : list of int
+        Frames after the start whose images say too little: their poses are predicted, by the sensors or at
+        constant velocity.
+    restarts : list of int
+        Frames at which a new part of the map begins, after the images had lost the one before: placed by the
+        poses that bridge the gap, and by the sensors.
+    corrections : list of int
+        Keyframes at which the last part of the map was moved back to where an absolute sensor says it is.
+    metric : bool
+        Whether the map is in the sensors' world: in metres, and in their frame where they give positions.
+        Else its unit and its frame are its own.
+    warnings : list of str
+        What is wrong with the sensors' streams by themselves, and with their rotations beside the camera's.
+    message : str
+        Why there is no map, or empty.
+    """
+
+    world: WorldMap | None = None
+    path: Path = field(default_factory=Path)
+    records: list[KeyframeRecord] = field(default_factory=list)
+    bridged: list[int] = field(default_factory=list)
+    lost: list[int] = field(default_factory=list)
+    restarts: list[int] = field(default_factory=list)
+    corrections: list[int] = field(default_factory=list)
+    metric: bool = False
+    warnings: list[str] = field(default_factory=list)
+    message: str = "there is no frame"
+
+    @property
+    def poses(self) -> dict[int, FloatArray]:
+        """Pose (3, 4) of every frame that has one, world_from_camera."""
+        return self.path.poses
+
+    def trajectory(self) -> Trajectory:
+        """All frames with a pose, in order."""
+        frames = sorted(self.poses)
+        times = np.array([self.path.times[k] for k in frames])
+        return Trajectory(times, np.stack([self.poses[k] for k in frames]))
+
+    def keyframe_trajectory(self) -> Trajectory:
+        """Keyframes alone."""
+        assert self.world is not None
+        keyframes = self.world.keyframes
+        return Trajectory(np.array([k.t_s for k in keyframes]), self.world.poses())

@@ -1,0 +1,167 @@
+"""`sfmcpp slam` with sensor files that cannot be used or have gaps, and on different numbers of threads."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import COMMAND, TIMEOUT_S, strict_json
+from sfmcpp.cli.main import main
+from sfmcpp.io.track_files import CameraTracks, write_tracks
+
+FIRST_S, STEP_S = 100.0, 0.1
+SPEED = "t [s],speed [m/s]"
+RATES = "t [s],wx [rad/s],wy [rad/s],wz [rad/s]"
+BOTH = f"{SPEED},wx [rad/s],wy [rad/s],wz [rad/s]"
+PLACES = f"{SPEED},x [m],y [m],z [m]"
+TEXTS = ("trajectory.txt", "keyframes.txt", "points.ply")
+
+
+def write_drive(path: Path, num_cameras: int = 30, sigma_px: float = 0.5) -> sfmcpp.Problem:
+    """A walk down a corridor at five metres a second, an image every tenth of a second."""
+    exact = sfmcpp.corridor_scene(
+        num_cameras, 60 * num_cameras, length_m=0.5 * num_cameras, pixel_sigma_px=sigma_px, seed=2
+    )
+    scene, _ = sfmcpp.add_outliers(exact, 0.05, seed=1)
+    t_s = FIRST_S + STEP_S * np.arange(num_cameras)
+    tracks = CameraTracks(t_s, scene.camera_index, scene.point_index, scene.pixels, scene.intrinsics[0])
+    write_tracks(tracks, path)
+    return scene
+
+
+def write_sensors(path: Path, header: str, rows: list[str]) -> Path:
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def every_tenth(cells: str, seconds: float = 4.0, start_s: float = 99.5) -> list[str]:
+    """The same measurements every tenth of a second."""
+    return [f"{start_s + 0.1 * k:.1f},{cells}" for k in range(round(10 * seconds))]
+
+
+def going(speed: str) -> list[str]:
+    """A body that goes along x at five metres a second, and says so by its positions."""
+    return [f"{99.5 + 0.1 * k:.1f},{speed},{0.5 * k},0,0" for k in range(120)]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "header", "rows", "told"),
+    [
+        (
+            "odometer",
+            SPEED,
+            ["100,5", "100.1,5", "100.1,5"],
+            "s.csv:4: time 100.1.* after 100.1.*: must increase",
+        ),
+        (
+            "odometer",
+            SPEED,
+            ["100,5", "100.2,5", "100.1,5"],
+            "s.csv:4: time 100.1.* after 100.2.*: must increase",
+        ),
+        ("odometer", SPEED, ["100,5", "100.1,nan"], "s.csv:3: speed is 'nan': must be a finite number"),
+        ("odometer", SPEED, ["100,5", "nan,5"], "s.csv:3: t is 'nan': must be a finite number"),
+        ("odometer", SPEED, ["100,5", "100.1,fast"], "s.csv:3: speed is 'fast': must be a finite number"),
+        ("odometer", SPEED, ["100,5", "100.1,130"], "s.csv:3: .*speed of 130 m/s .* at most 100 m/s; .*km/h"),
+        ("imu", RATES, ["100,0,0,1", "100.1,0,0,40"], "s.csv:3: .*angular rate of 40 rad/s .* degrees/s"),
+        ("imu", RATES, ["100,0,0,1", "100.1,0,,1"], "s.csv:3: only a part of angular_rate"),
+        ("odometer", "t [s],speed", ["100,5"], "s.csv:1: column 'speed' names no unit"),
+        (
+            "odometer",
+            SPEED,
+            every_tenth("5", start_s=0.0),
+            "s.csv: stream 'speed' lasts from 0.000 .* must overlap",
+        ),
+        (
+            "odometer",
+            PLACES,
+            going("18"),
+            "s.csv: .*'speed': its ways are 3.6 times those of .*'position'.*km/h",
+        ),
+        (
+            "imu",
+            BOTH,
+            every_tenth("5,0,0,9"),
+            "s.csv: .*'speed' at 5 m/s .* 45 m/s² across .* km/h or degrees/s",
+        ),
+    ],
+)
+def test_a_stream_that_cannot_be_is_one_line_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sensor: str, header: str, rows: list[str], told: str
+) -> None:
+    write_drive(tmp_path / "drive.csv", 4)
+    sensors = write_sensors(tmp_path / "s.csv", header, rows)
+    command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--sensor", sensor]
+    assert main([*command, "--sensor-file", str(sensors)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    assert said.err.startswith("sfmcpp: error: ")
+    assert re.search(told, said.err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_gap_is_left_without_constraint_and_the_run_goes_on(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive.csv")
+    rows = [row for row in every_tenth("5") if not 101.0 < float(row.split(",")[0]) < 102.0]
+    sensors = write_sensors(tmp_path / "s.csv", SPEED, rows)
+    command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--quiet"]
+    assert main([*command, "--sensor", "odometer", "--sensor-file", str(sensors)]) == 0
+    report = strict_json(tmp_path / "out/report.json")
+    assert report["totals"]["poses"] == 30
+    inside = [k["weights"] for k in report["keyframes"] if 101.0 < k["t_s"] < 102.0]
+    assert inside
+    assert all(weights == {} for weights in inside)
+
+
+def run_on(cpus: set[int], threads: str, arguments: list[str]) -> None:
+    """Run the command with that many processors and threads."""
+    environment = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+    subprocess.run(
+        [*COMMAND, "slam", *arguments, "--quiet"],
+        check=True,
+        timeout=TIMEOUT_S,
+        env=environment,
+        preexec_fn=lambda: os.sched_setaffinity(0, cpus),
+    )
+
+
+def results_of(folder: Path) -> dict[str, bytes]:
+    """Every byte of the results that hold no times of the run."""
+    files = [*map(folder.joinpath, TEXTS), *(folder / "model").iterdir()]
+    return {path.name: path.read_bytes() for path in files}
+
+
+def require_same_results(folder: Path, arguments: list[str]) -> None:
+    cpus = sorted(os.sched_getaffinity(0))
+    for name, count in (("one", 1), ("two", 2)):
+        run_on(set(cpus[:count]), str(count), [*arguments, "-o", str(folder / name)])
+    one, two = (results_of(folder / name) for name in ("one", "two"))
+    assert len(one) == 9
+    assert one.keys() == two.keys()
+    assert [name for name in one if one[name] != two[name]] == []
+
+
+def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
+    scene = write_drive(tmp_path / "drive.csv", 26)
+    rng = np.random.default_rng(0)
+    cells = rng.normal([5, 0, 0, 0], [0.05, 0.01, 0.01, 0.01], (40, 4))
+    rows = [f"{99.5 + 0.1 * k:.1f},{','.join(map(str, row))}" for k, row in enumerate(cells.tolist())]
+    sensors = write_sensors(tmp_path / "s.csv", BOTH, rows)
+    options = ["--sensor", "odometer", "--sensor", "imu", "--sensor-file", str(sensors), "--weights", "loo"]
+    require_same_results(tmp_path, [str(tmp_path / "drive.csv"), *options])
+    found = strict_json(tmp_path / "one/report.json")
+    assert found["totals"]["poses"] == scene.num_cameras
+    assert {name for keyframe in found["keyframes"] for name in keyframe["weights"]} == {"odometer", "imu"}
+
+
+@pytest.mark.real
+def test_the_number_of_threads_changes_no_byte_of_a_real_drive(tmp_path: Path, data_dir: Path) -> None:
+    drive = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat"
+    require_same_results(tmp_path, [str(drive), "--sensor", "odometer", "--sensor", "imu"])

@@ -1,0 +1,61 @@
+"""`sfmcpp slam --view`: the page is there while it is said to be, and the results are those of any run."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run
+from sfmcpp.io.track_files import CameraTracks, write_tracks
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    scene = sfmcpp.corridor_scene(30, 1800, length_m=15.0, seed=2)
+    t_s = 0.1 * np.arange(scene.num_cameras)
+    tracks = CameraTracks(t_s, scene.camera_index, scene.point_index, scene.pixels, scene.intrinsics[0])
+    write_tracks(tracks, tmp_path / "drive.csv")
+    return tmp_path / "drive.csv"
+
+
+def test_the_page_stays_after_the_run_until_ctrl_c(drive: Path, tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="viser is not installed: pip install 'sfmcpp[view]'")
+    command = [*COMMAND, "slam", str(drive), "--view", "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        said = process.stderr.readline()
+        match = re.fullmatch(r"sfmcpp: the map is shown at (http://localhost:\d+)\n", said)
+        assert match is not None, said
+        assert process.stderr.readline() == "sfmcpp: the map stays on its page until Ctrl-C\n"
+        with urlopen(match[1]) as answer:
+            assert b"<html" in answer.read()
+        process.send_signal(signal.SIGINT)
+        output, complaints = process.communicate(timeout=TIMEOUT_S)
+    assert (process.returncode, complaints) == (0, "")
+    with pytest.raises(URLError):
+        urlopen(match[1])
+    # Its results are those of a run that nobody watches, and nothing else is printed.
+    assert run("slam", drive, "--quiet", "-o", tmp_path / "unseen").returncode == 0
+    for name in ("trajectory.txt", "keyframes.txt", "points.ply"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "unseen" / name).read_bytes()
+    assert output.startswith("input           ")
+    assert "viser" not in output
+
+
+def test_a_missing_viser_is_told_before_anything_is_read(drive: Path, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['viser'] = None; from sfmcpp.cli.main import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "slam", str(drive), "--view", "-o", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert "view: needs viser: pip install 'sfmcpp[view]'" in result.stderr
+    assert not (tmp_path / "out").exists()

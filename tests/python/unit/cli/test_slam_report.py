@@ -1,0 +1,69 @@
+"""The report and the table tell what the images cost, which sensor lies, and what is wrong with a stream."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.cli.slam_input import Measurements, SlamInput
+from sfmcpp.cli.slam_job import Measured, SlamJob
+from sfmcpp.cli.slam_report import lines_of, make_report
+from sfmcpp.slam import KeyframeRecord, SlamResult, SlamSettings, TrackSequence
+
+SOURCE = Path("drive.csv")
+JOB = SlamJob(SOURCE, Path("out"), SlamSettings(), ("odometer", "imu"))
+FRAMES = TrackSequence(np.arange(4.0), [0, 1], [0, 3], np.zeros((2, 2)), [500, 1, 320, 240, 0])
+GIVEN = SlamInput(FRAMES, None, Measurements(SOURCE, {}))
+
+
+def record(frame: int, **sigmas: float) -> KeyframeRecord:
+    weights = dict.fromkeys(sigmas, 2.0)
+    return KeyframeRecord(frame, 0.1 * frame, 50, 5, {"resection": 1.0}, weights, sigmas)
+
+
+def measured(seconds_tracking: float | None = None, warnings: tuple[str, ...] = ()) -> Measured:
+    records = [record(1, odometer=0.5, imu=2.9), record(2, odometer=4.25, imu=0.1), record(3, odometer=8.0)]
+    result = SlamResult(records=records, warnings=list(warnings), lost=[2], restarts=[3], message="")
+    return Measured(result, 4, 2.0, 0.1, False, seconds_tracking)
+
+
+def table(of: Measured) -> str:
+    return "\n".join(lines_of(JOB, GIVEN, of, None, []))
+
+
+def test_a_sensor_that_lies_is_named_with_how_often_and_how_much() -> None:
+    text = table(measured())
+    assert "odometer disagrees with the images at 2 of 3 keyframes, by up to 8.0 σ" in text
+    assert "imu disagrees" not in text
+
+
+def test_what_is_wrong_with_a_stream_is_in_the_table_and_in_the_report() -> None:
+    of = measured(warnings=("stream 'speed': leaps",))
+    assert "warning         stream 'speed': leaps" in table(of)
+    assert make_report(JOB, GIVEN, of, None)["warnings"] == ["stream 'speed': leaps"]
+
+
+def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
+    assert "images" not in table(measured()).replace("the images", "")
+    assert "images          0.500 of these seconds with their corners, 125 ms an image" in table(
+        measured(0.5)
+    )
+
+
+def test_the_report_is_plain_and_holds_no_curves() -> None:
+    report = make_report(JOB, GIVEN, measured(), None)
+    assert json.loads(json.dumps(report)) == report
+    assert report["input"] == {"path": "drive.csv", "frames": 4, "tracks": 4, "corners": None}
+    assert report["lost_frames"] == [2]
+    assert report["restart_frames"] == [3]
+    assert report["keyframes"][1] == {
+        "frame": 2,
+        "t_s": 0.2,
+        "inliers": 50,
+        "new_points": 5,
+        "milliseconds": {"resection": 1.0},
+        "weights": {"odometer": 2.0, "imu": 2.0},
+        "conflicts": {"odometer": 4.25, "imu": 0.1},
+    }

@@ -1,0 +1,166 @@
+"""GPS and INS in the loop: the map comes into their world, and back to them when it has drifted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.model import Problem, SensorStream, Similarity, so3
+from sfmcpp.sensors import Mounting, pose_stream_values
+from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam.registering import Correction, correction
+from sfmcpp.slam.sensing import SensorSuite
+from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.synthetic import corridor_scene, street_loop_scene
+from slam_helpers import STEP_S, sequence_of
+
+# Not the origin, not north: what the map starts with must not be right by chance.
+WORLD = Similarity(1.0, so3.exp(np.array([0.0, 0.0, 0.8])), np.array([300.0, -120.0, 40.0]))
+MOUNTING = Mounting(Mounting.forward_looking().camera_from_body, np.array([0.4, -0.1, 0.3]))
+
+
+def straight() -> Problem:
+    return corridor_scene(40, 2500, length_m=20.0, pixel_sigma_px=0.3, seed=0)
+
+
+def bent() -> Problem:
+    return street_loop_scene(120, 4000, pixel_sigma_px=0.3, seed=0)
+
+
+def gps_of(cameras: np.ndarray, sigma_m: float) -> Gps:
+    """Fixes of the antenna at every image, in `WORLD`."""
+    body = MOUNTING.body_poses(WORLD.apply_to_poses(cameras))
+    fixes = body[:, :, 3] + sigma_m * np.random.default_rng(1).normal(size=(len(body), 3))
+    return Gps(SensorStream(STEP_S * np.arange(len(body)), fixes, "position"), MOUNTING, sigma_m=sigma_m)
+
+
+def ins_of(cameras: np.ndarray, sigma_m: float, sigma_rad: float) -> Ins:
+    """Poses of the body at every image, in `WORLD`."""
+    rng = np.random.default_rng(2)
+    values = pose_stream_values(MOUNTING.body_poses(WORLD.apply_to_poses(cameras)))
+    values += np.repeat([sigma_m, sigma_rad], 3) * rng.normal(size=values.shape)
+    return Ins(SensorStream(STEP_S * np.arange(len(values)), values, "pose"), MOUNTING, sigma_m=sigma_m)
+
+
+def errors(result: SlamResult, cameras: np.ndarray) -> tuple[float, float]:
+    """Mean distance [m] and mean angle [rad] to the truth in `WORLD`, nothing aligned."""
+    truth = WORLD.apply_to_poses(cameras)
+    frames = sorted(result.poses)
+    found = np.stack([result.poses[k] for k in frames])
+    turns = so3.log(np.swapaxes(truth[frames][:, :, :3], 1, 2) @ found[:, :, :3])
+    distances = np.linalg.norm(found[:, :, 3] - truth[frames][:, :, 3], axis=1)
+    return float(distances.mean()), float(np.linalg.norm(turns, axis=1).mean())
+
+
+@pytest.mark.parametrize("scene", [straight(), bent()], ids=["straight", "bent"])
+def test_positions_bring_the_map_into_their_world(scene: Problem) -> None:
+    sigma_m = 0.05
+    result = run_slam(sequence_of(scene), sensors=[gps_of(scene.cameras, sigma_m)])
+    assert result.metric
+    distance, angle = errors(result, scene.cameras)
+    assert distance < 3 * sigma_m
+    assert angle < 0.02
+
+
+@pytest.mark.parametrize("scene", [straight(), bent()], ids=["straight", "bent"])
+def test_poses_bring_the_map_into_their_world(scene: Problem) -> None:
+    result = run_slam(sequence_of(scene), sensors=[ins_of(scene.cameras, 0.05, 0.01)])
+    assert result.metric
+    distance, angle = errors(result, scene.cameras)
+    assert distance < 0.15
+    assert angle < 0.02
+
+
+def test_the_map_waits_for_positions_far_enough_apart_for_a_scale() -> None:
+    scene = straight()
+    result = run_slam(sequence_of(scene), sensors=[gps_of(scene.cameras, 5.0)])
+    assert not result.metric
+    assert len(result.poses) == scene.num_cameras
+
+
+def test_positions_that_are_missing_leave_the_map_in_its_own_world() -> None:
+    scene = straight()
+    late = gps_of(scene.cameras, 0.05)
+    result = run_slam(sequence_of(scene), sensors=[Gps(late.stream.shifted(1e4), MOUNTING)])
+    assert not result.metric
+    assert len(result.poses) == scene.num_cameras
+
+
+DRIFT = Similarity(1.15, so3.exp(np.array([0.0, 0.05, 0.0])), np.array([0.3, 0.0, -0.5]))
+
+
+@pytest.mark.parametrize("kind", ["gps", "ins"])
+def test_keyframes_that_have_drifted_are_moved_back_and_their_points_with_them(kind: str) -> None:
+    cameras = bent().cameras
+    exact = gps_of(cameras, 1e-4) if kind == "gps" else ins_of(cameras, 1e-4, 1e-5)
+    world, before, found = drifted_and_corrected(bent(), exact)
+    for keyframe, pose in zip(world.keyframes, before, strict=True):
+        np.testing.assert_allclose(keyframe.pose, pose, atol=0.02)
+    assert found.first == len(before) - SlamSettings().registration_keyframes
+
+
+def test_an_odometer_gives_drifted_keyframes_their_scale_back() -> None:
+    scene = straight()
+    world, before, _ = drifted_and_corrected(scene, Odometer(path_length(scene.cameras)))
+    first = len(before) - SlamSettings().registration_keyframes
+    steps = np.linalg.norm(np.diff(world.poses()[first:, :, 3], axis=0), axis=1)
+    true = np.linalg.norm(np.diff(np.stack(before)[first:, :, 3], axis=0), axis=1)
+    np.testing.assert_allclose(steps, true, rtol=0.02)
+
+
+def drifted_and_corrected(
+    scene: Problem, sensor: MotionSensor
+) -> tuple[WorldMap, list[np.ndarray], Correction]:
+    """Run, move the last keyframes by `DRIFT`, and correct that; the poses before, too."""
+    settings, suite = SlamSettings(), SensorSuite([sensor])
+    world = run_slam(sequence_of(scene), settings, [sensor]).world
+    assert world is not None
+    assert correction(world, suite, settings) is None
+    before = [k.pose.copy() for k in world.keyframes]
+    world.move_recent(len(before) - settings.registration_keyframes, DRIFT)
+    found = correction(world, suite, settings)
+    assert found is not None
+    world.move_recent(found.first, found.similarity)
+    return world, before, found
+
+
+def path_length(cameras: np.ndarray) -> SensorStream:
+    """An odometer that counts the distance exactly."""
+    steps = np.linalg.norm(np.diff(cameras[:, :, 3], axis=0), axis=1)
+    return SensorStream(STEP_S * np.arange(len(cameras)), np.append(0.0, np.cumsum(steps)), "distance")
+
+
+@pytest.fixture(scope="module")
+def real_drive(data_dir: Path) -> KittiDrive:
+    return read_kitti_mat(data_dir / "kitti_tracks/2011_09_26_drive_0095_sync_KLT.mat")
+
+
+@pytest.mark.real
+@pytest.mark.parametrize(("kind", "most_m"), [("gps", 2.0), ("ins", 1.0)])
+def test_on_a_real_drive_positions_of_a_metre_keep_it_in_place(
+    real_drive: KittiDrive, kind: str, most_m: float
+) -> None:
+    d = real_drive
+    sequence = TrackSequence(d.t_s, d.frame_index, d.track_index, d.left_px, d.intrinsics)
+    result = run_slam(sequence, sensors=[simulated(d, kind)])
+    frames = sorted(result.poses)
+    found = np.stack([result.poses[k] for k in frames])
+    assert frames == list(range(len(d.t_s)))
+    assert np.linalg.norm(found[:, :, 3] - d.truth.poses[frames][:, :, 3], axis=1).mean() < most_m
+
+
+def simulated(drive: KittiDrive, kind: str) -> MotionSensor:
+    """A GPS of one metre, or an INS of 0.3 m and 0.2°, from the truth."""
+    mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
+    rng = np.random.default_rng(0)
+    values = pose_stream_values(mounting.body_poses(drive.truth.poses))
+    if kind == "gps":
+        return Gps(
+            SensorStream(drive.t_s, values[:, :3] + rng.normal(0, 1.0, (len(values), 3)), "position"),
+            mounting,
+        )
+    noise = np.repeat([0.3, 0.003], 3) * rng.normal(size=values.shape)
+    return Ins(SensorStream(drive.t_s, values + noise, "pose"), mounting)

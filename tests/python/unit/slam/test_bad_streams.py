@@ -1,0 +1,156 @@
+"""The whole loop with streams that have gaps, start late, or tell of another motion than they say."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfmcpp.io.kitti_mat import read_kitti_mat
+from sfmcpp.sensors import Mounting, SensorStream, check_rotations
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
+from winding import AT_CAMERA, FRAMES, length, winding, without
+
+SEEDS = (0, 1)
+SHORT_GAPS = ((4.0, 4.07), (6.0, 6.07))
+LONG_GAP = (3.0, 6.0)
+# A gap longer than is bridged touches every interval between keyframes.
+GAPS_EVERYWHERE = tuple((start, start + 0.2) for start in np.arange(-0.1, 11.0, 0.3))
+Spoiled = Callable[[SensorStream], SensorStream]
+
+
+@cache
+def alone(seed: int) -> SlamResult:
+    return run_slam(winding(seed=seed).sequence)
+
+
+def with_odometer(seed: int, stream: SensorStream) -> SlamResult:
+    return run_slam(winding(seed=seed).sequence, sensors=[Odometer(stream)])
+
+
+def with_gyro(seed: int, stream: SensorStream, mounting: Mounting = AT_CAMERA) -> SlamResult:
+    return run_slam(winding(seed=seed).sequence, sensors=[Gyroscope(stream, mounting)])
+
+
+def require_all_frames(result: SlamResult) -> None:
+    assert sorted(result.poses) == list(range(FRAMES))
+    assert result.lost == []
+
+
+def intervals(result: SlamResult) -> list[tuple[float, float]]:
+    """From the keyframe before to each one that has a record."""
+    assert result.world is not None
+    return list(pairwise(keyframe.t_s for keyframe in result.world.keyframes))[-len(result.records) :]
+
+
+def require_same_poses(one: SlamResult, other: SlamResult) -> None:
+    np.testing.assert_array_equal(one.trajectory().poses, other.trajectory().poses)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_short_gaps_are_bridged(seed: int) -> None:
+    drive = winding(seed=seed)
+    gappy, whole = (with_gyro(seed, s) for s in (without(drive.gyro, *SHORT_GAPS), drive.gyro))
+    require_all_frames(gappy)
+    assert all("gyro" in record.weights for record in gappy.records)
+    assert drive.errors(gappy)[0] < 1.1 * drive.errors(whole)[0]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_long_gap_gives_no_constraint_and_costs_little(seed: int) -> None:
+    """Less than a tenth more than the worse of two runs: without the sensor, and with all of it."""
+    drive = winding(seed=seed)
+    result = with_gyro(seed, without(drive.gyro, LONG_GAP))
+    require_all_frames(result)
+    touched = [start < LONG_GAP[1] and end > LONG_GAP[0] for start, end in intervals(result)]
+    assert any(touched)
+    assert ["gyro" not in record.weights for record in result.records] == touched
+    worse = max(drive.errors(other)[0] for other in (alone(seed), with_gyro(seed, drive.gyro)))
+    assert drive.errors(result)[0] < 1.1 * worse
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("gap", [(3.0, 4.0), (-1.0, 0.3), (8.0, 20.0)])
+def test_an_odometer_with_a_gap_still_makes_the_map_metric(seed: int, gap: tuple[float, float]) -> None:
+    drive = winding(seed=seed)
+    result = with_odometer(seed, without(drive.odometer, gap))
+    require_all_frames(result)
+    assert result.metric
+    assert drive.length_ratio(result) == pytest.approx(1.0, abs=0.015)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_sensor_that_covers_no_interval_changes_no_bit(seed: int) -> None:
+    drive = winding(seed=seed)
+    gaps, another_day = without(drive.odometer, *GAPS_EVERYWHERE), drive.gyro.shifted(86_400.0)
+    sensors = [Odometer(gaps), Gyroscope(another_day, AT_CAMERA)]
+    result = run_slam(drive.sequence, sensors=sensors)
+    assert not result.metric
+    assert all(record.weights == {} for record in result.records)
+    require_same_poses(result, alone(seed))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "mounting", "told"),
+    [
+        (lambda s: replace(s, values=np.rad2deg(s.values)), AT_CAMERA, "degrees declared as radians"),
+        (lambda s: replace(s, values=np.deg2rad(s.values)), AT_CAMERA, "radians declared as degrees"),
+        (lambda s: s, Mounting.forward_looking(), "its axes, its mounting or its unit"),
+        (lambda s: s.shifted(0.3), AT_CAMERA, r"its clock is 0\.\d\d ± 0\.0\d s ahead of the camera's"),
+        (lambda s: s.shifted(-0.3), AT_CAMERA, r"its clock is 0\.\d\d ± 0\.0\d s behind the camera's"),
+    ],
+)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_gyro_that_is_wrong_all_along_is_in_conflict_and_told(
+    seed: int, spoil: Spoiled, mounting: Mounting, told: str
+) -> None:
+    drive = winding(seed=seed)
+    stream = spoil(drive.gyro)
+    result = with_gyro(seed, stream, mounting)
+    require_all_frames(result)
+    conflicts = [record.conflicts["gyro"] for record in result.records if "gyro" in record.conflicts]
+    assert np.median(conflicts) > 10
+    complaint = check_rotations(stream, mounting, result.trajectory()).complaint("imu")
+    assert re.match(rf"imu: .*{told}", complaint)
+    assert drive.errors(result)[0] < 0.02 * length(drive.truth)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_gyro_that_is_right_agrees_and_nothing_is_told(seed: int) -> None:
+    drive = winding(seed=seed)
+    result = with_gyro(seed, drive.gyro)
+    assert np.median([record.conflicts["gyro"] for record in result.records]) < 1
+    check = check_rotations(drive.gyro, AT_CAMERA, result.trajectory())
+    assert check.is_determined
+    assert abs(check.offset_s) < 3 * check.sigma_s
+    assert check.complaint("imu") == ""
+
+
+def sequence_of(drive_path: Path) -> tuple[TrackSequence, SensorStream, Mounting]:
+    drive = read_kitti_mat(drive_path)
+    sequence = TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
+    return sequence, drive.angular_rate, Mounting(drive.camera_from_body, drive.lever_arm_m)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["0005", "0095"])
+def test_the_clock_of_a_real_gyro_is_found_after_a_run_in_which_it_took_part(
+    data_dir: Path, name: str
+) -> None:
+    """The gyro of these drives is 0.05 s late by its own truth: passed; 0.3 s more are told."""
+    sequence, rate, mounting = sequence_of(data_dir / f"kitti_tracks/2011_09_26_drive_{name}_sync_KLT.mat")
+    for lag_s, side in ((0.0, ""), (0.3, "s ahead of the camera's")):
+        stream = rate.shifted(lag_s)
+        sensors: list[MotionSensor] = [Gyroscope(stream, mounting)]
+        result = run_slam(sequence, sensors=sensors)
+        check = check_rotations(stream, mounting, result.trajectory())
+        assert check.is_determined
+        assert check.offset_s == pytest.approx(-0.05 - lag_s, abs=0.02)
+        assert bool(check.complaint("imu")) == bool(side)
+        assert side in check.complaint("imu")

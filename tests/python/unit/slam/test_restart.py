@@ -1,0 +1,73 @@
+"""When all tracks end at once, a new part of the map begins, and takes its place after the old one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.model import SensorStream, fit_pose_similarity
+from sfmcpp.slam import MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.slam.export import problem_of
+from sfmcpp.synthetic import corridor_scene
+from slam_helpers import STEP_S
+
+CUT = 25
+SCENE = corridor_scene(50, 3000, length_m=25.0, pixel_sigma_px=0.3, seed=0)
+
+
+def cut_sequence(blind: int = 0) -> TrackSequence:
+    """The corridor, with new tracks from frame `CUT` on, and nothing seen in the `blind` frames before."""
+    frame, track = SCENE.camera_index, SCENE.point_index
+    seen = (frame < CUT - blind) | (frame >= CUT)
+    track = np.where(frame >= CUT, track + SCENE.num_points, track)
+    t_s = STEP_S * np.arange(SCENE.num_cameras)
+    return TrackSequence(t_s, frame[seen], track[seen], SCENE.pixels[seen], SCENE.intrinsics[0])
+
+
+def odometer() -> Odometer:
+    steps = np.linalg.norm(np.diff(SCENE.centres, axis=0), axis=1)
+    distances = np.append(0.0, np.cumsum(steps))
+    return Odometer(SensorStream(STEP_S * np.arange(len(distances)), distances, "distance"))
+
+
+def largest_error_m(result: SlamResult) -> float:
+    frames = sorted(result.poses)
+    found = np.stack([result.poses[k] for k in frames])
+    similarity = fit_pose_similarity(found, SCENE.cameras[frames])
+    return float(np.linalg.norm(similarity.apply(found[:, :, 3]) - SCENE.centres[frames], axis=1).max())
+
+
+@pytest.mark.parametrize("sensors", [[], [odometer()]], ids=["alone", "odometer"])
+def test_the_new_part_follows_the_old_one(sensors: list[MotionSensor]) -> None:
+    result = run_slam(cut_sequence(), sensors=sensors)
+    assert result.restarts == [CUT]
+    assert sorted(result.poses) == list(range(SCENE.num_cameras))
+    # The walk is even: going on at the same speed is right even without a sensor.
+    assert largest_error_m(result) < 0.25
+
+
+def test_an_odometer_tells_the_scale_of_the_new_part() -> None:
+    result = run_slam(cut_sequence(blind=3), sensors=[odometer()])
+    assert result.restarts == [CUT]
+    assert result.lost == [CUT - 3, CUT - 2, CUT - 1]
+    ahead = result.poses[SCENE.num_cameras - 1][:, 3] - result.poses[CUT][:, 3]
+    true = SCENE.centres[-1] - SCENE.centres[CUT]
+    assert np.linalg.norm(ahead) == pytest.approx(np.linalg.norm(true), rel=0.03)
+
+
+def test_both_parts_are_in_the_map() -> None:
+    result = run_slam(cut_sequence())
+    assert result.world is not None
+    problem = problem_of(result.world)
+    assert problem.num_cameras == len(result.world.keyframes)
+    known = np.flatnonzero(result.world.known)
+    assert (known < SCENE.num_points).sum() > 100
+    assert (known >= SCENE.num_points).sum() > 100
+
+
+def test_without_a_cut_there_is_no_second_part() -> None:
+    t_s = STEP_S * np.arange(SCENE.num_cameras)
+    sequence = TrackSequence(t_s, SCENE.camera_index, SCENE.point_index, SCENE.pixels, SCENE.intrinsics[0])
+    result = run_slam(sequence)
+    assert result.restarts == []
+    assert result.lost == []
