@@ -17,7 +17,7 @@ from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.plotting.style import new_figure, style_axes
 from sfmcpp.slam import Slam, SlamResult, SlamSettings, WorldMap
 from sfmcpp.slam.fusing import fuse
-from sfmcpp.slam.sensing import SensorSuite
+from sfmcpp.slam.sensor_suite import SensorSuite
 
 NOTES = (
     "Visual SLAM alone; at each keyframe the weight of the sensor's constraint is chosen, and not used.",

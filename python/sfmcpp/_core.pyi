@@ -355,6 +355,14 @@ class PoseSweepOptions:
     @max_iterations.setter
     def max_iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
+    @property
+    def threads(self) -> int:
+        """
+        Threads for the exact scores; 0: automatic.
+        """
+    @threads.setter
+    def threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.

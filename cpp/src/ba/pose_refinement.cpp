@@ -1,9 +1,11 @@
 #include "sfmcpp/ba/pose_refinement.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <string>
 
 #include "pose_fit.hpp"
+#include "sfmcpp/core/parallel.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -12,12 +14,12 @@ class Sweep {
  public:
   Sweep(PoseFit& fit, const PoseSweepOptions& options, std::size_t num_weights)
       : fit_(fit), options_(options) {
+    if (options.leave_one_out) minima_.reserve(num_weights);
     result_.poses.reserve(12 * num_weights);
     for (auto* values : {&result_.vision,
                          &result_.held,
                          &result_.constraint,
                          &result_.constraint_slope,
-                         &result_.leave_one_out,
                          &result_.approximate_leave_one_out})
       values->reserve(num_weights);
   }
@@ -30,10 +32,26 @@ class Sweep {
     result_.constraint.push_back(at.selected.cost);
     result_.constraint_slope.push_back(fit_.constraint_slope(weight, at));
     result_.inliers.push_back(fit_.inliers(options_.inlier_px, at));
-    if (options_.leave_one_out)
-      result_.leave_one_out.push_back(fit_.leave_one_out(weight, options_.fold_iterations, at));
+    if (options_.leave_one_out) minima_.push_back(at);
     if (options_.approximate_leave_one_out)
       result_.approximate_leave_one_out.push_back(fit_.approximate_leave_one_out(weight, at));
+  }
+
+  // The exact scores: the folds of each weight are one task.
+  void leave_one_out(const PoseView& view,
+                     std::span<const WeightedConstraint> constraints,
+                     int selected,
+                     std::span<const double> weights) {
+    const long folds = static_cast<long>(minima_.size()) * view.count();
+    ThreadPool pool(resolve_num_threads(options_.threads, folds * view.count() / 10));
+    std::vector<std::unique_ptr<PoseFit>> fits;  // each worker has room of its own
+    for (int k = 0; k < pool.num_threads(); ++k)
+      fits.push_back(std::make_unique<PoseFit>(view, constraints, selected));
+    result_.leave_one_out.resize(minima_.size());
+    pool.parallel_for_worker(static_cast<int>(minima_.size()), [&](int k, int worker) {
+      result_.leave_one_out[k] =
+          fits[worker]->leave_one_out(weights[k], options_.fold_iterations, minima_[k]);
+    });
   }
 
   PoseSweep take() { return std::move(result_); }
@@ -41,6 +59,7 @@ class Sweep {
  private:
   PoseFit& fit_;
   const PoseSweepOptions& options_;
+  std::vector<LinearizedPose> minima_;
   PoseSweep result_;
 };
 
@@ -84,6 +103,7 @@ PoseSweep sweep_pose_weights(const PoseView& view,
   LinearizedPose at = start_of(fit, start);
   Sweep sweep(fit, options, weights.size());
   for (double weight : weights) sweep.visit(weight, at);
+  if (options.leave_one_out) sweep.leave_one_out(view, constraints, selected, weights);
   return sweep.take();
 }
 

@@ -44,6 +44,7 @@ void PoseSweepOptions::validate() const {
   check.require(fold_iterations >= 1, "fold_iterations", fold_iterations, "at least 1");
   check.require(
       std::isfinite(inlier_px) && inlier_px > 0.0, "inlier_px", inlier_px, "finite and positive");
+  check.require(threads >= 0, "threads", threads, "not negative");
   check.done();
 }
 

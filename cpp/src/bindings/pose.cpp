@@ -141,7 +141,8 @@ void bind_options_of_sweep(py::module_& m) {
       .def_readwrite("leave_one_out", &O::leave_one_out, "Compute the exact score.")
       .def_readwrite("approximate_leave_one_out",
                      &O::approximate_leave_one_out,
-                     "Compute the closed-form score.");
+                     "Compute the closed-form score.")
+      .def_readwrite("threads", &O::threads, "Threads for the exact scores; 0: automatic.");
 }
 
 }  // namespace

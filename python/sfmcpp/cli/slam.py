@@ -90,6 +90,16 @@ SensorFile = Annotated[
         help="Sensors' measurements: CSV, or a KITTI drive (.mat); else those that INPUT holds.",
     ),
 ]
+MountingOption = Annotated[
+    str | None,
+    typer.Option(
+        "--mounting",
+        metavar="HOW",
+        help="Axes of the sensors: camera (x right, y down, z ahead), forward (x ahead, y left, z up, the "
+        "camera looks ahead), or a file with body_from_camera, rows of [R | t]; else what a drive tells, or "
+        "camera.",
+    ),
+]
 View = Annotated[
     bool, typer.Option("--view", help="Show the map in the browser while it grows, and after, until Ctrl-C.")
 ]
@@ -105,6 +115,7 @@ def slam(
     output: Output,
     sensor: Sensors = None,
     sensor_file: SensorFile = None,
+    mounting: MountingOption = None,
     weights: Weights = None,
     camera: Camera = None,
     fps: Fps = None,
@@ -121,6 +132,11 @@ def slam(
 
     if weights not in (None, "none") and not sensor:
         raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
+    if mounting is not None and not sensor:
+        raise typer.BadParameter(
+            f"{mounting!r}: there is no --sensor that sits on it", param_hint="'--mounting'"
+        )
     settings = SlamSettings(window=window, seed=seed, weights=weights or "loo")
     images = ImageOptions(_intrinsics(camera), fps, corners)
-    return run_job(SlamJob(source, output, settings, tuple(sensor or ()), sensor_file, view, quiet, images))
+    names = tuple(sensor or ())
+    return run_job(SlamJob(source, output, settings, names, sensor_file, mounting, view, quiet, images))

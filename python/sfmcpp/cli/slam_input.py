@@ -123,9 +123,23 @@ def read_measurements(file: Path) -> Measurements:
 
 
 def sensors_of(
-    names: Sequence[str], given: SlamInput, measured: Measurements | None = None
+    names: Sequence[str],
+    given: SlamInput,
+    measured: Measurements | None = None,
+    mounting: Mounting | None = None,
 ) -> list[MotionSensor]:
     """Make the sensors asked for, from what was measured apart, or else from the input.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The sensors.
+    given : SlamInput
+        The input.
+    measured : Measurements, optional
+        What was measured apart.
+    mounting : Mounting, optional
+        How the camera sits on their body, where the user says it.
 
     Raises
     ------
@@ -135,7 +149,7 @@ def sensors_of(
     InvalidArgument
         If the input lacks what a sensor needs.
     """
-    mounting = (measured.mounting if measured else None) or given.measurements.mounting
+    told = mounting or (measured.mounting if measured else None) or given.measurements.mounting
     streams = [_stream_of(name, given, measured) for name in names]
     source = measured or given.measurements
     try:
@@ -144,7 +158,7 @@ def sensors_of(
             require_overlap(stream, *_span_s(given.frames))
     except InvalidArgument as error:
         raise DatasetError(source.file, str(error)) from error
-    return [_sensor(name, stream, mounting) for name, stream in zip(names, streams, strict=True)]
+    return [_sensor(name, stream, told) for name, stream in zip(names, streams, strict=True)]
 
 
 def _span_s(frames: TrackSequence | ImageStream) -> tuple[float, float]:

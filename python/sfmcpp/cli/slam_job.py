@@ -43,6 +43,7 @@ class SlamJob:
     settings: SlamSettings
     sensors: tuple[str, ...] = ()
     sensor_file: Path | None = None
+    mounting: str | None = None
     view: bool = False
     quiet: bool = False
     images: ImageOptions = ImageOptions()

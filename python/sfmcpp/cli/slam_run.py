@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.mounting_files import mounting_of
 from sfmcpp.cli.slam_images import ImageStream
 from sfmcpp.cli.slam_input import SlamInput, read_input, read_measurements, sensors_of
 from sfmcpp.cli.slam_job import Measured, SlamJob
@@ -67,7 +68,7 @@ def run_job(job: SlamJob) -> ExitCode:
         raise InvalidArgument("sensor_file: no --sensor is named that could use it")
     measured_apart = None if job.sensor_file is None else read_measurements(job.sensor_file)
     given = read_input(job.source, job.images, measured_apart)
-    sensors = sensors_of(job.sensors, given, measured_apart)
+    sensors = sensors_of(job.sensors, given, measured_apart, mounting_of(job.mounting))
     seconds_read = time.perf_counter() - started
     with _made(job.output), viewed_run(job, len(given.frames)) as view:
         measured = _run(job, given, sensors, seconds_read, view)

@@ -11,6 +11,12 @@ from sfmcpp.fusion.criteria import (
     scaled_l_curve_scores,
 )
 from sfmcpp.fusion.method import METHODS, SelectionMethod, selection_method
+from sfmcpp.fusion.orientation_filter import (
+    FilteredOrientations,
+    filter_orientations,
+    filter_trajectory,
+    with_orientations,
+)
 from sfmcpp.fusion.pose_constraint import CONSTRAINT_UNITS, ConstraintUnit, PoseConstraint
 from sfmcpp.fusion.pose_view import PoseView
 from sfmcpp.fusion.selection import WeightSelection, equivalent_sigma, select_weight, select_weights
@@ -22,6 +28,7 @@ __all__ = [
     "METHODS",
     "ConflictReport",
     "ConstraintUnit",
+    "FilteredOrientations",
     "PoseConstraint",
     "PoseFit",
     "PoseView",
@@ -31,6 +38,8 @@ __all__ = [
     "admissible_weights",
     "conflict",
     "equivalent_sigma",
+    "filter_orientations",
+    "filter_trajectory",
     "l_curve_scores",
     "lowest",
     "lowest_valley",
@@ -43,4 +52,5 @@ __all__ = [
     "selection_method",
     "sweep_weights",
     "weight_grid",
+    "with_orientations",
 ]

@@ -110,6 +110,7 @@ def select_weight(
     *,
     weights: ArrayLike | None = None,
     held: Sequence[Held] = (),
+    threads: int = 1,
 ) -> WeightSelection:
     """Choose the weight of one constraint (thesis §5.2.3).
 
@@ -129,6 +130,8 @@ def select_weight(
         ``"none"``.
     held : sequence of (PoseConstraint, float)
         Further constraints, each with the weight it keeps.
+    threads : int
+        Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
 
     Returns
     -------
@@ -141,7 +144,8 @@ def select_weight(
         If the method is unknown or an argument breaks a rule; there must be at least 4 observations.
     """
     alone = refine_pose(view, [], start)
-    return _select(_Images(view, alone.pose), constraint, selection_method(method), weights, held)
+    images = _Images(view, alone.pose, threads)
+    return _select(images, constraint, selection_method(method), weights, held)
 
 
 def select_weights(
@@ -151,6 +155,7 @@ def select_weights(
     method: str | Sequence[str] = "loo",
     *,
     weights: ArrayLike | None = None,
+    threads: int = 1,
 ) -> list[WeightSelection]:
     """Choose the weights of several constraints, one after the other, twice round.
 
@@ -171,6 +176,8 @@ def select_weights(
         One of those of :func:`select_weight`, for all or for each.
     weights : (W,) float64, optional
         Weights to try, increasing, the first zero; None: :func:`weight_grid`.
+    threads : int
+        Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
 
     Returns
     -------
@@ -190,7 +197,7 @@ def select_weights(
     exact = [selection_method(m) for m in methods]
     early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
     rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
-    images = _Images(view, refine_pose(view, [], start).pose)
+    images = _Images(view, refine_pose(view, [], start).pose, threads)
     chosen = np.zeros(len(constraints))
     selections: list[WeightSelection] = []
     for parsed in [*rounds, exact]:
@@ -205,10 +212,11 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """What a camera sees, and the pose that the images alone say."""
+    """What a camera sees, the pose that the images alone say, and threads to look at it."""
 
     view: PoseView
     pose: FloatArray
+    threads: int
 
 
 def _select(
@@ -227,6 +235,7 @@ def _select(
         held=held,
         leave_one_out=method.name == "loo",
         approximate_leave_one_out=method.name == "loo-approx",
+        threads=images.threads,
     )
     alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
     admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))

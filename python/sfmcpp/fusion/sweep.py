@@ -91,6 +91,7 @@ def sweep_weights(
     held: Sequence[Held] = (),
     leave_one_out: bool = False,
     approximate_leave_one_out: bool = False,
+    threads: int = 1,
 ) -> WeightSweep:
     """Fit the pose for each weight of a constraint, each from the optimum of the weight before.
 
@@ -110,6 +111,8 @@ def sweep_weights(
         Further constraints, each with the weight it keeps.
     leave_one_out, approximate_leave_one_out : bool
         Which scores of cross-validation to compute (thesis eqs 5.8–5.9; closed form).
+    threads : int
+        Of the exact scores; 0: as many as the machine has and they are worth. Same bits for any.
 
     Returns
     -------
@@ -126,6 +129,7 @@ def sweep_weights(
     options = _core.PoseSweepOptions()
     options.inlier_px, options.fold_iterations = INLIER_PX, FOLD_ITERATIONS
     options.leave_one_out, options.approximate_leave_one_out = leave_one_out, approximate_leave_one_out
+    options.threads = threads
     arrays = [constraint.arrays(0.0), *(other.arrays(weight) for other, weight in held)]
     pose = finite_array("start", start, (3, 4))
     found: dict[str, Any] = _core.sweep_pose_weights(view.arrays(), arrays, 0, grid.tolist(), pose, options)

@@ -56,9 +56,12 @@ def fuse(
     images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics)
     previous = world.keyframes[-1].pose
     methods = ["none" if m.doubtful else settings.weights for m in measurements]
-    selections = select_weights(images, [_constraint(m, previous) for m in measurements], pose, methods)
+    constraints = [_constraint(m, previous) for m in measurements]
+    selections = select_weights(images, constraints, pose, methods, threads=0)
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
-    return Fused(selections[0].pose, weighted, selections)
+    # Sensors without weight must not move the pose: a least-squares fit is not what resection gives.
+    used = any(constraint.weight > 0 for constraint in weighted)
+    return Fused(selections[0].pose if used else pose, weighted, selections)
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:

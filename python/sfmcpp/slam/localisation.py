@@ -12,7 +12,7 @@ from sfmcpp.model import so3
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.mvg import relative_pose, resection
 from sfmcpp.sensors import predict_pose
-from sfmcpp.slam.sensing import SensorSuite
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.sequence import Frame, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap

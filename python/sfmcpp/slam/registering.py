@@ -12,7 +12,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Similarity
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
-from sfmcpp.slam.sensing import Gps, Ins, Odometer, SensorSuite
+from sfmcpp.slam.sensing import Gps, Ins, Odometer
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 

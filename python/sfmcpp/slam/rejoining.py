@@ -10,7 +10,7 @@ from sfmcpp.model import Similarity
 from sfmcpp.slam.fusing import usual_weights
 from sfmcpp.slam.localisation import Follower
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import SensorSuite
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 
 

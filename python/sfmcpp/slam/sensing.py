@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from sfmcpp.model import Gap, SensorStream, Trajectory
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.sensors import (
     Mounting,
-    check_rotations,
-    describe_gaps,
     doubtful_stretches,
     pose_at,
     position_at,
@@ -240,62 +237,3 @@ class Ins:
         """Pose of this keyframe."""
         pose = self.at(end_s)
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
-
-
-class SensorSuite:
-    """The sensors of a run, asked together.
-
-    Parameters
-    ----------
-    sensors : sequence of MotionSensor
-        May be empty. Of two that can tell the same, the first that covers the time is asked.
-    """
-
-    def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
-        self.sensors = tuple(sensors)
-
-    def measure(
-        self, start_s: float, end_s: float, rotation: FloatArray, *, metric: bool
-    ) -> list[Measurement]:
-        """All that can constrain the map as it is: nothing in metres before it has metres."""
-        found = [sensor.measure(start_s, end_s, rotation) for sensor in self.sensors]
-        return [m for m in found if m is not None and (metric or m.kind not in METRIC_KINDS)]
-
-    def remarks(self) -> list[str]:
-        """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
-        doubts = [
-            f"stream {sensor.stream.name!r}: the speed leaps as no vehicle's can; {stretch} it gets no weight"
-            for sensor in self.sensors
-            if isinstance(sensor, Odometer)
-            for stretch in sensor.doubtful_stretches
-        ]
-        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
-
-    def complaints(self, vision: Trajectory) -> list[str]:
-        """What a whole run tells of a gyroscope, a sentence each: its clock, its unit, its axes."""
-        checks = {
-            sensor.name: check_rotations(sensor.stream, sensor.mounting, vision)
-            for sensor in self.sensors
-            if isinstance(sensor, Gyroscope)
-        }
-        return [told for name, check in checks.items() if (told := check.complaint(name))]
-
-    def distance(self, start_s: float, end_s: float) -> float | None:
-        """Distance between two times [m]."""
-        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Odometer))
-        return next((answer for answer in answers if answer is not None), None)
-
-    def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
-        """Rotation start_from_end of the camera."""
-        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Gyroscope))
-        return next((answer for answer in answers if answer is not None), None)
-
-    def centre(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
-        """Centre of the camera in the sensors' world [m]."""
-        answers = (s.at(time_s, rotation) for s in self.sensors if isinstance(s, Gps))
-        return next((answer for answer in answers if answer is not None), None)
-
-    def pose(self, time_s: float) -> FloatArray | None:
-        """Pose of the camera in the sensors' world."""
-        answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
-        return next((answer for answer in answers if answer is not None), None)

@@ -15,7 +15,8 @@ from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import correction, registration
 from sfmcpp.slam.rejoining import rejoin
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
-from sfmcpp.slam.sensing import MotionSensor, SensorSuite
+from sfmcpp.slam.sensing import MotionSensor
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.sequence import Frame, FrameSource, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap

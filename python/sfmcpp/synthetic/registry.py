@@ -1,4 +1,4 @@
-"""All scenes, one line each: a new scene is a module with a function and a line here."""
+"""All scenes and drives, one line each: a new one is a module with a function and a line here."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from sfmcpp.model import Problem
 from sfmcpp.synthetic.circle import circle_scene
 from sfmcpp.synthetic.city_blocks import city_blocks_scene
 from sfmcpp.synthetic.corridor import corridor_scene
+from sfmcpp.synthetic.drive import SyntheticDrive
 from sfmcpp.synthetic.sphere import sphere_scene
 from sfmcpp.synthetic.street_loop import street_loop_scene
+from sfmcpp.synthetic.table_walk import table_walk
+from sfmcpp.synthetic.vehicle_drive import vehicle_drive
 
 # Each takes num_cameras, num_points, focal_px, pixel_sigma_px, camera_model, distortion and seed.
 SCENES: dict[str, Callable[..., Problem]] = {
@@ -18,4 +21,10 @@ SCENES: dict[str, Callable[..., Problem]] = {
     "corridor": corridor_scene,
     "street-loop": street_loop_scene,
     "city-blocks": city_blocks_scene,
+}
+
+# Each takes length_m, frame_hz, focal_px, image_size, tracker, sensors and seed.
+DRIVES: dict[str, Callable[..., SyntheticDrive]] = {
+    "vehicle": vehicle_drive,
+    "table-walk": table_walk,
 }

@@ -83,6 +83,16 @@ TEST(PoseSweep, RepeatsItselfBitByBit) {
   EXPECT_EQ(a.approximate_leave_one_out, b.approximate_leave_one_out);
 }
 
+TEST(PoseSweep, HasTheSameBitsForEveryNumberOfThreads) {
+  const Scene s(Kind::kScale);
+  const PoseSweep one = s.sweep(kWeights, {.threads = 1});
+  for (int threads : {0, 2, 3, 5}) {
+    const PoseSweep more = s.sweep(kWeights, {.threads = threads});
+    EXPECT_EQ(one.poses, more.poses);
+    EXPECT_EQ(one.leave_one_out, more.leave_one_out);
+  }
+}
+
 TEST(PoseLinearization, IsTheOneOfTheStackedResiduals) {
   Scene s(Kind::kDisplacementPose);
   s.constraints.push_back(Scene(Kind::kScale).constraints[0]);
@@ -138,6 +148,7 @@ TEST(PoseSweepCheck, NamesTheArgumentTheValueAndTheRule) {
       InvalidArgument);
   EXPECT_THROW(fine.sweep(kWeights, {.max_iterations = 0}), InvalidArgument);
   EXPECT_THROW(fine.sweep(kWeights, {.inlier_px = -1.0}), InvalidArgument);
+  EXPECT_THROW(fine.sweep(kWeights, {.threads = -1}), InvalidArgument);
 }
 
 }  // namespace

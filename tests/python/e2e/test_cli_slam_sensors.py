@@ -165,3 +165,20 @@ def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
 def test_the_number_of_threads_changes_no_byte_of_a_real_drive(tmp_path: Path, data_dir: Path) -> None:
     drive = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat"
     require_same_results(tmp_path, [str(drive), "--sensor", "odometer", "--sensor", "imu"])
+
+
+@pytest.mark.parametrize("kind", ["gps", "ins"])
+def test_positions_and_poses_put_the_trajectory_into_their_world(tmp_path: Path, kind: str) -> None:
+    scene = write_drive(tmp_path / "drive.csv", 40)
+    # The sensor sits on a vehicle that goes along x; its antenna is where the camera is.
+    header = "t [s],x [m],y [m],z [m]" + (",rx [rad],ry [rad],rz [rad]" if kind == "ins" else "")
+    at = scene.centres + np.array([100.0, -20.0, 5.0])
+    cells = [",".join(map(repr, place.tolist())) + (",0,0,0" if kind == "ins" else "") for place in at]
+    rows = [f"{FIRST_S + STEP_S * k:.1f},{cell}" for k, cell in enumerate(cells)]
+    sensors = write_sensors(tmp_path / "s.csv", header, rows)
+    command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--quiet", "--sensor", kind]
+    assert main([*command, "--sensor-file", str(sensors), "--mounting", "forward"]) == 0
+    report = strict_json(tmp_path / "out/report.json")
+    assert report["metric"]
+    found = np.loadtxt(tmp_path / "out/trajectory.txt")[:, 1:4]
+    np.testing.assert_allclose(found, at, atol=0.25)

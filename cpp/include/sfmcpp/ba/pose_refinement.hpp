@@ -16,7 +16,8 @@
 // (after Bartoli, "Maximizing the predictivity of smooth deformable image warps through
 // cross-validation", JMIV 2008; the thesis names it and did not build it).
 //
-// Single-threaded, deterministic; nothing is allocated from one weight or fold to the next.
+// Deterministic, with the same bits for every number of threads; nothing is allocated from one
+// weight or fold to the next.
 #pragma once
 
 #include <array>
@@ -54,6 +55,7 @@ struct PoseSweepOptions {
   double inlier_px = 2.0;
   bool leave_one_out = true;
   bool approximate_leave_one_out = true;
+  int threads = 1;  // of the exact scores; 0: as many as the machine has and they are worth
 
   void validate() const;
 };

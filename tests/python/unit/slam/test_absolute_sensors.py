@@ -12,7 +12,7 @@ from sfmcpp.model import Problem, SensorStream, Similarity, so3
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
 from sfmcpp.slam.registering import Correction, correction
-from sfmcpp.slam.sensing import SensorSuite
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.synthetic import corridor_scene, street_loop_scene
 from slam_helpers import STEP_S, sequence_of
