@@ -11,6 +11,7 @@ from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
 from experiments.keyframe_weights import criteria_over_weights, weights_at_keyframes
 from experiments.lengths import proposed_lengths
+from experiments.orientations import constant_weights_of_orientations, methods_with_orientations
 from experiments.real_data import real_problems
 from experiments.report import Report
 from experiments.rms_curves import mean_rms
@@ -19,15 +20,18 @@ from experiments.scale import searches_at_scale
 from experiments.selection_time import time_to_choose
 from experiments.step_line import costs_along_steps
 from experiments.step_plane import costs_over_lengths
+from experiments.whole_weights import whole_weights
 
 KINDS: dict[str, Callable[[Experiment], Report]] = {
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
+    "constant-orientations": constant_weights_of_orientations,
     "convergence": mean_convergence,
     "criteria": criteria_over_weights,
     "drives": sensors_on_drives,
     "keyframe-weights": weights_at_keyframes,
     "lengths": proposed_lengths,
+    "orientations": methods_with_orientations,
     "real": real_problems,
     "rms-curves": mean_rms,
     "roots": number_of_roots,
@@ -35,4 +39,5 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "selection-time": time_to_choose,
     "step-line": costs_along_steps,
     "step-plane": costs_over_lengths,
+    "whole-weights": whole_weights,
 }

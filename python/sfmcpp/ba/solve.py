@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.adjust import Callback, adjust
+from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.summary import Iteration, Summary
+from sfmcpp.ba.summary import Summary
+from sfmcpp.ba.weight_selection import select_group_weights
 from sfmcpp.model import ConstraintGroup, Problem
 
 METHODS: tuple[str, ...] = _core.METHODS
@@ -20,13 +23,12 @@ LINEAR_SOLVERS: tuple[str, ...] = _core.LINEAR_SOLVERS
 LOSSES: tuple[str, ...] = _core.LOSSES
 GAUGES: tuple[str, ...] = _core.GAUGES
 
-Callback = Callable[[Iteration], "bool | None"]
-
 
 def solve(
     problem: Problem,
     *,
     constraints: Iterable[ConstraintGroup] = (),
+    weight: str | Mapping[str, str] | None = None,
     method: str = "lm-nielsen",
     line_search: str = "none",
     line_search_iterations: int = 5,
@@ -54,6 +56,30 @@ def solve(
     constraints : iterable of ConstraintGroup
         Named weighted groups of constraints on the cameras; see :class:`ConstraintGroup`. For metric
         camera models. An algebraic line search proposes its lengths by the pixels alone.
+    weight : str or mapping of str to str, optional
+        How to choose the weights of the groups from the data before the solve: one method for all, or the
+        method of some by their names, the others keeping their weights. None: all keep theirs. The chosen
+        weight replaces the attribute `weight` of its group; the solve is then the same, bit for bit, as one
+        given that weight.
+
+        - "variance", and "auto" with it: restricted likelihood (variance components), several groups
+          together; for up to 4000 free parameters of cameras. Where the noise of a sensor is normal, it
+          recovers its standard deviation as well as the redundancy r allows, to a share of 1 / √(2r). It
+          costs five to six solves of BAL problem-49 with NumPy's BLAS on one thread (nine to thirteen on two
+          busy cores with two), and some twenty of a small scene solved in 10 ms.
+        - "loo-approx": leave-one-out cross-validation of the observations, in closed form, over 21 weights.
+        - "k-fold": the same by refits without a quarter of the observations; for problems of any size.
+        - "l-curve", "l-curve-scaled", "ltn": trade-off criteria over 17 weights (thesis §2.4). Cheap, of any
+          size, and often far off.
+
+        On scenes with sensors of known noise (bench/experiments, "whole-weights") the first lost 1 % against
+        the true weights in the median and at most 8 %; cross-validation 0 to 3 %, but in some runs it took no
+        weight at all; trade-off criteria 1 to 330 %. A sensor that is wrong where the images drift as far
+        bends the result, and its equivalent standard deviation grows less than it should.
+
+        Every weight keeps 90 % of the inliers of the images alone, if any does. All fits use the loss,
+        linear solver, gauge and limits given here, each for itself; Ctrl-C during the choice raises
+        KeyboardInterrupt and leaves everything as it was.
     method : str
         "lm-nielsen", "lm": Levenberg–Marquardt with the Nielsen or the Hartley rule; "dog-leg" (Powell's);
         "gauss-newton"; "gradient-descent"; "conjugate-gradient": nonlinear, with a block preconditioner;
@@ -96,7 +122,9 @@ def solve(
     Raises
     ------
     InvalidArgument
-        If the problem or an option breaks a rule; the message names it. The problem is untouched then.
+        If the problem or an option breaks a rule; the message names it. The problem is untouched then. With
+        `weight`: if there is nothing to choose from, the problem is too large for the method, or a name is
+        unknown.
     """
     values = {
         "method": method,
@@ -113,9 +141,9 @@ def solve(
     }
     options = SolveOptions(**values, **more)
     options.validate()
-    report = None if callback is None else lambda core: callback(_iteration(core))
-    arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    return _summary(_core.solve(arrays, options, report), options)
+    groups = list(constraints)
+    chosen = [] if weight is None else select_group_weights(problem, groups, weight, options)
+    return replace(adjust(problem, groups, options, callback), group_weights=chosen)
 
 
 def check(problem: Problem) -> list[str]:
@@ -194,18 +222,3 @@ def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.Jac
         `entries` compared, and the `worst_error` with its `worst_observation` and `worst_parameter`.
     """
     return _core.check_jacobians(core_arrays(problem), max_observations)
-
-
-def _fields_of(core: object, cls: type) -> dict[str, Any]:
-    return {name: getattr(core, name) for name in cls.__dataclass_fields__ if hasattr(core, name)}  # type: ignore[attr-defined]
-
-
-def _iteration(core: _core.CoreIteration) -> Iteration:
-    return Iteration(**_fields_of(core, Iteration))
-
-
-def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
-    values = _fields_of(core, Summary)
-    values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
-    used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
-    return Summary(**values, **used)

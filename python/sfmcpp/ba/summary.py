@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.group_selection import GroupWeightSelection
+
 
 @dataclass(frozen=True)
 class Iteration:
@@ -88,6 +90,8 @@ class Summary:
         Weighted cost of each group of constraints, by its name, at the start and at the end.
     iterations : list of Iteration
         The whole history; the first is the start.
+    group_weights : list of GroupWeightSelection
+        Groups whose weight was chosen from the data.
     """
 
     initial_cost: float
@@ -109,6 +113,7 @@ class Summary:
     observations_behind_camera: tuple[int, int] = (0, 0)
     constraint_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
     iterations: list[Iteration] = field(default_factory=list)
+    group_weights: list[GroupWeightSelection] = field(default_factory=list)
 
     @property
     def converged(self) -> bool:
@@ -126,7 +131,7 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON."""
-        return asdict(self)
+        return {**asdict(self), "group_weights": [chosen.to_dict() for chosen in self.group_weights]}
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<22}{value}" for name, value in self._rows())
@@ -140,6 +145,7 @@ class Summary:
                 (f"cost of {name!r}", f"{initial:.6e} → {final:.6e}")
                 for name, (initial, final) in self.constraint_costs.items()
             ),
+            *((f"weight of {chosen.name!r}", chosen.describe()) for chosen in self.group_weights),
             ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),

@@ -30,6 +30,8 @@ _STEP_S = 0.01
 _DEGREES = 180 / np.pi
 # Error over rotation: about √2 where axes are wrong, 1 where all is noise, less where the sensor is right.
 _WRONG, _RIGHT = 1.15, 0.5
+# Smaller rotations of the camera from pose to pose are the noise of its poses, and no evidence.
+_LEAST_TURN_RAD = float(np.radians(0.3))
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class RotationCheck:
                 f"{name}: its rates are {self.unit_factor:.3g} times those seen by the camera: "
                 f"{given} declared as {declared}?"
             )
-        if self.error_rad > _WRONG * self.turned_rad:
+        if self.turned_rad > _LEAST_TURN_RAD and self.error_rad > _WRONG * self.turned_rad:
             return (
                 f"{name}: where it turns most its rotations are {np.degrees(self.error_rad):.2g}° off those "
                 f"seen by the camera, which are {np.degrees(self.turned_rad):.2g}°: are its axes, its "

@@ -18,6 +18,10 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 
 
+# Few tracks often fit two poses. One that turns otherwise than a gyroscope says is the wrong one.
+_SAME_TURN_RAD = float(np.radians(1.0))
+
+
 def locate(world: WorldMap, view: View, settings: SlamSettings) -> FloatArray | None:
     """Pose (3, 4) of a view by resection from the points of the map, or None."""
     known = view.only(world.knows(view.tracks))
@@ -116,6 +120,9 @@ class Follower:
             seed=self._settings.seed,
         )
         if found.failure not in ("", "ambiguous", "rotation only"):
+            return None
+        turn = self._sensors.rotation(last.t_s, frame.t_s)
+        if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > _SAME_TURN_RAD:
             return None
         moved = found.failure != "rotation only"
         length = self.length(last.t_s, frame.t_s, path, doubtful, metric=metric) if moved else 0.0

@@ -1,0 +1,63 @@
+"""One run of the core's minimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.summary import Iteration, Summary
+from sfmcpp.model import ConstraintGroup, Problem
+
+Callback = Callable[[Iteration], "bool | None"]
+
+
+def adjust(
+    problem: Problem,
+    constraints: Sequence[ConstraintGroup],
+    options: SolveOptions,
+    callback: Callback | None = None,
+) -> Summary:
+    """Adjust a problem in place with every group at its weight.
+
+    Parameters
+    ----------
+    problem : Problem
+        Holds the best state found afterwards.
+    constraints : sequence of ConstraintGroup
+        Groups of constraints.
+    options : SolveOptions
+        All options.
+    callback : callable, optional
+        Called after every iteration; returning False stops.
+
+    Returns
+    -------
+    Summary
+        What the minimiser did.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem, a group or an option breaks a rule.
+    """
+    report = None if callback is None else lambda core: callback(_iteration(core))
+    arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
+    return _summary(_core.solve(arrays, options, report), options)
+
+
+def _fields_of(core: object, cls: type) -> dict[str, Any]:
+    return {name: getattr(core, name) for name in cls.__dataclass_fields__ if hasattr(core, name)}  # type: ignore[attr-defined]
+
+
+def _iteration(core: _core.CoreIteration) -> Iteration:
+    return Iteration(**_fields_of(core, Iteration))
+
+
+def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
+    values = _fields_of(core, Summary)
+    values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
+    used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
+    return Summary(**values, **used)
