@@ -17,7 +17,6 @@ from sfmcpp.slam.sequence import Frame, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 
-
 # Few tracks often fit two poses. One that turns otherwise than a gyroscope says is the wrong one.
 _SAME_TURN_RAD = float(np.radians(1.0))
 

@@ -31,7 +31,8 @@ def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, k
     t_s = np.arange(0, 60, 0.1)
     lying = (t_s >= 20) & (t_s < 30)
     wrong = speeds(t_s) * np.where(lying, factor, 1.0)
-    values = {"speed": wrong, "velocity": wrong[:, None] * [0.6, 0.8, 0.0], "distance": np.cumsum(0.1 * wrong)}
+    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
+    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
     (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
     assert found.start_s == pytest.approx(20, abs=0.25)
     assert found.end_s == pytest.approx(30, abs=0.25)
