@@ -21,7 +21,7 @@ NOTES = (
     "included [m]; over_alone: over that without sensors. scale: mean ratio of keyframe steps to true ones",
     "(eq. 5.25), of a map without metres after the alignment. rotation: median error after it [deg].",
     "weight: median λ of each sensor; weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
-    "predicted: frames whose images say too little. The gyro of KITTI is 0.05 s late: shifted.",
+    "predicted: frames whose images say too little.",
 )
 COLUMNS = (
     "drive", "label", "frames", "predicted", "keyframes", "error_m", "over_alone", "scale", "rotation_deg",

@@ -18,7 +18,6 @@ from sfmcpp.synthetic import DRIVES, SyntheticDrive
 Drive = KittiDrive | SyntheticDrive
 
 KITTI = "KITTI"
-GYRO_LAG_S = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +71,13 @@ def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSe
         assert stream is not None
         return Odometer(_lying(stream, lie, factor=True))
     if name == "imu":
-        return Gyroscope(_punctual(drive, _lying(drive.angular_rate, lie, factor=False)), mounting_of(drive))
+        return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
     return Gyroscope(rotation_stream(drive), mounting_of(drive))
 
 
 def rotation_stream(drive: Drive) -> SensorStream:
     """The best that a drive has on its orientations: its navigation system, or its gyro."""
-    return drive.orientation if isinstance(drive, SyntheticDrive) else _punctual(drive, drive.angular_rate)
-
-
-def _punctual(drive: Drive, rates: SensorStream) -> SensorStream:
-    """The gyro of the KITTI drives is late."""
-    return rates.shifted(-GYRO_LAG_S) if isinstance(drive, KittiDrive) else rates
+    return drive.orientation if isinstance(drive, SyntheticDrive) else drive.angular_rate
 
 
 def _lying(stream: SensorStream, lie: Lie | None, *, factor: bool) -> SensorStream:

@@ -19,7 +19,7 @@ from sfmcpp.plotting.style import COLORS, MUTED, new_figure, style_axes
 from sfmcpp.slam import SlamResult
 
 NOTES = (
-    "Rotations from keyframe to keyframe constrain SLAM: of the gyro on KITTI (0.05 s late, shifted), of the",
+    "Rotations from keyframe to keyframe constrain SLAM: of the gyro on KITTI, of the",
     "navigation system (σ = 0.01°) on the synthetic walks. EKF: the run alone, its orientations filtered,",
     "positions recomputed; σ of the orientations that correct [rad]. error: mean 3-D error (eq. 5.24),",
     "aligned by the poses of the first tenth, scale included [m]; over_alone: over that without sensor.",

@@ -8,7 +8,6 @@ import re
 import resource
 import sys
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +42,7 @@ def make_report(path: Path, problem: Problem, summary: Summary, seconds_read: fl
         "observations": problem.num_observations,
     }
     measured = {"seconds_read": seconds_read, "peak_memory_bytes": peak_memory_bytes()}
-    return _finite({"input": size, **measured, **asdict(summary)})  # type: ignore[no-any-return]
+    return _finite({"input": size, **measured, **summary.to_dict()})  # type: ignore[no-any-return]
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -103,7 +103,8 @@ class ConstraintGroup:
     values : array, optional
         Measurements, shaped as the table says; None for kinds without.
     weight : float
-        Weight of the group; 0: as if it were not there. Change it between solves as you like.
+        Weight of the group; 0: as if it were not there. Change it between solves as you like, or have it
+        chosen: ``solve(..., weight="auto")``.
     member_weights : (n,) float64, optional
         Weight of each member. Default: 1.
     name : str

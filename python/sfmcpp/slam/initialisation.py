@@ -13,6 +13,8 @@ from sfmcpp.slam.sequence import Frame, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 
+# Tracks run out when fewer than this many times the inliers of a pose are left.
+_RUNNING_OUT = 3
 # Frames kept while the camera stands: the oldest are given up beyond.
 _PATIENCE = 1000
 
@@ -54,10 +56,15 @@ class Initialiser:
             return None
         before, after = first.view.pixels[in_first], frame.view.pixels[in_last]
         moved_px = np.median(np.linalg.norm(after - before, axis=1))
-        if len(self.frames) < 3 or moved_px < self._settings.start_parallax_px:
+        if len(self.frames) < 3 or moved_px < self._parallax_px(len(in_first)):
             self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
             return None
         return self._map_of(before, after)
+
+    def _parallax_px(self, shared: int) -> float:
+        """Parallax to wait for: half of it will do once tracks run out, before there are none left."""
+        share = 0.5 if shared < _RUNNING_OUT * self._settings.min_inliers else 1.0
+        return share * self._settings.start_parallax_px
 
     def _map_of(self, before: FloatArray, after: FloatArray) -> WorldMap | None:
         settings, first, last = self._settings, self.frames[0], self.frames[-1]

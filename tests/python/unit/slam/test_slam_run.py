@@ -123,3 +123,18 @@ def test_the_callback_sees_every_frame_and_the_growing_result() -> None:
     counts = [count for _, count in seen]
     assert counts == sorted(counts)
     assert counts[-1] == len(result.poses)
+
+
+def test_tracks_too_short_for_the_usual_parallax_start_a_map_all_the_same() -> None:
+    centres = np.arange(40)[:, None] * np.array([0.02, 0.0, 0.09])
+    truth = path(centres, np.zeros((40, 3)))
+    long = drive(truth, sigma_px=0.1, points=280)
+    # Each point gets a new track every ten frames, too few for 20 px.
+    lives = 10
+    views = [long.view(frame) for frame in range(len(long))]
+    tracks = [v.tracks + 280 * ((frame + v.tracks % lives) // lives) for frame, v in enumerate(views)]
+    frames = np.repeat(np.arange(len(views)), [len(v.tracks) for v in views])
+    pixels = np.concatenate([v.pixels for v in views])
+    result = run_slam(TrackSequence(long.t_s, frames, np.concatenate(tracks), pixels, long.intrinsics))
+    assert sorted(result.poses) == list(range(40))
+    assert relative_errors(result, truth)[0] < 0.05
