@@ -44,9 +44,9 @@ class Sweep {
                      std::span<const double> weights) {
     const long folds = static_cast<long>(minima_.size()) * view.count();
     ThreadPool pool(resolve_num_threads(options_.threads, folds * view.count() / 10));
-    std::vector<std::unique_ptr<PoseFit>> fits;  // each worker has room of its own
-    for (int k = 0; k < pool.num_threads(); ++k)
-      fits.push_back(std::make_unique<PoseFit>(view, constraints, selected));
+    std::vector<std::unique_ptr<PoseFit>> fits(pool.num_threads());  // room of each worker
+    for (std::unique_ptr<PoseFit>& fit : fits)
+      fit = std::make_unique<PoseFit>(view, constraints, selected);
     result_.leave_one_out.resize(minima_.size());
     pool.parallel_for_worker(static_cast<int>(minima_.size()), [&](int k, int worker) {
       result_.leave_one_out[k] =
