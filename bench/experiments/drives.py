@@ -21,11 +21,12 @@ NOTES = (
     "included [m]; over_alone: over that without sensors. scale: mean ratio of keyframe steps to true ones",
     "(eq. 5.25), of a map without metres after the alignment. rotation: median error after it [deg].",
     "weight: median λ of each sensor; weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
+    "world_error: the same with nothing aligned, where a GPS or an INS tells the world [m].",
     "predicted: frames whose images say too little.",
 )
 COLUMNS = (
-    "drive", "label", "frames", "predicted", "keyframes", "error_m", "over_alone", "scale", "rotation_deg",
-    "weight", "weight_lie", "conflict_lie", "fps",
+    "drive", "label", "frames", "predicted", "keyframes", "error_m", "over_alone", "world_error_m", "scale",
+    "rotation_deg", "weight", "weight_lie", "conflict_lie", "fps",
 )  # fmt: skip
 MIN_STEP_M = 0.05
 
@@ -58,6 +59,7 @@ def _row(drive: Drive, setting: Row) -> Row:
         "predicted": len(result.lost),
         "keyframes": 0 if result.world is None else len(result.world.keyframes),
         "error_m": found.mean_3d_error_m,
+        "world_error_m": _error_in_world(result, drive, setting["sensors"]),
         "scale": _scale(result, drive, 1.0 if result.metric else found.alignment.similarity.scale),
         "rotation_deg": rotation_deg(found),
         **_weights(result, drive, setting["sensors"], lie),
@@ -77,6 +79,13 @@ def against_truth(result: SlamResult, drive: Drive) -> Evaluation:
     return evaluate(result.trajectory(), drive.truth, align_to="first:0.1", align_by="poses")
 
 
+def _error_in_world(result: SlamResult, drive: Drive, sensors: Sequence[str]) -> float | None:
+    """Mean 3-D error with nothing aligned, where sensors tell the world; None elsewhere [m]."""
+    if not result.metric or not {"gps", "ins"} & set(sensors):
+        return None
+    return evaluate(result.trajectory(), drive.truth, align_to="none").mean_3d_error_m
+
+
 def rotation_deg(found: Evaluation) -> float:
     """Median error of the rotations [deg]."""
     return float(np.median(found.ape["rotation_angle_deg"]))
@@ -91,7 +100,7 @@ def _scale(result: SlamResult, drive: Drive, metres: float) -> float:
 
 
 def _weights(result: SlamResult, drive: Drive, sensors: Sequence[str], lie: Lie | None) -> Row:
-    names = ["odometer" if name == "odometer" else "gyro" for name in sensors]
+    names = [{"imu": "gyro", "rotation": "gyro"}.get(name, name) for name in sensors]
     stamps = np.array([record.t_s for record in result.records])
     during = np.zeros(len(stamps), dtype=bool) if lie is None else lie.during(stamps, drive.t_s[0])
     honest = [r for r, lies in zip(result.records, during, strict=True) if not lies]
@@ -110,8 +119,8 @@ def median(values: Sequence[float]) -> float | None:
 
 def _median_row(rows: list[Row], group: str, label: str) -> Row:
     same = [row for row in rows if (row["group"], row["label"]) == (group, label)]
-    columns = ("error_m", "over_alone", "scale", "rotation_deg", "fps")
-    medians = {name: median([row[name] for row in same]) for name in columns}
+    columns = ("error_m", "over_alone", "world_error_m", "scale", "rotation_deg", "fps")
+    medians = {name: median([row[name] for row in same if row[name] is not None]) for name in columns}
     predicted = sum(row["predicted"] for row in same)
     return {"drive": median_name(group), "label": label, "predicted": predicted, **medians}
 

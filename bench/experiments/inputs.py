@@ -11,13 +11,14 @@ from experiments.description import Experiment
 from experiments.real_problems import data_folder
 from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, TrackSequence
+from sfmcpp.sensors import Mounting, pose_stream_values
+from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
 from sfmcpp.synthetic import DRIVES, SyntheticDrive
 
 Drive = KittiDrive | SyntheticDrive
 
 KITTI = "KITTI"
+GPS_SIGMA_M, INS_SIGMA_M, INS_SIGMA_RAD = 1.0, 0.3, 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +66,30 @@ def mounting_of(drive: Drive) -> Mounting:
 
 
 def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSensor:
-    """Make ``"odometer"``, ``"imu"`` or ``"rotation"`` (see :func:`rotation_stream`) of a drive."""
+    """Make the sensor ``odometer``, ``imu``, ``rotation`` (:func:`rotation_stream`), ``gps`` or ``ins``.
+
+    The last two are simulated from the truth, at every image, with white noise.
+    """
     if name == "odometer":
         stream = drive.velocity if isinstance(drive, KittiDrive) else drive.odometer
         assert stream is not None
         return Odometer(_lying(stream, lie, factor=True))
     if name == "imu":
         return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
+    if name in ("gps", "ins"):
+        return _absolute(drive, name)
     return Gyroscope(rotation_stream(drive), mounting_of(drive))
+
+
+def _absolute(drive: Drive, name: str) -> MotionSensor:
+    """Make a GPS of 1 m, or an INS of 0.3 m and 0.003 rad."""
+    mounting, rng = mounting_of(drive), np.random.default_rng(0)
+    truth = pose_stream_values(mounting.body_poses(drive.truth.poses))
+    if name == "gps":
+        fixes = truth[:, :3] + rng.normal(0.0, GPS_SIGMA_M, (len(truth), 3))
+        return Gps(SensorStream(drive.truth.t_s, fixes, "position"), mounting, sigma_m=GPS_SIGMA_M)
+    noise = np.repeat([INS_SIGMA_M, INS_SIGMA_RAD], 3) * rng.normal(size=truth.shape)
+    return Ins(SensorStream(drive.truth.t_s, truth + noise, "pose"), mounting, sigma_m=INS_SIGMA_M)
 
 
 def rotation_stream(drive: Drive) -> SensorStream:
