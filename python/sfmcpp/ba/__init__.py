@@ -1,7 +1,6 @@
 """Bundle adjustment: the solve and its options, checks and summary."""
 
 from sfmcpp.ba.explore import StepExploration, explore_step
-from sfmcpp.ba.group_selection import GroupWeightSelection
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
 from sfmcpp.ba.solve import (
@@ -17,7 +16,8 @@ from sfmcpp.ba.solve import (
     solve,
 )
 from sfmcpp.ba.summary import Iteration, Summary
-from sfmcpp.ba.weight_selection import WEIGHT_METHODS
+from sfmcpp.ba.weighing.group_selection import GroupWeightSelection
+from sfmcpp.ba.weighing.selection import WEIGHT_METHODS
 
 __all__ = [
     "GAUGES",

@@ -14,7 +14,7 @@ from sfmcpp.ba.adjust import Callback, adjust
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Summary
-from sfmcpp.ba.weight_selection import select_group_weights
+from sfmcpp.ba.weighing.selection import select_group_weights
 from sfmcpp.model import ConstraintGroup, Problem
 
 METHODS: tuple[str, ...] = _core.METHODS

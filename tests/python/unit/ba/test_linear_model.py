@@ -8,13 +8,13 @@ import pytest
 import sfmcpp
 from constrained import random_group, scene, weighted_errors
 from sfmcpp import CONSTRAINT_KINDS, InvalidArgument, Problem
-from sfmcpp.ba import reduced_system
-from sfmcpp.ba.columns import CameraColumns, camera_columns
-from sfmcpp.ba.constraint_rows import constraint_rows
-from sfmcpp.ba.image_jacobian import image_jacobian
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.reduced_system import ReducedSystem
-from sfmcpp.ba.robust_loss import influence_slope, rho, rho_slope
+from sfmcpp.ba.weighing import reduced_system
+from sfmcpp.ba.weighing.columns import CameraColumns, camera_columns
+from sfmcpp.ba.weighing.constraint_rows import constraint_rows
+from sfmcpp.ba.weighing.image_jacobian import image_jacobian
+from sfmcpp.ba.weighing.reduced_system import ReducedSystem
+from sfmcpp.ba.weighing.robust_loss import influence_slope, rho, rho_slope
 from sfmcpp.model.so3 import exp
 from weight_helpers import Array, dense_jacobian, dense_rows, gps, small_scene
 

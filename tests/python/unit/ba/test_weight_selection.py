@@ -9,13 +9,8 @@ import pytest
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem, Summary
-from sfmcpp.ba import (
-    WEIGHT_METHODS,
-    GroupWeightSelection,
-    member_errors,
-    reduced_system,
-    weight_selection,
-)
+from sfmcpp.ba import WEIGHT_METHODS, GroupWeightSelection
+from sfmcpp.ba.weighing import member_errors, reduced_system, selection
 from sfmcpp.fusion import l_curve_scores, ltn_scores, running_median, scaled_l_curve_scores
 from weight_helpers import Array, gps, odometer, street
 
@@ -234,7 +229,7 @@ def test_a_summary_with_weights_prints_and_is_plain_json(
 def test_a_problem_too_large_for_dense_matrices_is_weighed_by_folds(
     drift: tuple[Problem, Problem], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (member_errors, reduced_system, weight_selection):
+    for module in (member_errors, reduced_system, selection):
         monkeypatch.setattr(module, "MAX_COLUMNS", 100)
     (chosen,) = choose(drift[0], gps(drift[1], 0.1), weight="k-fold")
     assert chosen.redundancy is None
@@ -292,7 +287,7 @@ def test_ctrl_c_while_choosing_leaves_everything_as_it_was(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(weight_selection, "balanced", interrupted)
+    monkeypatch.setattr(selection, "balanced", interrupted)
     start, group = drift[0].copy(), gps(drift[1], 0.1, weight=5.0)
     with pytest.raises(KeyboardInterrupt):
         sfmcpp.solve(start, constraints=[group], weight="auto")

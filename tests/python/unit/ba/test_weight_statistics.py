@@ -8,9 +8,9 @@ from scipy.optimize import minimize_scalar
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, Problem
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
-from sfmcpp.ba.weight_methods import FOLDS, SWEEPS, fold_of_observation
-from sfmcpp.ba.weight_statistics import FitStatistics
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.methods import FOLDS, SWEEPS, fold_of_observation
+from sfmcpp.ba.weighing.statistics import FitStatistics
 from weight_helpers import Array, dense_jacobian, dense_rows, fitted, gps, odometer, small_scene
 
 SIGMA_M = 0.05

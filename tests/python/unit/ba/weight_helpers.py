@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, Problem
-from sfmcpp.ba.constraint_rows import constraint_rows
-from sfmcpp.ba.image_jacobian import image_jacobian
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.constraint_rows import constraint_rows
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.image_jacobian import image_jacobian
 
 Array = NDArray[np.float64]
 

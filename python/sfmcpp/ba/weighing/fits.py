@@ -13,9 +13,9 @@ import numpy as np
 from sfmcpp import _core
 from sfmcpp.ba.adjust import adjust
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.ba.constraint_rows import squared_error
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.robust_loss import influence_slope, rho, rho_slope, tukey
+from sfmcpp.ba.weighing.constraint_rows import squared_error
+from sfmcpp.ba.weighing.robust_loss import influence_slope, rho, rho_slope, tukey
 from sfmcpp.fusion.pose_constraint import CONSTRAINT_UNITS, ConstraintUnit
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.problem import FloatArray

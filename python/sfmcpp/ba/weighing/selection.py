@@ -6,15 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from sfmcpp.ba.columns import camera_columns
-from sfmcpp.ba.group_selection import GroupWeightSelection
-from sfmcpp.ba.member_errors import member_errors, selection_of
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.reduced_system import MAX_COLUMNS
-from sfmcpp.ba.variance_components import variance_components
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
-from sfmcpp.ba.weight_methods import SWEEPS, Trials, balanced, sweep
-from sfmcpp.ba.weight_statistics import fit_statistics
+from sfmcpp.ba.weighing.columns import camera_columns
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.group_selection import GroupWeightSelection
+from sfmcpp.ba.weighing.member_errors import member_errors, selection_of
+from sfmcpp.ba.weighing.methods import SWEEPS, Trials, balanced, sweep
+from sfmcpp.ba.weighing.reduced_system import MAX_COLUMNS
+from sfmcpp.ba.weighing.statistics import fit_statistics
+from sfmcpp.ba.weighing.variance_components import variance_components
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.problem import FloatArray

@@ -12,7 +12,7 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.ba.columns import POSE_SIZE, CameraColumns, moved_poses
+from sfmcpp.ba.weighing.columns import POSE_SIZE, CameraColumns, moved_poses
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.problem import FloatArray, IndexArray
 from sfmcpp.model.so3 import log

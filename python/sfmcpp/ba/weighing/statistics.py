@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.ba.constraint_rows import ConstraintRows, constraint_rows
-from sfmcpp.ba.image_jacobian import image_jacobian
-from sfmcpp.ba.reduced_system import ReducedSystem
-from sfmcpp.ba.robust_loss import rho_slope
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.constraint_rows import ConstraintRows, constraint_rows
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.image_jacobian import image_jacobian
+from sfmcpp.ba.weighing.reduced_system import ReducedSystem
+from sfmcpp.ba.weighing.robust_loss import rho_slope
 from sfmcpp.model.problem import FloatArray
 
 # Farthest weight, in factors, that the model at one optimum is believed for.

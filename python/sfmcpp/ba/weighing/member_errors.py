@@ -10,13 +10,13 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.columns import camera_columns
-from sfmcpp.ba.constraint_rows import ConstraintRows, constraint_rows
-from sfmcpp.ba.group_selection import GroupWeightSelection
-from sfmcpp.ba.reduced_system import MAX_COLUMNS
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
-from sfmcpp.ba.weight_methods import Trials
-from sfmcpp.ba.weight_statistics import fit_statistics
+from sfmcpp.ba.weighing.columns import camera_columns
+from sfmcpp.ba.weighing.constraint_rows import ConstraintRows, constraint_rows
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.group_selection import GroupWeightSelection
+from sfmcpp.ba.weighing.methods import Trials
+from sfmcpp.ba.weighing.reduced_system import MAX_COLUMNS
+from sfmcpp.ba.weighing.statistics import fit_statistics
 from sfmcpp.fusion.conflict import CONFLICT_SIGMAS, equivalent_sigmas
 from sfmcpp.model.problem import FloatArray
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
-from sfmcpp.ba.weight_statistics import fit_statistics
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.statistics import fit_statistics
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.fusion import criteria
 from sfmcpp.model.problem import BoolArray, FloatArray, IndexArray

@@ -13,7 +13,13 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.ba.columns import POSE_SIZE, CameraColumns, camera_columns, moved_poses, similarity_motions
+from sfmcpp.ba.weighing.columns import (
+    POSE_SIZE,
+    CameraColumns,
+    camera_columns,
+    moved_poses,
+    similarity_motions,
+)
 from sfmcpp.model import Problem
 from sfmcpp.model.problem import FloatArray, IndexArray
 

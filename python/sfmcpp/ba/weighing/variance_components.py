@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sfmcpp.ba.weight_fits import WeightFit, WeightFits
-from sfmcpp.ba.weight_methods import Trials, admissible
-from sfmcpp.ba.weight_statistics import fit_statistics
+from sfmcpp.ba.weighing.fits import WeightFit, WeightFits
+from sfmcpp.ba.weighing.methods import Trials, admissible
+from sfmcpp.ba.weighing.statistics import fit_statistics
 from sfmcpp.model.problem import FloatArray
 
 # A change of a weight, in logarithm, that does not matter any more; rounds at most.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.image_jacobian import ImageJacobian
+from sfmcpp.ba.weighing.image_jacobian import ImageJacobian
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.problem import FloatArray
 

@@ -1,0 +1,1 @@
+"""Weights of constraint groups for a whole adjustment, chosen from its data."""
