@@ -21,6 +21,8 @@ class SensorSuite:
 
     def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
         self.sensors = tuple(sensors)
+        # Names of those that disagreed with the images the last time they were compared.
+        self.in_conflict: frozenset[str] = frozenset()
 
     def measure(
         self, start_s: float, end_s: float, rotation: FloatArray, *, metric: bool
@@ -54,8 +56,9 @@ class SensorSuite:
         return next((answer for answer in answers if answer is not None), None)
 
     def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
-        """Rotation start_from_end of the camera."""
-        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Gyroscope))
+        """Rotation start_from_end of the camera, by a gyroscope that agrees with the images."""
+        asked = [s for s in self.sensors if isinstance(s, Gyroscope) and s.name not in self.in_conflict]
+        answers = (s.between(start_s, end_s) for s in asked)
         return next((answer for answer in answers if answer is not None), None)
 
     def centre(self, time_s: float, rotation: FloatArray) -> FloatArray | None:

@@ -191,6 +191,9 @@ class Slam:
         record.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
         record.conflicts = {s.constraint.name: s.conflict.sigmas for s in fused.selections}
         record.selections = list(fused.selections)
+        self._sensors.in_conflict = frozenset(
+            selection.constraint.name for selection in fused.selections if selection.conflict.conflicting
+        )
         self.result.records.append(record)
 
     @property
