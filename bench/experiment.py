@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from experiments.catalogue import names, titles
+from experiments.catalogue import names, other_names, titles
 from experiments.description import Experiment, ExperimentError, load
 from experiments.kinds import KINDS
 
@@ -25,13 +25,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(arguments)
     if args.list:
-        width = max(map(len, names())) + 2
-        print("\n".join(f"{name:<{width}}{title}" for name, title in titles().items()))
+        print(_listing())
         return 0
-    if args.name not in names():
+    name = other_names().get(args.name, args.name)
+    if name not in names():
         parser.error(f"NAME = {args.name!r}: must be one of {', '.join(names())}")
     try:
-        run(load(args.name, runs=args.runs), args.out)
+        run(load(name, runs=args.runs), args.out)
     except (ExperimentError, SfmcppError, OSError) as failure:
         parser.error(str(failure))
     return 0
@@ -44,6 +44,12 @@ def run(experiment: Experiment, out: Path) -> None:
     print(report.text(experiment))
     for path in report.write(experiment, out):
         print(path)
+
+
+def _listing() -> str:
+    lines = titles() | {other: f"see {name}" for other, name in other_names().items()}
+    width = max(map(len, lines)) + 2
+    return "\n".join(f"{name:<{width}}{lines[name]}" for name in sorted(lines))
 
 
 def _parser() -> argparse.ArgumentParser:

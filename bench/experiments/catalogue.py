@@ -13,3 +13,8 @@ def names() -> list[str]:
 def titles() -> dict[str, str]:
     """Names and titles of all experiments."""
     return {name: load(name).title for name in names()}
+
+
+def other_names() -> dict[str, str]:
+    """Further names, and the experiment that each stands for."""
+    return {other: name for name in names() for other in load(name).also}

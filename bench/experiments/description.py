@@ -30,6 +30,8 @@ class Experiment:
     ----------
     name, title : str
         Of the TOML file, and what it shows.
+    also : list of str
+        Further tables and figures of the thesis that it holds: other names for it.
     kind : str
         Which function of `KINDS` runs it.
     seed, runs : int
@@ -55,6 +57,7 @@ class Experiment:
     name: str
     title: str
     kind: str
+    also: list[str] = field(default_factory=list)
     seed: int = 0
     runs: int = 1
     methods: list[str] = field(default_factory=list)
