@@ -1,0 +1,65 @@
+"""A sensor that lies for a while gets small weights there, is named, and does little harm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.fusion.conflict import CONFLICT_SIGMAS
+from sfmcpp.model import SensorStream
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, run_slam
+from winding import AT_CAMERA, winding
+
+# The map takes its scale from the odometer in the five seconds before.
+LIE_S = (5.0, 8.8)
+
+
+def lying(stream: SensorStream, factor: float = 1.0, yaw_rad_s: float = 0.0) -> SensorStream:
+    values = stream.values.copy()
+    during = (stream.t_s >= LIE_S[0]) & (stream.t_s < LIE_S[1])
+    values[during] *= factor
+    if yaw_rad_s:
+        values[during, 1] += yaw_rad_s
+    return SensorStream(stream.t_s, values, stream.kind, stream.name)
+
+
+def during(result: SlamResult, name: str, what: str) -> list[float]:
+    """Weights or conflicts of a sensor at the keyframes whose interval lies within the lie."""
+    times = [record.t_s for record in result.records]
+    within = [
+        record
+        for before, record in zip(times[:-1], result.records[1:], strict=True)
+        if before > LIE_S[0] and record.t_s < LIE_S[1]
+    ]
+    return [getattr(record, what)[name] for record in within if name in getattr(record, what)]
+
+
+@pytest.mark.parametrize("factor", [1.3, 0.7])
+def test_an_odometer_that_leaps_has_no_weight_until_it_leaps_back(factor: float) -> None:
+    drive = winding()
+    alone, honest, liar = (
+        run_slam(drive.sequence, sensors=sensors)
+        for sensors in ([], [Odometer(drive.odometer)], [Odometer(lying(drive.odometer, factor))])
+    )
+    assert len(during(liar, "odometer", "weights")) >= 3
+    assert set(during(liar, "odometer", "weights")) == {0.0}
+    assert min(during(liar, "odometer", "conflicts")) > CONFLICT_SIGMAS
+    assert max(during(honest, "odometer", "weights")) > 0
+    assert honest.warnings == []
+    (told,) = liar.warnings
+    assert "'odometer'" in told
+    assert "leaps" in told
+    assert drive.errors(liar)[0] < 1.2 * drive.errors(alone)[0]
+    assert drive.length_ratio(liar) == pytest.approx(1, abs=0.05)
+
+
+def test_a_gyro_that_lies_is_in_conflict_and_its_weight_falls() -> None:
+    drive = winding()
+    lie = lying(drive.gyro, yaw_rad_s=float(np.radians(5)))
+    sensors: list[list[MotionSensor]] = [[], [Gyroscope(drive.gyro, AT_CAMERA)], [Gyroscope(lie, AT_CAMERA)]]
+    alone, honest, liar = (run_slam(drive.sequence, sensors=given) for given in sensors)
+    assert np.median(during(liar, "gyro", "conflicts")) > CONFLICT_SIGMAS
+    assert np.median(during(honest, "gyro", "conflicts")) < CONFLICT_SIGMAS
+    honest_weight = np.median(during(honest, "gyro", "weights"))
+    assert np.median(during(liar, "gyro", "weights")) < 0.5 * honest_weight
+    assert drive.errors(liar)[0] < 1.2 * drive.errors(alone)[0]
