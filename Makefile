@@ -61,18 +61,18 @@ asan: cpp-tests-asan ## the C++ tests under the address and undefined-behaviour 
 
 no-cholmod: cpp-tests-no-cholmod ## the C++ tests of a build without SuiteSparse
 
-cpp-tests-release cpp-tests-no-cholmod: cpp-tests-%: $(BUILD_PACKAGES_STAMP)
-	cmake --preset $*
-	cmake --build --preset $*
-	ctest --preset $*
+cpp-tests-release: $(BUILD_PACKAGES_STAMP)
+	cmake --preset release
+	cmake --build --preset release
+	ctest --preset release
 
 # Two processes for all tests: one for each, as ctest starts them, takes minutes under the sanitizers.
-cpp-tests-asan: $(BUILD_PACKAGES_STAMP)
-	cmake --preset asan
-	cmake --build --preset asan
+cpp-tests-asan cpp-tests-no-cholmod: cpp-tests-%: $(BUILD_PACKAGES_STAMP)
+	cmake --preset $*
+	cmake --build --preset $*
 	export GTEST_TOTAL_SHARDS=2 GTEST_BRIEF=1; \
-	  GTEST_SHARD_INDEX=0 build/asan/tests/cpp/sfmcpp_tests & first=$$!; \
-	  GTEST_SHARD_INDEX=1 build/asan/tests/cpp/sfmcpp_tests; \
+	  GTEST_SHARD_INDEX=0 build/$*/tests/cpp/sfmcpp_tests & first=$$!; \
+	  GTEST_SHARD_INDEX=1 build/$*/tests/cpp/sfmcpp_tests; \
 	  wait $$first
 
 bench: $(BUILD_PACKAGES_STAMP) ## the C++ benchmarks

@@ -19,6 +19,8 @@ from sfmcpp.mvg._tracks import (
 from sfmcpp.mvg.pinhole import to_pixels
 
 _FIRST_DAMPING = 1e-4
+# With less, the matrix of a point that runs away along its ray, of rank two, is singular to rounding.
+_LEAST_DAMPING = 1e-10
 # A point rests when a step promises to lower its cost by no more than this part of it, or by rounding.
 _TOLERANCE = 1e-10
 _ROUNDING_PX2 = 1e-20
@@ -65,7 +67,7 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
         candidate_costs = _costs(problem, candidates)
         accepted = active & (candidate_costs < costs)
         best[accepted], costs[accepted] = candidates[accepted], candidate_costs[accepted]
-        damping = np.where(accepted, damping / 10, damping * 10)
+        damping = np.where(accepted, np.maximum(damping / 10, _LEAST_DAMPING), damping * 10)
     return best
 
 
