@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.description import Experiment, Row
 from experiments.inputs import KITTI, Drive, Input, Lie, inputs_of, sensor_of_drive, sequence_of
+from experiments.pictures import grouped_bars
 from sfmcpp.evaluation.evaluate import Evaluation, evaluate
 from sfmcpp.plotting.style import new_figure, style_axes
 from sfmcpp.slam import SlamResult, SlamSettings, run_slam
@@ -136,10 +137,7 @@ def _picture(rows: list[Row]) -> Figure:
     labels = list(dict.fromkeys(row["label"] for row in single))
     figure = new_figure(11, 4.5)
     axes = figure.subplots()
-    width = 0.8 / len(labels)
-    for k, label in enumerate(labels):
-        errors = [row["error_m"] for row in single if row["label"] == label]
-        axes.bar(np.arange(len(drives)) + (k - len(labels) / 2 + 0.5) * width, errors, width, label=label)
+    grouped_bars(axes, {x: [row["error_m"] for row in single if row["label"] == x] for x in labels})
     axes.set_yscale("log")
     axes.set_ylabel("mean 3-D error [m]")
     short = [name.rpartition("_")[2].replace(" ", "\n") for name in drives]

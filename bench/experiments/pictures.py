@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
 _BLUE, _ORANGE, _GREEN, _PINK, _YELLOW, _SKY, _BLACK = (
@@ -27,6 +29,13 @@ def line_style(label: str) -> dict[str, Any]:
     color = _COLOR_OF_SEARCH[search] if search else _COLOR_OF_METHOD[method]
     marker = {"": "o", "D = I": "x", "1/depth": "^"}[variant]
     return {"color": color, "linestyle": _DASHES_OF_METHOD[method], "marker": marker, "label": label}
+
+
+def grouped_bars(axes: Axes, heights: Mapping[str, Sequence[float]]) -> None:
+    """Bars side by side over 0, 1, …: one of each label in every group."""
+    width = 0.8 / len(heights)
+    for k, (label, values) in enumerate(heights.items()):
+        axes.bar(np.arange(len(values)) + (k - len(heights) / 2 + 0.5) * width, values, width, label=label)
 
 
 def figure_legend(axes: Axes, columns: int) -> None:

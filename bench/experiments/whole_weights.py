@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 import sfmcpp
 from experiments.description import Experiment, Row
+from experiments.pictures import grouped_bars
 from experiments.report import Report
 from experiments.starts import noisy_scene, true_scene
 from sfmcpp import ConstraintGroup, Problem, Summary
@@ -123,10 +124,7 @@ def _picture(rows: list[Row]) -> Figure:
     methods = [m for m in dict.fromkeys(row["method"] for row in rows) if m != "true"]
     figure = new_figure(12, 4.5)
     axes = figure.subplots()
-    width = 0.8 / len(methods)
-    for k, method in enumerate(methods):
-        errors = [row["error"] for row in rows if row["method"] == method]
-        axes.bar(np.arange(len(cases)) + (k - len(methods) / 2 + 0.5) * width, errors, width, label=method)
+    grouped_bars(axes, {m: [row["error"] for row in rows if row["method"] == m] for m in methods})
     axes.axhline(1, color="0.4", linewidth=1)
     axes.set_yscale("log")
     axes.set_ylabel("error over that with the true σ")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfmcpp.model import so3
+from sfmcpp.model import Similarity, so3
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.mvg import relative_pose, resection
 from sfmcpp.sensors import predict_pose
@@ -56,6 +56,11 @@ class Path:
     def latest(self, count: int, without: Collection[int] = ()) -> list[int]:
         """Numbers of the last `count` frames with a pose, in order."""
         return heapq.nlargest(count, (k for k in self.poses if k not in without))[::-1]
+
+    def transform(self, similarity: Similarity, first: int = 0) -> None:
+        """Move the poses of the frames from number `first` on (thesis eq. 5.16)."""
+        for number in [k for k in self.poses if k >= first]:
+            self.poses[number] = similarity.apply_to_poses(self.poses[number])
 
     def predict(self, time_s: float) -> FloatArray:
         """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""

@@ -61,7 +61,7 @@ class Correction:
 
 
 def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Correction | None:
-    """Find how the last keyframes move if poses or positions say that the map has drifted from them.
+    """Find how the last keyframes move where poses, positions or distances say that the map has drifted.
 
     Images hold a keyframe to the map, and cross-validation by these images takes the side of the map: what an
     absolute sensor says against a map that has drifted as a whole would never get a weight.
@@ -78,7 +78,7 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     Returns
     -------
     Correction or None
-        None if no sensor is absolute, or the last keyframes are as near to it as they can be.
+        None if no sensor tells, or the last keyframes are as near to it as they can be.
     """
     way = _way_of(sensors)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
@@ -123,9 +123,9 @@ def _fitted(
         return None
 
 
-def _fit(registered: Registration, seen: FloatArray, centres: FloatArray) -> _Fit:
-    before = np.linalg.norm(seen[:, :, 3] - centres, axis=1)
-    return _Fit(registered.similarity, float(np.sqrt(np.mean(before**2))), registered.rmse_m)
+def _fit(registered: Registration, before_m: FloatArray) -> _Fit:
+    """Make it of a registration and the residuals (n,) before it, positions or steps as its own."""
+    return _Fit(registered.similarity, float(np.sqrt(np.mean(before_m**2))), registered.rmse_m)
 
 
 def _by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
@@ -136,13 +136,13 @@ def _by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) 
     registered = register_by_poses(seen, measured, len(pairs))
     if registered.relative_sigma > _RELATIVE_SIGMA:
         return None
-    return _fit(registered, seen, measured[:, :, 3])
+    return _fit(registered, np.linalg.norm(seen[:, :, 3] - measured[:, :, 3], axis=1))
 
 
 def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
     """Fit to positions; on a straight way the camera is taken to be upright."""
     gps = next(sensor for sensor in sensors.sensors if isinstance(sensor, Gps))
-    rotation, found = np.eye(3), None
+    rotation = np.eye(3)
     for _ in range(_ROUNDS):
         at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
         pairs = [(seen, centre) for seen, centre in at if centre is not None]
@@ -152,8 +152,8 @@ def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
         registered = register_by_positions(seen, centres, len(pairs), up=_UP, up_in_camera=gps.up_in_camera)
         if registered.relative_sigma > _RELATIVE_SIGMA:
             return None
-        rotation, found = registered.similarity.rotation, _fit(registered, seen, centres)
-    return found
+        rotation = registered.similarity.rotation
+    return _fit(registered, np.linalg.norm(seen[:, :, 3] - centres, axis=1))
 
 
 def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
@@ -165,5 +165,4 @@ def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: in
         return None
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)
-    before = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances
-    return _Fit(registered.similarity, float(np.sqrt(np.mean(before**2))), registered.rmse_m)
+    return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances)

@@ -33,7 +33,7 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     """
     world = result.world
     assert world is not None
-    doubtful = {*result.bridged, *result.lost}
+    doubtful = result.doubtful
     lengths = [
         follower.length(a.t_s, b.t_s, result.path, doubtful, metric=result.metric)
         for a, b in pairwise(part.keyframes)

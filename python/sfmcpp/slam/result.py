@@ -94,6 +94,11 @@ class SlamResult:
         """Pose (3, 4) of every frame that has one, world_from_camera."""
         return self.path.poses
 
+    @property
+    def doubtful(self) -> set[int]:
+        """Frames whose poses do not come from the map."""
+        return {*self.bridged, *self.lost}
+
     def trajectory(self) -> Trajectory:
         """All frames with a pose, in order."""
         frames = sorted(self.poses)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from sfmcpp.model import Trajectory
 from sfmcpp.model.problem import FloatArray
 from sfmcpp.sensors import check_rotations, describe_gaps
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+
+_Answer = TypeVar("_Answer")
 
 
 class SensorSuite:
@@ -53,20 +56,24 @@ class SensorSuite:
     def distance(self, start_s: float, end_s: float) -> float | None:
         """Distance between two times [m]."""
         answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Odometer))
-        return next((answer for answer in answers if answer is not None), None)
+        return _first_known(answers)
 
     def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
         """Rotation start_from_end of the camera, by a gyroscope that agrees with the images."""
         asked = [s for s in self.sensors if isinstance(s, Gyroscope) and s.name not in self.in_conflict]
         answers = (s.between(start_s, end_s) for s in asked)
-        return next((answer for answer in answers if answer is not None), None)
+        return _first_known(answers)
 
     def centre(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre of the camera in the sensors' world [m]."""
         answers = (s.at(time_s, rotation) for s in self.sensors if isinstance(s, Gps))
-        return next((answer for answer in answers if answer is not None), None)
+        return _first_known(answers)
 
     def pose(self, time_s: float) -> FloatArray | None:
         """Pose of the camera in the sensors' world."""
         answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
-        return next((answer for answer in answers if answer is not None), None)
+        return _first_known(answers)
+
+
+def _first_known(answers: Iterable[_Answer | None]) -> _Answer | None:
+    return next((answer for answer in answers if answer is not None), None)

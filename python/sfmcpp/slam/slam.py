@@ -45,10 +45,10 @@ class Slam:
         self._intrinsics = intrinsics
         self._sensors = SensorSuite(sensors)
         self.result = SlamResult(warnings=self._sensors.remarks())
-        self._initialiser = Initialiser(intrinsics, self.settings)
+        # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
+        self._initialiser: Initialiser | None = Initialiser(intrinsics, self.settings)
         self._follower = Follower(intrinsics, self.settings, self._sensors)
         self._last: Frame | None = None
-        self._tracking = True
 
     def step(self, frame: Frame) -> None:
         """Take the next frame."""
@@ -62,7 +62,7 @@ class Slam:
         if pose is None:
             self._go_on_without_map(frame, clock)
             return
-        self._tracking = True
+        self._initialiser = None
         self._place(frame, pose)
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)
@@ -73,12 +73,15 @@ class Slam:
             self.result.warnings += self._sensors.complaints(self.result.trajectory())
 
     def _start(self, frame: Frame) -> None:
-        world = self._initialiser.try_frame(frame)
+        initialiser = self._initialiser
+        assert initialiser is not None
+        world = initialiser.try_frame(frame)
         if world is None:
-            self.result.message = self._initialiser.reason
+            self.result.message = initialiser.reason
             return
         self.result.world, self.result.message = world, ""
-        self._relocate(self._initialiser.frames, world)
+        self._relocate(initialiser.frames, world)
+        self._initialiser = None
 
     def _relocate(self, frames: Sequence[Frame], world: WorldMap) -> None:
         """Give poses to the frames from which a map has started."""
@@ -101,20 +104,17 @@ class Slam:
         """Too few points are left: go on from the last frame, and look for a new start once that fails."""
         result, last = self.result, self._last
         assert last is not None
-        doubtful = {*result.bridged, *result.lost}
-        step = self._follower.follow(frame, last, result.path, doubtful, metric=result.metric)
+        step = self._follower.follow(frame, last, result.path, result.doubtful, metric=result.metric)
         if step is None:
             result.lost.append(frame.number)
             pose = self._follower.predict(frame, result.path, metric=result.metric)
+            self._initialiser = self._initialiser or Initialiser(self._intrinsics, self.settings)
         else:
             result.bridged.append(frame.number)
             pose = step.pose
-        if self._tracking and step is None:
-            self._tracking = False
-            self._initialiser = Initialiser(self._intrinsics, self.settings)
         self._place(frame, pose)
-        if not self._tracking:
-            self._start_again(frame)
+        if self._initialiser is not None:
+            self._start_again(frame, self._initialiser)
         elif step is not None and step.moved:
             self._bridge(last, frame, step, clock)
 
@@ -124,16 +124,15 @@ class Slam:
             self._add_keyframe(last, self.result.poses[last.number], clock)
         self._add_keyframe(frame, step.pose, clock)
 
-    def _start_again(self, frame: Frame) -> None:
+    def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
         """A new part of the map, once the frames since the loss tell one."""
-        part = self._initialiser.try_frame(frame)
+        part = initialiser.try_frame(frame)
         if part is None:
             return
-        frames = self._initialiser.frames
         rejoin(self.result, part, self._sensors, self._follower)
-        self.result.restarts.append(frames[0].number)
-        self._relocate(frames, self._world)
-        self._tracking = True
+        self.result.restarts.append(initialiser.frames[0].number)
+        self._relocate(initialiser.frames, self._world)
+        self._initialiser = None
 
     def _register(self) -> None:
         """Bring the map into the sensors' world (thesis §5.3.3)."""
@@ -141,8 +140,7 @@ class Slam:
         if similarity is None:
             return
         self._world.transform(similarity)
-        for frame, pose in self.result.poses.items():
-            self.result.poses[frame] = similarity.apply_to_poses(pose)
+        self.result.path.transform(similarity)
         self.result.metric = True
 
     def _correct_drift(self) -> None:
@@ -154,8 +152,7 @@ class Slam:
             return
         first = self._world.keyframes[found.first].frame
         self._world.move_recent(found.first, found.similarity)
-        for frame in [k for k in self.result.poses if k >= first]:
-            self.result.poses[frame] = found.similarity.apply_to_poses(self.result.poses[frame])
+        self.result.path.transform(found.similarity, first)
         self.result.corrections.append(self._world.keyframes[-1].frame)
 
     def _is_keyframe(self, view: View) -> bool:
