@@ -12,7 +12,7 @@ from experiments.report import Report
 from experiments.runs import Run, select, solve_in_turn
 from experiments.starts import real_starts, synthetic_starts
 from sfmcpp.ba import Iteration
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 STEPS = 6
 NOTES = (

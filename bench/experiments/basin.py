@@ -15,7 +15,7 @@ from experiments.pictures import figure_legend, line_style
 from experiments.report import Report
 from experiments.runs import Run, StartKey, camera_models, select, solve_in_turn
 from experiments.starts import Start, in_model, noisy_scene, true_scene
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 REACHED_WITHIN = 0.01
 NOTES = (

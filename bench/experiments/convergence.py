@@ -22,7 +22,7 @@ from experiments.measures import (
 from experiments.report import Report
 from experiments.runs import Run, StartKey, camera_models, select, solve_in_turn
 from experiments.starts import synthetic_starts
-from sfmcpp.plotting.style import COLORS, new_figure, style_axes
+from sfmcpp.study.plotting.style import COLORS, new_figure, style_axes
 
 NOTES = (
     "converged: the final cost is within 1 % of the best of all methods; the means are of these runs.",

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from experiments.description import Experiment, Row
 from experiments.inputs import KITTI, Drive, Input, Lie, inputs_of, sensor_of_drive, sequence_of
 from experiments.pictures import grouped_bars
-from sfmcpp.evaluation.evaluate import Evaluation, evaluate
-from sfmcpp.plotting.style import new_figure, style_axes
 from sfmcpp.slam import SlamResult, SlamSettings, run_slam
+from sfmcpp.study.evaluation.evaluate import Evaluation, evaluate
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 from experiments.report import Report  # isort: skip
 

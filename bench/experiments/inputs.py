@@ -9,11 +9,11 @@ import numpy as np
 
 from experiments.description import Experiment
 from experiments.real_problems import data_folder
-from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
-from sfmcpp.synthetic import DRIVES, SyntheticDrive
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 
 Drive = KittiDrive | SyntheticDrive
 

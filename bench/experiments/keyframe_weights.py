@@ -12,12 +12,12 @@ from experiments.description import Experiment, Row
 from experiments.drives import sensor_of_drive, sequence_of
 from experiments.real_problems import data_folder
 from experiments.report import Report
-from sfmcpp.fusion import WeightSelection
-from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.plotting.style import new_figure, style_axes
 from sfmcpp.slam import Slam, SlamResult, SlamSettings, WorldMap
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.sensor_suite import SensorSuite
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.study.plotting.style import new_figure, style_axes
+from sfmcpp.weighting import WeightSelection
 
 NOTES = (
     "Visual SLAM alone; at each keyframe the weight of the sensor's constraint is chosen, and not used.",

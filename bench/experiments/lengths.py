@@ -12,7 +12,7 @@ from experiments.report import Report
 from experiments.runs import Run, camera_models, solve_in_turn
 from experiments.starts import synthetic_starts
 from sfmcpp.ba import Iteration
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 NOTES = (
     "proposed: α of G-ALS, αP αQ of T-ALS; all real roots. taken: one of them was, in an accepted step.",

@@ -13,10 +13,10 @@ from experiments.description import Experiment, Row
 from experiments.drives import against_truth, median, median_name, rotation_deg, run_setting
 from experiments.inputs import Drive, Input, inputs_of, mounting_of, rotation_stream
 from experiments.report import Report
-from sfmcpp.evaluation.evaluate import Evaluation, evaluate
-from sfmcpp.fusion import filter_trajectory
-from sfmcpp.plotting.style import COLORS, MUTED, new_figure, style_axes
 from sfmcpp.slam import SlamResult
+from sfmcpp.study.evaluation.evaluate import Evaluation, evaluate
+from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
+from sfmcpp.weighting import filter_trajectory
 
 NOTES = (
     "Rotations from keyframe to keyframe constrain SLAM: of the gyro on KITTI, of the",

@@ -11,7 +11,7 @@ from experiments.pictures import line_style
 from experiments.report import Report
 from experiments.runs import Run, solve_in_turn
 from experiments.starts import Start, real_starts
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 TOLERATED = 1e-4
 NOTES = (

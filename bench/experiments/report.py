@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.description import Experiment, Row
 from experiments.text_table import beside_thesis, columns_beside_thesis, text_table
-from sfmcpp.plotting import save_figure
+from sfmcpp.study.plotting import save_figure
 
 
 @dataclass(frozen=True)

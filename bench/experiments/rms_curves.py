@@ -12,7 +12,7 @@ from experiments.pictures import figure_legend, line_style
 from experiments.report import Report
 from experiments.runs import FloatArray, Run, camera_models, select, solve_in_turn
 from experiments.starts import synthetic_starts
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 STEPS = 5
 NOTES = (

@@ -13,7 +13,7 @@ from experiments.pictures import line_style
 from experiments.report import Report
 from experiments.runs import Run, select, solve_in_turn
 from experiments.starts import real_starts, synthetic_starts
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 MOST_ROOTS = 5
 NOTES = (

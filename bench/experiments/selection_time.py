@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 import sfmcpp
 from experiments.description import Experiment, Row
 from experiments.report import Report
-from sfmcpp.fusion import PoseConstraint, PoseView, refine_pose, select_weight
-from sfmcpp.model import Problem, so3
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.geometry import so3
+from sfmcpp.model import Problem
+from sfmcpp.study.plotting.style import new_figure, style_axes
+from sfmcpp.weighting import PoseConstraint, PoseView, refine_pose, select_weight
 
 NOTES = (
     "Milliseconds to choose among 100 weights, called from Python, one core: median over the runs;",

@@ -10,7 +10,7 @@ from experiments.description import Experiment, Row
 from experiments.report import Report
 from experiments.runs import FloatArray
 from experiments.step_trace import TracedStep, sampled_lengths, traced_steps
-from sfmcpp.plotting.style import COLORS, new_figure, style_axes
+from sfmcpp.study.plotting.style import COLORS, new_figure, style_axes
 
 NOTES = (
     "One run of LM without line search. geometric, algebraic: the length α of the least such cost.",

@@ -14,9 +14,9 @@ from experiments.pictures import grouped_bars
 from experiments.report import Report
 from experiments.starts import noisy_scene, true_scene
 from sfmcpp import ConstraintGroup, Problem, Summary
-from sfmcpp.model.so3 import exp
-from sfmcpp.mvg import align_similarity
-from sfmcpp.plotting.style import new_figure, style_axes
+from sfmcpp.geometry import align_similarity
+from sfmcpp.geometry.so3 import exp
+from sfmcpp.study.plotting.style import new_figure, style_axes
 
 NOTES = (
     "sigma: estimated over true standard deviation of each sensor, medians; spread: largest factor by which",

@@ -12,12 +12,11 @@ from sfmcpp.ba import (
     projection_matrices,
     projective_problem,
     residuals,
-    solve,
 )
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
-from sfmcpp.io import convert, formats, read, write
 from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
-from sfmcpp.synthetic import (
+from sfmcpp.sources.io import convert, formats, read, write
+from sfmcpp.sources.synthetic import (
     SCENES,
     add_outliers,
     circle_scene,
@@ -27,6 +26,7 @@ from sfmcpp.synthetic import (
     sphere_scene,
     street_loop_scene,
 )
+from sfmcpp.weighting import solve
 
 __all__ = [
     "CAMERA_MODELS",

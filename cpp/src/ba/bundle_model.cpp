@@ -42,12 +42,14 @@ BundleModel::BundleModel(const Problem& problem,
                          const linear::ObservationGraph& graph,
                          const linear::ParameterMap& map,
                          std::vector<int> free_intrinsics,
-                         ThreadPool& pool)
+                         ThreadPool& pool,
+                         Exchange& exchange)
     : problem_(problem),
       graph_(graph),
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
       pool_(pool),
+      exchange_(exchange),
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
       u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
       v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
@@ -58,7 +60,7 @@ BundleModel::BundleModel(const Problem& problem,
                                                : 1.0 / problem.sigma_px[source];
                                   })),
       constraints_(problem, map, free_intrinsics_),
-      normal_(graph, map, pool, constraints_.pairs()),
+      normal_(graph, map, pool, constraints_.pairs(), exchange),
       algebraic_(problem, graph, map, free_intrinsics_, u_, v_, pool) {}
 
 void BundleModel::set_loss(const Loss& loss) {

@@ -24,8 +24,9 @@ class DenseReducedSolver final : public ReducedSolver {
         });
   }
 
+  bool factorize() override { return cholesky_.factorize(pool_); }
+
   bool solve(std::vector<double>& x) override {
-    if (!cholesky_.factorize(pool_)) return false;
     cholesky_.solve(x);
     return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
   }

@@ -21,14 +21,21 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSo
 LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>&) {
-  elimination_.factor(damping);
-  reduced_->start(normal_.camera_damping(damping));
-  form();
+  if (!factorize(damping)) return {};
   set_rhs(step.camera);
-  if (!reduced_->solve(step.camera)) return {};
+  if (!solve_reduced(step.camera)) return {};
   elimination_.back_substitute(step);
   return {.success = true, .iterations = 0};
 }
+
+bool ExplicitSchurSolver::factorize(const Damping& damping) {
+  elimination_.factor(damping);
+  reduced_->start(normal_.camera_damping(damping));
+  form();
+  return reduced_->factorize();
+}
+
+bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) { return reduced_->solve(x); }
 
 void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
   const ParameterMap& map = normal_.map();

@@ -44,10 +44,12 @@ double Damping::operator()(double diagonal_entry) const {
 NormalEquations::NormalEquations(const ObservationGraph& graph,
                                  const ParameterMap& map,
                                  ThreadPool& pool,
-                                 CameraPairs camera_pairs)
+                                 CameraPairs camera_pairs,
+                                 Exchange& exchange)
     : graph_(graph),
       map_(map),
       pool_(pool),
+      exchange_(exchange),
       kernels_(schur_kernels(map.camera_size)),
       camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());

@@ -123,8 +123,9 @@ class SparseReducedSolver final : public ReducedSolver {
     });
   }
 
+  bool factorize() override { return cholesky_->factorize(compressed_.matrix()); }
+
   bool solve(std::vector<double>& x) override {
-    if (!cholesky_->factorize(compressed_.matrix())) return false;
     std::vector<double> placed(x.size());
     for (int k = 0; k < map_.num_columns; ++k) placed[compressed_.place(k)] = x[k];
     cholesky_->solve(placed);

@@ -1,23 +1,11 @@
-"""Bundle adjustment: the solve and its options, checks and summary."""
+"""Bundle adjustment at given weights: one run of the minimiser, its options, checks and summary."""
 
+from sfmcpp.ba.adjust import adjust
+from sfmcpp.ba.check import check, check_jacobians, cost, residuals
 from sfmcpp.ba.explore import StepExploration, explore_step
-from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.options import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS, SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
-from sfmcpp.ba.solve import (
-    GAUGES,
-    LINE_SEARCHES,
-    LINEAR_SOLVERS,
-    LOSSES,
-    METHODS,
-    check,
-    check_jacobians,
-    cost,
-    residuals,
-    solve,
-)
 from sfmcpp.ba.summary import Iteration, Summary
-from sfmcpp.ba.weighing.group_selection import GroupWeightSelection
-from sfmcpp.ba.weighing.selection import WEIGHT_METHODS
 
 __all__ = [
     "GAUGES",
@@ -25,12 +13,11 @@ __all__ = [
     "LINE_SEARCHES",
     "LOSSES",
     "METHODS",
-    "WEIGHT_METHODS",
-    "GroupWeightSelection",
     "Iteration",
     "SolveOptions",
     "StepExploration",
     "Summary",
+    "adjust",
     "as_projective",
     "check",
     "check_jacobians",
@@ -39,5 +26,4 @@ __all__ = [
     "projection_matrices",
     "projective_problem",
     "residuals",
-    "solve",
 ]

@@ -13,7 +13,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,12 @@ from typing import Any
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 
+METHODS: tuple[str, ...] = _core.METHODS
+LINE_SEARCHES: tuple[str, ...] = _core.LINE_SEARCHES
+LINEAR_SOLVERS: tuple[str, ...] = _core.LINEAR_SOLVERS
+LOSSES: tuple[str, ...] = _core.LOSSES
+GAUGES: tuple[str, ...] = _core.GAUGES
+
 OPTION_NAMES: tuple[str, ...] = tuple(
     name for name, value in vars(_core.SolveOptions).items() if isinstance(value, property)
 )

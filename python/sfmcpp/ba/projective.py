@@ -9,7 +9,7 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.problem import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 
 
 def projective_problem(

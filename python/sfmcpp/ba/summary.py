@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.weighing.group_selection import GroupWeightSelection
+from sfmcpp.model.weight_selection import GroupWeightSelection
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def convert(
 ) -> ExitCode:
     """Write a problem in another format; the names tell the formats."""
     from sfmcpp.cli.targets import require_writable_problem
-    from sfmcpp.io.api import read, write
+    from sfmcpp.sources.io.api import read, write
 
     require_writable_problem(target)
     problem = read(source)

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.compression import read_bytes
-from sfmcpp.io.failures import failures_named
-from sfmcpp.io.number_text import NumberText
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.number_text import NumberText
 
 CALIBRATION_FILES = ("calib.txt", "K.txt")
 _PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")

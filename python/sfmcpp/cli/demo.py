@@ -7,9 +7,9 @@ from pathlib import Path
 from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.run import Job, solve_file
 from sfmcpp.cli.targets import Targets
-from sfmcpp.io.api import write
-from sfmcpp.io.failures import failures_named
-from sfmcpp.synthetic import circle_scene, perturb
+from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.synthetic import circle_scene, perturb
 
 
 def run_demo(folder: Path, seed: int) -> ExitCode:

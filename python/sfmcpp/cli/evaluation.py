@@ -10,12 +10,12 @@ from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.report import write_report
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.evaluation import AlignmentRule, Evaluation, evaluate
-from sfmcpp.io.trajectories import read_trajectory
+from sfmcpp.sources.io.trajectories import read_trajectory
+from sfmcpp.study.evaluation import AlignmentRule, Evaluation, evaluate
 
 
 class Options(TypedDict):
-    """Keyword arguments of :func:`sfmcpp.evaluation.evaluate`."""
+    """Keyword arguments of :func:`sfmcpp.study.evaluation.evaluate`."""
 
     align_to: str
     with_scale: bool
@@ -71,8 +71,8 @@ def _write(inputs: Inputs, evaluation: Evaluation, targets: Targets) -> None:
     if targets.report is not None:
         write_report(make_report(inputs, evaluation), targets.report)
     if targets.picture is not None:
-        from sfmcpp.plotting import save_figure
-        from sfmcpp.plotting.trajectories import plot_evaluation
+        from sfmcpp.study.plotting import save_figure
+        from sfmcpp.study.plotting.trajectories import plot_evaluation
 
         save_figure(plot_evaluation(evaluation), targets.picture)
 

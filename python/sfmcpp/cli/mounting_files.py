@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.io.compression import read_bytes
-from sfmcpp.io.failures import failures_named
-from sfmcpp.io.number_text import NumberText
 from sfmcpp.sensors import Mounting
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.number_text import NumberText
 
 # Sensors in the camera's axes, and in those of a vehicle (ISO 8855: x forward, y left, z up).
 CAMERA, FORWARD = "camera", "forward"

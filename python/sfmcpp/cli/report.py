@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from sfmcpp.ba import Summary
-from sfmcpp.io.atomic import atomic_files
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.atomic import atomic_files
 
 
 def make_report(path: Path, problem: Problem, summary: Summary, seconds_read: float) -> dict[str, Any]:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import sfmcpp
-from sfmcpp.ba import Summary, as_projective, solve
+from sfmcpp.ba import Summary, as_projective
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.io.api import read, write
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.api import read, write
+from sfmcpp.weighting import solve
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
     """Write every target, and go on where one fails: the others must not be lost with it."""
 
     def write_picture(path: Path) -> None:
-        from sfmcpp.plotting import plot_convergence, save_figure
+        from sfmcpp.study.plotting import plot_convergence, save_figure
 
         save_figure(plot_convergence(summary), path)
 

@@ -10,7 +10,7 @@ import typer
 
 from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
-from sfmcpp.vision import CORNERS
+from sfmcpp.sources.vision import CORNERS
 
 SENSORS = ("odometer", "imu", "ins", "gps")
 WEIGHTS = ("loo", "loo-approx", "l-curve", "ltn", "fixed:λ", "none")

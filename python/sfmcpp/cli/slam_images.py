@@ -11,14 +11,14 @@ import numpy as np
 from sfmcpp.cli.camera_files import find_intrinsics, places_beside
 from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.compression import read_bytes
-from sfmcpp.io.failures import failures_named
-from sfmcpp.io.number_text import NumberText
-from sfmcpp.io.trajectories import read_trajectory
 from sfmcpp.model import Trajectory
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import Frame, View
-from sfmcpp.vision import FrameFeatures, Frames, KltSettings, follow_features, open_frames
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.trajectories import read_trajectory
+from sfmcpp.sources.vision import FrameFeatures, Frames, KltSettings, follow_features, open_frames
 
 _FOLDER_FPS = 10.0
 _TIMES = "times.txt"

@@ -11,13 +11,13 @@ import numpy as np
 from sfmcpp.cli.slam_images import ImageStream, open_images
 from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.io.track_files import read_tracks
 from sfmcpp.model import SensorStream, Trajectory
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting, local_positions, require_agreement, require_overlap
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
-from sfmcpp.vision import PICTURES, VIDEOS
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.vision import PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
 # Kinds of stream that each sensor can use, the best first.
@@ -117,7 +117,7 @@ def read_measurements(file: Path) -> Measurements:
     """
     if file.suffix.lower() == ".mat":
         return _measurements(file, read_kitti_mat(file))
-    from sfmcpp.io.sensor_csv import read_sensor_csv
+    from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 
     return Measurements(file, read_sensor_csv(file))
 

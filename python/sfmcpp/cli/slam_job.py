@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sfmcpp.slam import SlamResult, SlamSettings
-from sfmcpp.vision import CORNERS
+from sfmcpp.sources.vision import CORNERS
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class ImageOptions:
     fps : float or None
         Frames per second.
     corners : str
-        What is followed, one of :data:`sfmcpp.vision.CORNERS`.
+        What is followed, one of :data:`sfmcpp.sources.vision.CORNERS`.
     """
 
     intrinsics: tuple[float, ...] | None = None

@@ -12,12 +12,13 @@ from sfmcpp.cli.slam_input import SlamInput
 from sfmcpp.cli.slam_job import Measured, SlamJob
 from sfmcpp.cli.slam_report import ALIGNMENTS, compare, make_report, totals
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.evaluation import Alignment, Evaluation, Matched, associate
-from sfmcpp.io.api import write
-from sfmcpp.io.trajectories import write_trajectory
-from sfmcpp.model import Problem, Similarity, Trajectory
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import Problem, Trajectory
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.slam.export import problem_of
+from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.trajectories import write_trajectory
+from sfmcpp.study.evaluation import Alignment, Evaluation, Matched, associate
 
 REPORT = "report.json"
 
@@ -25,7 +26,7 @@ REPORT = "report.json"
 def require_pictures(folder: Path) -> None:
     """Raise a DatasetError if no picture can be drawn."""
     try:
-        import sfmcpp.plotting  # noqa: F401
+        import sfmcpp.study.plotting  # noqa: F401
     except ModuleNotFoundError as error:
         reason = f"its trajectory.png needs {error.name}: pip install 'sfmcpp[plot]'"
         raise DatasetError(folder, reason) from None
@@ -83,7 +84,7 @@ def _pictures(
     given: SlamInput, measured: Measured, comparison: Evaluation | None
 ) -> dict[str, Callable[[Path], None]]:
     """Pictures of a run with sensors, and of one with a truth."""
-    from sfmcpp.plotting.trade_off import has_curves
+    from sfmcpp.study.plotting.trade_off import has_curves
 
     records = measured.result.records
     steps: dict[str, Callable[[Path], None]] = {}
@@ -116,8 +117,8 @@ def _write_model(problem: Problem, folder: Path) -> None:
 def _draw(
     trajectory: Trajectory, problem: Problem, unit: str, comparison: Evaluation | None, path: Path
 ) -> None:
-    from sfmcpp.plotting import save_figure
-    from sfmcpp.plotting.top_view import plot_top_view
+    from sfmcpp.study.plotting import save_figure
+    from sfmcpp.study.plotting.top_view import plot_top_view
 
     centres, keyframes, points = trajectory.centres, problem.centres, problem.points
     if comparison is None:
@@ -139,23 +140,23 @@ def _draw(
 
 
 def _draw_weights(records: list[KeyframeRecord], path: Path) -> None:
-    from sfmcpp.plotting import save_figure
-    from sfmcpp.plotting.weights import plot_weights
+    from sfmcpp.study.plotting import save_figure
+    from sfmcpp.study.plotting.weights import plot_weights
 
     save_figure(plot_weights(records), path)
 
 
 def _draw_trade_off(records: list[KeyframeRecord], path: Path) -> None:
-    from sfmcpp.plotting import save_figure
-    from sfmcpp.plotting.trade_off import plot_trade_off
+    from sfmcpp.study.plotting import save_figure
+    from sfmcpp.study.plotting.trade_off import plot_trade_off
 
     save_figure(plot_trade_off(records), path)
 
 
 def _draw_scale(pairs: Matched, alignment: Alignment | None, path: Path) -> None:
     """A map in metres is measured as it is, any other once it is aligned."""
-    from sfmcpp.plotting import save_figure
-    from sfmcpp.plotting.scale_ratio import plot_scale_ratio
+    from sfmcpp.study.plotting import save_figure
+    from sfmcpp.study.plotting.scale_ratio import plot_scale_ratio
 
     if alignment is None:
         save_figure(plot_scale_ratio(pairs), path)
@@ -180,7 +181,7 @@ def _write_page(
     comparison: Evaluation | None,
     path: Path,
 ) -> None:
-    from sfmcpp.plotting.scene_page import Scene, save_scene_page
+    from sfmcpp.study.plotting.scene_page import Scene, save_scene_page
 
     count = totals(measured)
     names = ("frames", "keyframes", "points", "bridged", "lost")

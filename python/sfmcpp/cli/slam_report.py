@@ -15,10 +15,10 @@ from sfmcpp.cli.slam_images import ImageStream
 from sfmcpp.cli.slam_input import SlamInput
 from sfmcpp.cli.slam_job import Measured, SlamJob
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.evaluation import Evaluation, evaluate
-from sfmcpp.fusion.conflict import CONFLICT_SIGMAS
 from sfmcpp.model import Trajectory
 from sfmcpp.slam import KeyframeRecord
+from sfmcpp.study.evaluation import Evaluation, evaluate
+from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 
 # How a trajectory is registered to the truth, and what legends say; the next where one is not determined.
 ALIGNMENTS = {"first:0.1": "aligned to its first tenth", "all": "aligned to all of it"}

@@ -21,8 +21,8 @@ from sfmcpp.cli.slam_progress import shown_progress
 from sfmcpp.cli.slam_report import lines_of
 from sfmcpp.cli.slam_view import ViewedRun, require_view, viewed_run
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.io.failures import failures_named
 from sfmcpp.slam import MotionSensor, SlamResult, run_slam
+from sfmcpp.sources.io.failures import failures_named
 
 
 class _StoppedByUser(Exception):

@@ -10,8 +10,8 @@ from sfmcpp.cli.exit_codes import tell
 from sfmcpp.cli.slam_job import SlamJob
 from sfmcpp.cli.slam_progress import status
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.plotting.live_view import LiveView, load_viser
 from sfmcpp.slam import SlamResult
+from sfmcpp.study.plotting.live_view import LiveView, load_viser
 
 _POLL_S = 0.1
 

@@ -12,7 +12,7 @@ from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
-from sfmcpp.synthetic import SCENES, add_outliers, perturb
+from sfmcpp.sources.synthetic import SCENES, add_outliers, perturb
 
 _NAMES = ", ".join(SCENES)
 _DEFAULT = "Default: the scene's own."
@@ -115,7 +115,7 @@ def _check_targets(output: Path, truth: Path | None) -> None:
 
 
 def _write(start: Problem, output: Path, true_problem: Problem, truth: Path | None) -> None:
-    from sfmcpp.io.api import write
+    from sfmcpp.sources.io.api import write
 
     if truth is not None:
         write(true_problem, truth)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.api import write
-from sfmcpp.io.compression import COMPRESSED_SUFFIXES, require_regular_file
-from sfmcpp.io.failures import failures_named
-from sfmcpp.io.registry import format_of
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.compression import COMPRESSED_SUFFIXES, require_regular_file
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.registry import format_of
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _require_writable_folder(path: Path, folder: Path) -> None:
 
 def _require_picture(path: Path) -> None:
     try:
-        from sfmcpp.plotting import FIGURE_SUFFIXES
+        from sfmcpp.study.plotting import FIGURE_SUFFIXES
     except ModuleNotFoundError as error:
         raise DatasetError(path, f"pictures need {error.name}: pip install 'sfmcpp[plot]'") from None
     if path.suffix.lower() not in FIGURE_SUFFIXES:

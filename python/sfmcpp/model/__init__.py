@@ -4,8 +4,8 @@ from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model
 from sfmcpp.model.constraints import CONSTRAINT_KINDS, ConstraintGroup, ConstraintKind, constraint_kind
 from sfmcpp.model.problem import Metadata, Problem
 from sfmcpp.model.sensor_stream import Gap, SensorStream
-from sfmcpp.model.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.model.trajectory import Trajectory
+from sfmcpp.model.weight_selection import GroupWeightSelection
 
 __all__ = [
     "CAMERA_MODELS",
@@ -14,13 +14,11 @@ __all__ = [
     "ConstraintGroup",
     "ConstraintKind",
     "Gap",
+    "GroupWeightSelection",
     "Metadata",
     "Problem",
     "SensorStream",
-    "Similarity",
     "Trajectory",
     "camera_model",
     "constraint_kind",
-    "fit_pose_similarity",
-    "fit_similarity",
 ]

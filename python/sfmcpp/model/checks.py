@@ -1,4 +1,4 @@
-"""Arguments that are single numbers, checked the same way everywhere."""
+"""Arguments that are single numbers or rotations, checked the same way everywhere."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import BoolArray, FloatArray
 
 _LARGEST_SEED = 2**63 - 1
 
@@ -68,3 +69,11 @@ def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
     if value not in known:
         raise InvalidArgument(f"{name} = {value!r}: must be one of {', '.join(known)}")
     return known[value]
+
+
+def is_rotation(matrices: FloatArray, tolerance: float) -> BoolArray:
+    """Whether each matrix (…, 3, 3) is orthonormal to `tolerance` and right-handed."""
+    with np.errstate(all="ignore"):  # what is no number is no rotation either
+        gram = matrices @ np.swapaxes(matrices, -1, -2)
+        orthonormal = (np.abs(gram - np.eye(3)) <= tolerance).all(axis=(-1, -2))
+        return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))

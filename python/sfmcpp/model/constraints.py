@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, finite_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import looked_up
-from sfmcpp.model.problem import FloatArray, IndexArray
 
 NO_CAMERA = -1
 

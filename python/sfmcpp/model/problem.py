@@ -10,11 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import camera_model
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up
-from sfmcpp.model.problem import FloatArray
 
 # Faster than any road vehicle or train the package is meant for.
 FASTEST_M_S = 100.0

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, finite_array, require_increasing, shaped_array
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing, shaped_array
 from sfmcpp.model.sensor_kinds import Limit, SensorKind, sensor_kind
 
 # A gap of up to this many usual periods is bridged unless the stream says otherwise.

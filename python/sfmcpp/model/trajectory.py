@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, finite_array, require_increasing
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.model.so3 import is_rotation
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
+from sfmcpp.model.checks import is_rotation
 
 ROTATION_TOLERANCE = 1e-6
 

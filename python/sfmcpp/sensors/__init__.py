@@ -1,6 +1,7 @@
 """Sensors beside the camera: streams of measurements, and what they say of the motion between two images."""
 
-from sfmcpp.model import Gap, SensorStream, Similarity, Trajectory, fit_pose_similarity, fit_similarity
+from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
+from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
 from sfmcpp.sensors.clock import ClockOffset, angular_rates, estimate_clock_offset, require_same_clock
 from sfmcpp.sensors.gps import earth_centred, east_north_up, local_positions, position_at

@@ -12,7 +12,8 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream, so3
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream
 from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream, Trajectory, so3
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.stream import require_kind
 
 # Rates that correlate less do not show the same motion.

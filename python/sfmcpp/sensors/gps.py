@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import ANY, finite_array
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 SEMI_MAJOR_AXIS_M = 6_378_137.0

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream, so3
-from sfmcpp.model.arrays import finite_array
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream
+from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.model import SensorStream, so3
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Gap, SensorStream
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.stream import require_kind
 
 # Tyres on a dry road hold about 1 g.

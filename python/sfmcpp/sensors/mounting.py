@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import finite_array
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.model.so3 import is_rotation
+from sfmcpp.model.arrays import FloatArray, finite_array
+from sfmcpp.model.checks import is_rotation
 
 _TOLERANCE = 1e-6
 

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import finite_array
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.imu import rotations_between_cuts
 from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import so3
-from sfmcpp.model.arrays import ANY, finite_array, require_increasing
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry import so3
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
 
 
 def predict_pose(

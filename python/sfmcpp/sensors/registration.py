@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity, fit_pose_similarity
-from sfmcpp.model.arrays import ANY, finite_array
-from sfmcpp.model.point_moments import PointMoments
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.model.so3 import nearest_rotation
+from sfmcpp.geometry.point_moments import PointMoments
+from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity
+from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.sensors.upright import UP_IN_CAMERA, upright_rotation
 
 # N_recal of the thesis.

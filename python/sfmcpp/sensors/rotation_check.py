@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.model import SensorStream, Trajectory, so3
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
-from sfmcpp.model.problem import FloatArray
 from sfmcpp.sensors.imu import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.prediction import interpolate_rotations

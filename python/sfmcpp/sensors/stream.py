@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Gap, SensorStream, so3
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry import so3
+from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.prediction import interpolate_rotations, interpolate_vectors
 
 __all__ = ["Gap", "SensorStream", "describe_gaps", "measured_at", "require_kind", "segments"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 
 # The y axis of a camera points down.
 UP_IN_CAMERA = (0.0, -1.0, 0.0)

@@ -8,14 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from sfmcpp.fusion import PoseConstraint, PoseView, WeightSelection, select_weights
+from sfmcpp.geometry import pose_inliers
 from sfmcpp.model import ConstraintGroup
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg import pose_inliers
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.sequence import View
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import LocalProblem, WeightedMeasurement, WorldMap
+from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weights
 
 # Fewer observations than this leave nothing to choose a weight from.
 _FEWEST = 8

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.ba import solve
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg import relative_pose
+from sfmcpp.geometry import relative_pose
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.localisation import locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.sequence import Frame, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.weighting import solve
 
 # Tracks run out when fewer than this many times the inliers of a pose are left.
 _RUNNING_OUT = 3

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfmcpp.model import Similarity, so3
-from sfmcpp.model.problem import FloatArray
-from sfmcpp.mvg import relative_pose, resection
+from sfmcpp.geometry import relative_pose, resection, so3
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import predict_pose
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.sequence import Frame, View, common

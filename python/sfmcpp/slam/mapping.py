@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.ba import Summary, solve
-from sfmcpp.mvg import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
+from sfmcpp.ba import Summary
+from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
 from sfmcpp.slam.fusing import constraint_groups
 from sfmcpp.slam.sensing import METRIC_KINDS
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import LocalProblem, WorldMap
+from sfmcpp.weighting import solve
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:

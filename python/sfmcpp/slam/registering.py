@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
 from sfmcpp.slam.sensing import Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite

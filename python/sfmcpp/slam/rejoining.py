@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sfmcpp.model import Similarity
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.slam.fusing import usual_weights
 from sfmcpp.slam.localisation import Follower
 from sfmcpp.slam.result import SlamResult

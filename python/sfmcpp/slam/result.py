@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfmcpp.fusion import WeightSelection
 from sfmcpp.model import Trajectory
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.localisation import Path
 from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.weighting import WeightSelection
 
 
 @dataclass

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from sfmcpp.model import Gap, SensorStream
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     Mounting,
     doubtful_stretches,

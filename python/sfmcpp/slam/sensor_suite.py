@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 from sfmcpp.model import Trajectory
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import check_rotations, describe_gaps
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import finite_array, require_increasing
-from sfmcpp.model.problem import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, require_increasing
 
 
 @dataclass(frozen=True, eq=False)

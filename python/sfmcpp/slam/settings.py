@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.fusion import selection_method
+from sfmcpp.weighting import selection_method
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class SlamSettings:
     registration_keyframes : int
         Keyframes that bring the map into the sensors' world (thesis §5.3.3: 6).
     weights : str
-        How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.fusion.select_weight`.
+        How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.weighting.select_weight`.
     correct_drift : bool
         Whether the last keyframes are moved back to a sensor, where they have drifted from it as one. Not in
         the thesis; not done where no weight is asked for.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sfmcpp.model.problem import FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import Follower, Step, locate

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model import Problem, Similarity
-from sfmcpp.model.problem import FloatArray, IndexArray
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sequence import Frame, View
 

@@ -9,7 +9,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parents[3]
 FOLDERS = ("cpp", "python", "bench", "tests")
 SUFFIXES = {".py", ".cpp", ".hpp", ".h", ".cmake", ".sh"}
-MAX_FILE_LINES = 300
+MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
 
 
@@ -71,7 +71,7 @@ def test_a_file_is_too_long_from_one_line_above_the_budget(tmp_path: Path) -> No
     folder.mkdir(parents=True)
     (folder / "short.cpp").write_text("int x;\n" * MAX_FILE_LINES)
     (folder / "long.cpp").write_text("int x;\n" * (MAX_FILE_LINES + 1))
-    assert long_files(tmp_path) == ["cpp/src/long.cpp: 301 lines"]
+    assert long_files(tmp_path) == ["cpp/src/long.cpp: 401 lines"]
 
 
 def test_a_function_is_too_long_from_one_line_above_the_budget(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import sfmcpp
-from sfmcpp.synthetic import circle_scene, perturb
+from sfmcpp.sources.synthetic import circle_scene, perturb
 
 COMMAND = (sys.executable, "-m", "sfmcpp")
 TIMEOUT_S = 120

@@ -12,7 +12,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import is_one_error_line, run, strict_json, write_noisy_circle
-from sfmcpp.synthetic import circle_scene, perturb
+from sfmcpp.sources.synthetic import circle_scene, perturb
 
 
 def test_the_demo_solves_the_thesis_scene_down_to_its_noise(tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cli_helpers import is_one_error_line, run, strict_json
-from sfmcpp.io.trajectories import write_trajectory
-from sfmcpp.model import Similarity, Trajectory
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import Trajectory
+from sfmcpp.sources.io.trajectories import write_trajectory
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -119,7 +120,7 @@ def test_neither_input_is_overwritten_by_the_report(tmp_path: Path) -> None:
 
 @pytest.mark.real
 def test_the_truth_of_a_drive_agrees_with_itself_in_another_format(tmp_path: Path, data_dir: Path) -> None:
-    from sfmcpp.io.trajectories import read_trajectory
+    from sfmcpp.sources.io.trajectories import read_trajectory
 
     drive = data_dir / "kitti_tracks/2011_09_26_drive_0005_sync_KLT.mat"
     write_trajectory(read_trajectory(drive), tmp_path / "copy.txt")

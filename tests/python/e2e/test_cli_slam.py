@@ -15,9 +15,9 @@ import pytest
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run, strict_json
-from sfmcpp.io.track_files import CameraTracks, write_tracks
-from sfmcpp.io.trajectories import read_trajectory
-from sfmcpp.model import fit_pose_similarity
+from sfmcpp.geometry.similarity import fit_pose_similarity
+from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
+from sfmcpp.sources.io.trajectories import read_trajectory
 
 TEXTS = ["keyframes.txt", "trajectory.txt"]
 FILES = sorted([*TEXTS, "model", "points.ply", "report.json", "trajectory.png", "view.html"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cli_helpers import is_one_error_line, run, strict_json
-from sfmcpp.io.trajectories import read_trajectory
+from sfmcpp.sources.io.trajectories import read_trajectory
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 

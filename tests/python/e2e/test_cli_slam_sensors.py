@@ -13,7 +13,7 @@ import pytest
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, strict_json
 from sfmcpp.cli.main import main
-from sfmcpp.io.track_files import CameraTracks, write_tracks
+from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 
 FIRST_S, STEP_S = 100.0, 0.1
 SPEED = "t [s],speed [m/s]"

@@ -15,7 +15,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run
-from sfmcpp.io.track_files import CameraTracks, write_tracks
+from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 
 
 @pytest.fixture

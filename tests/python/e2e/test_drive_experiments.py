@@ -21,7 +21,7 @@ from functools import partial
 from pathlib import Path
 from experiments import inputs, kinds
 from experiments.description import Experiment
-from sfmcpp.synthetic import Tracker, table_walk
+from sfmcpp.sources.synthetic import Tracker, table_walk
 
 inputs.DRIVES["short"] = partial(table_walk, 3.0, seconds=12.0, tracker=Tracker(100, 0.3, 0.1, 0.02))
 filtered = {"predict_by": "images", "turn_sigma_rad_sqrt_s": 0.005, "orientation_sigma_rad": 0.001}

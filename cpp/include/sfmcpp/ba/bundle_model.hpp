@@ -23,7 +23,8 @@ class BundleModel final : public optim::LeastSquaresModel {
               const linear::ObservationGraph& graph,
               const linear::ParameterMap& map,
               std::vector<int> free_intrinsics,
-              ThreadPool& pool);
+              ThreadPool& pool,
+              Exchange& exchange = this_process());
   BundleModel(const BundleModel&) = delete;
   BundleModel& operator=(const BundleModel&) = delete;
 
@@ -75,6 +76,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
   ThreadPool& pool_;
+  Exchange& exchange_;
   residuals::ReprojectionKernels kernels_;
   Loss loss_;
   std::vector<double> u_, v_, inverse_sigma_;  // in stored order, readable beyond the end

@@ -18,6 +18,12 @@ class ExplicitSchurSolver final : public LinearSolver {
                           Step& step,
                           const std::function<bool()>& should_stop) override;
 
+  // The factorisation alone, and solutions with it: `x` holds the right-hand side in reduced
+  // columns before and the solution after. False where the matrix is not positive definite.
+  bool factorize(const Damping& damping);
+  bool solve_reduced(std::vector<double>& x);
+  const PointElimination& elimination() const { return elimination_; }
+
  private:
   void form();
   void form_row(int i, int worker, AlignedVector<double>& row);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
@@ -47,7 +48,8 @@ class NormalEquations {
   NormalEquations(const ObservationGraph& graph,
                   const ParameterMap& map,
                   ThreadPool& pool,
-                  CameraPairs camera_pairs = {});
+                  CameraPairs camera_pairs = {},
+                  Exchange& exchange = this_process());
 
   // Filling: first the Jacobian of every observation (kernel records, see schur_kernels.hpp) …
   double* camera_jacobian(int observation) {
@@ -65,6 +67,7 @@ class NormalEquations {
   const ObservationGraph& graph() const { return graph_; }
   const ParameterMap& map() const { return map_; }
   ThreadPool& pool() const { return pool_; }
+  Exchange& exchange() const { return exchange_; }
   const SchurKernels& kernels() const { return kernels_; }
   const CameraTerms& camera_terms() const { return camera_terms_; }
 
@@ -98,6 +101,7 @@ class NormalEquations {
   const ObservationGraph& graph_;
   const ParameterMap& map_;
   ThreadPool& pool_;
+  Exchange& exchange_;
   SchurKernels kernels_;
   CameraTerms camera_terms_;
   AlignedVector<double> jacobian_;

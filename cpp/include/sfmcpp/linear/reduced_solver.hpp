@@ -12,7 +12,8 @@
 
 namespace sfmcpp::linear {
 
-// The matrix is handed over row by row: start, add_row for every camera, then solve.
+// The matrix is handed over row by row: start, add_row for every camera, then factorize once and
+// solve for any right-hand side.
 class ReducedSolver {
  public:
   virtual ~ReducedSolver() = default;
@@ -23,8 +24,9 @@ class ReducedSolver {
   // added at the same time by several threads; else the order of the calls is the order of the
   // sums.
   virtual void add_row(int i, const double* row_blocks) = 0;
-  // `x` holds the right-hand side before and the solution after. Returns false if the matrix is not
-  // positive definite; x is then meaningless.
+  // False if the matrix is not positive definite.
+  virtual bool factorize() = 0;
+  // `x` holds the right-hand side before and the solution after; false if that is not finite.
   virtual bool solve(std::vector<double>& x) = 0;
 };
 

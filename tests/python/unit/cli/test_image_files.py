@@ -12,7 +12,7 @@ from sfmcpp.cli.camera_files import find_intrinsics, read_intrinsics
 from sfmcpp.cli.slam_images import ImageStream, open_images
 from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError
-from sfmcpp.vision import Frames, KltSettings, open_frames, track_features
+from sfmcpp.sources.vision import Frames, KltSettings, open_frames, track_features
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 

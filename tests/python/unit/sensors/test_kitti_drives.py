@@ -12,7 +12,6 @@ from scipy.io import loadmat, savemat
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sensors import (
     Mounting,
     SensorStream,
@@ -24,6 +23,7 @@ from sfmcpp.sensors import (
     speed_along,
     travelled_distance,
 )
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 
 DRIVES = [f"2011_09_26_drive_{n}" for n in ("0001", "0005", "0027", "0036", "0039", "0095")]
 DRIVES += ["2011_09_30_drive_0020"]

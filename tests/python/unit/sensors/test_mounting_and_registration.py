@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sensor_helpers import angle_between, random_poses
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.sensors import Mounting, register_by_distances, register_by_poses, register_by_positions
 
 

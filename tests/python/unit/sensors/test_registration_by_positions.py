@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sensor_helpers import angle_between
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.sensors import Registration, register_by_poses, register_by_positions
 
 UP = np.array([0.0, 0.0, 1.0])

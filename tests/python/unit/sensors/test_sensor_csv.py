@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.io.sensor_csv import read_sensor_csv
 from sfmcpp.sensors import travelled_distance
+from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 
 
 def write(folder: Path, header: str, *lines: str) -> Path:

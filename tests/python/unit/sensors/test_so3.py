@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from sensor_helpers import angle_between, random_poses
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Similarity, Trajectory, fit_pose_similarity, fit_similarity, so3
+from sfmcpp.geometry import so3
+from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
+from sfmcpp.model import Trajectory
 
 ANGLES = [0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.5, 2.0, 3.0, 3.0999, 3.1001, np.pi - 1e-6, np.pi - 1e-12]
 

@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfmcpp.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.model import Problem, SensorStream, Similarity, so3
+from sfmcpp.geometry import so3
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import Problem, SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
 from sfmcpp.slam.registering import Correction, correction
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
-from sfmcpp.synthetic import corridor_scene, street_loop_scene
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.sources.synthetic import corridor_scene, street_loop_scene
 from slam_helpers import STEP_S, sequence_of
 
 # Not the origin, not north: what the map starts with must not be right by chance.

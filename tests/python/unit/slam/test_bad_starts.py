@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp.model import SensorStream, fit_pose_similarity
+from sfmcpp.geometry.similarity import fit_pose_similarity
+from sfmcpp.model import SensorStream
 from sfmcpp.slam import Gyroscope, Odometer, SlamResult, TrackSequence, run_slam
 from slam_helpers import INTRINSICS, STEP_S, drive, path, project
 from winding import AT_CAMERA, length

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfmcpp.io.kitti_mat import read_kitti_mat
 from sfmcpp.sensors import Mounting, SensorStream, check_rotations
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from winding import AT_CAMERA, FRAMES, length, winding, without
 
 SEEDS = (0, 1)

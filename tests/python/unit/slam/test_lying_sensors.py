@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp.fusion.conflict import CONFLICT_SIGMAS
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, run_slam
+from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
 
 # The map takes its scale from the odometer in the five seconds before.

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp.model import SensorStream, fit_pose_similarity
+from sfmcpp.geometry.similarity import fit_pose_similarity
+from sfmcpp.model import SensorStream
 from sfmcpp.slam import MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
 from sfmcpp.slam.export import problem_of
-from sfmcpp.synthetic import corridor_scene
+from sfmcpp.sources.synthetic import corridor_scene
 from slam_helpers import STEP_S
 
 CUT = 25

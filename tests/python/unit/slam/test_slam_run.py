@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp.model import Problem, fit_pose_similarity
+from sfmcpp.geometry.similarity import fit_pose_similarity
+from sfmcpp.model import Problem
 from sfmcpp.slam import Path, SlamResult, SlamSettings, TrackSequence, run_slam
-from sfmcpp.synthetic import add_outliers, corridor_scene, street_loop_scene
+from sfmcpp.sources.synthetic import add_outliers, corridor_scene, street_loop_scene
 from slam_helpers import drive, path, sequence_of
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.model import Similarity
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.slam.export import problem_of
 from sfmcpp.slam.mapping import hold_gauge
 from sfmcpp.slam.world_map import LocalProblem, WorldMap

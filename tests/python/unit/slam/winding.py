@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.model import SensorStream, fit_pose_similarity
+from sfmcpp.geometry.similarity import fit_pose_similarity
+from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import SlamResult, TrackSequence
 from slam_helpers import INTRINSICS, STEP_S, project

@@ -1,0 +1,50 @@
+// The one seam for every sum over observations or points.
+//
+// A problem may be cut by points: each rank then holds a part of the points with all their
+// observations, and all cameras. What a rank adds up over its own part passes through here before
+// it is used, so that every rank goes on with the same numbers; the default is one rank alone.
+//
+//   partitioned  observations, points, their residuals, steps and blocks: summed over the ranks
+//   replicated   cameras, intrinsics, constraints, λD: the same on every rank, so they count once,
+//                added by the root or after the sum
+//
+// Every rank makes the same calls in the same order: whether to make one is decided by replicated
+// values alone.
+#pragma once
+
+#include <span>
+#include <vector>
+
+namespace sfmcpp {
+
+class Exchange {
+ public:
+  virtual ~Exchange() = default;
+
+  virtual int rank() const = 0;
+  virtual int num_ranks() const = 0;
+  // Whether this rank is the one that adds replicated terms.
+  bool is_root() const { return rank() == 0; }
+
+  // In place, over the ranks and in their order: the same bits on every rank.
+  virtual void sum(std::span<double> values) = 0;
+  virtual void max(std::span<double> values) = 0;
+  // The values of all ranks, rank after rank; each may bring another number of them.
+  virtual std::vector<double> gather(std::span<const double> values) = 0;
+  // Whether any rank says so.
+  virtual bool agree(bool mine) = 0;
+
+  double sum(double value) {
+    sum(std::span(&value, 1));
+    return value;
+  }
+  double max(double value) {
+    max(std::span(&value, 1));
+    return value;
+  }
+};
+
+// One rank alone: every sum is its own.
+Exchange& this_process();
+
+}  // namespace sfmcpp

@@ -1,0 +1,88 @@
+"""A problem looked over without solving it: rules, residuals, cost, derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.model import Problem
+
+
+def check(problem: Problem) -> list[str]:
+    """Look a problem over without solving it.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem to check.
+
+    Returns
+    -------
+    list of str
+        What is legal but worth knowing: cameras or points without observations, points seen once, parts
+        that share no point.
+
+    Raises
+    ------
+    InvalidArgument
+        If a rule is broken: the message names the array, the position, the value and the rule.
+    """
+    return list(_core.check(core_arrays(problem)))
+
+
+def residuals(problem: Problem) -> NDArray[np.float64]:
+    """Residuals (observed − projected) / σ of every observation.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its present state.
+
+    Returns
+    -------
+    (M, 2) float64
+        In the order of the observations; pixels over standard deviations.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem breaks a rule.
+    """
+    return _core.residuals(core_arrays(problem))
+
+
+def cost(problem: Problem) -> float:
+    """The squared cost ½ Σ ‖r‖² of a problem at its present state.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its present state.
+
+    Returns
+    -------
+    float
+        The cost, without robust loss.
+    """
+    r = residuals(problem)
+    return 0.5 * float(np.vdot(r, r))
+
+
+def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.JacobianCheck:
+    """Compare the analytic derivatives with numeric ones at the present state of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its present state.
+    max_observations : int
+        Observations compared at most, spread evenly over the problem.
+
+    Returns
+    -------
+    JacobianCheck
+        `entries` compared, and the `worst_error` with its `worst_observation` and `worst_parameter`.
+    """
+    return _core.check_jacobians(core_arrays(problem), max_observations)

@@ -1,0 +1,148 @@
+"""The only door to PoseLib: its conventions are turned into ours and back here, and nowhere else.
+
+PoseLib's poses are camera_from_world (``x_cam = R X + t``); its relative pose takes the first camera's frame
+to the second's. Its pinhole camera has no skew: it is given pixels of an ideal camera with square pixels and
+the principal point at the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.geometry.pinhole import mean_focal_px, to_normalised, unit
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_count, require_fraction, require_positive, require_seed
+
+# Fewer samples than this save no time worth having.
+_MIN_ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class RansacOptions:
+    """How long and how strictly to search.
+
+    Attributes
+    ----------
+    threshold_px : float
+        Largest error of an inlier [px].
+    confidence : float
+        Asked probability of having drawn one sample without outliers.
+    max_iterations : int
+        Samples at most.
+    seed : int
+        Same seed, same result.
+    """
+
+    threshold_px: float
+    confidence: float
+    max_iterations: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        require_positive("threshold_px", self.threshold_px)
+        require_fraction("confidence", self.confidence)
+        require_count("max_iterations", self.max_iterations, 1)
+        require_seed(self.seed)
+
+
+def relative_camera(
+    pixels_1: FloatArray,
+    pixels_2: FloatArray,
+    intrinsics_1: FloatArray,
+    intrinsics_2: FloatArray,
+    options: RansacOptions,
+) -> FloatArray:
+    """``[R | c]`` (3, 4) of camera 2 in the frame of camera 1, ‖c‖ = 1, by five points and RANSAC."""
+    pose, _ = _load().estimate_relative_pose(
+        _ideal_pixels(pixels_1, intrinsics_1),
+        _ideal_pixels(pixels_2, intrinsics_2),
+        _ideal_camera(intrinsics_1),
+        _ideal_camera(intrinsics_2),
+        _ransac("max_epipolar_error", options),
+        _refinement(options),
+    )
+    return _with_unit_baseline(_world_from_camera(pose))
+
+
+def refined_relative_camera(
+    pixels_1: FloatArray,
+    pixels_2: FloatArray,
+    intrinsics_1: FloatArray,
+    intrinsics_2: FloatArray,
+    camera: FloatArray,
+    options: RansacOptions,
+) -> FloatArray:
+    """`camera` (3, 4) as start, moved to a local minimum of the robust Sampson errors, ‖c‖ = 1."""
+    start = _load().CameraPose()
+    start.R, start.t = camera[:, :3].T, -camera[:, :3].T @ camera[:, 3]
+    pose, _ = _load().refine_relative_pose(
+        _ideal_pixels(pixels_1, intrinsics_1),
+        _ideal_pixels(pixels_2, intrinsics_2),
+        start,
+        _ideal_camera(intrinsics_1),
+        _ideal_camera(intrinsics_2),
+        _refinement(options),
+    )
+    return _with_unit_baseline(_world_from_camera(pose))
+
+
+def absolute_camera(
+    points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, options: RansacOptions
+) -> FloatArray:
+    """``[R | c]`` (3, 4) of the camera that sees world `points` at `pixels`, by three points and RANSAC."""
+    pose, _ = _load().estimate_absolute_pose(
+        _ideal_pixels(pixels, intrinsics),
+        points,
+        _ideal_camera(intrinsics),
+        _ransac("max_reproj_error", options),
+        _refinement(options),
+    )
+    return _world_from_camera(pose)
+
+
+def _load() -> ModuleType:
+    try:
+        import poselib
+    except ModuleNotFoundError as error:
+        message = f"relative pose and resection need {error.name}: pip install 'sfmcpp[vision]'"
+        raise ModuleNotFoundError(message, name=error.name) from None
+    module: ModuleType = poselib
+    return module
+
+
+def _world_from_camera(pose: Any) -> FloatArray:
+    rotation = np.asarray(pose.R, dtype=np.float64).T
+    centre = -rotation @ np.asarray(pose.t, dtype=np.float64).reshape(3)
+    return np.column_stack([rotation, centre])
+
+
+def _with_unit_baseline(camera: FloatArray) -> FloatArray:
+    return np.column_stack([camera[:, :3], unit(camera[:, 3])])
+
+
+def _ideal_pixels(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    ideal: FloatArray = mean_focal_px(intrinsics) * to_normalised(pixels, intrinsics)
+    return ideal
+
+
+def _ideal_camera(intrinsics: FloatArray) -> dict[str, Any]:
+    params = [mean_focal_px(intrinsics), 0.0, 0.0]
+    return {"model": "SIMPLE_PINHOLE", "width": 0, "height": 0, "params": params}
+
+
+def _ransac(threshold: str, options: RansacOptions) -> dict[str, Any]:
+    return {
+        threshold: options.threshold_px,
+        "success_prob": options.confidence,
+        "min_iterations": min(_MIN_ITERATIONS, options.max_iterations),
+        "max_iterations": options.max_iterations,
+        "seed": int(options.seed),
+    }
+
+
+def _refinement(options: RansacOptions) -> dict[str, Any]:
+    return {"loss_type": "CAUCHY", "loss_scale": options.threshold_px}

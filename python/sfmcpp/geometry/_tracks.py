@@ -1,0 +1,88 @@
+"""Observations of many points as arrays: checks, rays and sums over the observations of each point."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.pinhole import homogeneous, to_normalised
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+
+
+def require_calibrated(problem: Problem) -> None:
+    """Raise InvalidArgument unless `problem` has known, undistorted cameras and observations of its own."""
+    if problem.camera_model != "calibrated":
+        raise InvalidArgument(f"camera_model = {problem.camera_model!r}: must be 'calibrated'")
+    for name in ("cameras", "intrinsics", "pixels"):
+        array = getattr(problem, name)
+        finite_array(name, array, array.shape)
+    _require_in_range("camera_index", problem.camera_index, problem.num_cameras)
+    _require_in_range("point_index", problem.point_index, problem.num_points)
+    _require_in_range("intrinsics_index", problem.intrinsics_index, len(problem.intrinsics))
+
+
+def require_points(problem: Problem, points: FloatArray) -> FloatArray:
+    """`points` as (N, 3) float64 of the N points of `problem` (values may be not a number)."""
+    array = np.asarray(points, dtype=np.float64)
+    if array.shape != (problem.num_points, 3):
+        raise InvalidArgument(f"points: shape {array.shape}, must be ({problem.num_points}, 3)")
+    return array
+
+
+def _require_in_range(name: str, index: IndexArray, size: int) -> None:
+    good = (index >= 0) & (index < size)
+    if not good.all():
+        worst = int(np.argmin(good))
+        raise InvalidArgument(f"{name}[{worst}] = {index[worst]}: must be from 0 to {size - 1}")
+
+
+def intrinsics_of_observations(problem: Problem) -> FloatArray:
+    """(M, 5) intrinsics of the camera of each observation."""
+    return np.asarray(problem.intrinsics[problem.intrinsics_index[problem.camera_index]])
+
+
+def normalised_pixels(problem: Problem) -> FloatArray:
+    """(M, 2) observed image points at depth one."""
+    return to_normalised(problem.pixels, intrinsics_of_observations(problem))
+
+
+def observed_rays(problem: Problem) -> FloatArray:
+    """(M, 3) unit vectors in the world from each camera towards what it observes."""
+    in_camera = homogeneous(normalised_pixels(problem))
+    in_camera /= np.linalg.norm(in_camera, axis=1, keepdims=True)
+    return np.asarray(np.einsum("mij,mj->mi", problem.rotations[problem.camera_index], in_camera))
+
+
+def points_in_cameras(problem: Problem, points: FloatArray) -> FloatArray:
+    """(M, 3) the point of each observation, in its camera."""
+    offsets = points[problem.point_index] - problem.centres[problem.camera_index]
+    return np.asarray(np.einsum("mij,mi->mj", problem.rotations[problem.camera_index], offsets))
+
+
+def num_views(problem: Problem) -> NDArray[np.int64]:
+    """(N,) number of observations of each point."""
+    return np.bincount(problem.point_index, minlength=problem.num_points)
+
+
+def sum_by_point(problem: Problem, values: FloatArray) -> FloatArray:
+    """(N, K) sums of `values` (M, K) over the observations of each point, in their order."""
+    index, count = problem.point_index, problem.num_points
+    return np.stack([np.bincount(index, column, count) for column in values.T], axis=1)
+
+
+def mean_by_point(problem: Problem, values: FloatArray) -> FloatArray:
+    """(N, K) means of `values` (M, K) over the observations of each point; zero for points without."""
+    return sum_by_point(problem, values) / np.maximum(num_views(problem), 1)[:, None]
+
+
+def sum_outer_by_point(problem: Problem, rows: FloatArray) -> FloatArray:
+    """(N, K, K) sums of ``row rowᵀ`` over the `rows` (M, R, K) of the observations of each point."""
+    size = rows.shape[-1]
+    upper = np.triu_indices(size)
+    products = np.einsum("mrk,mrk->mk", rows[..., upper[0]], rows[..., upper[1]])
+    sums = np.empty((problem.num_points, size, size))
+    sums[:, upper[0], upper[1]] = sum_by_point(problem, products)
+    sums[:, upper[1], upper[0]] = sums[:, upper[0], upper[1]]
+    return sums

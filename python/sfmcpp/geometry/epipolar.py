@@ -1,0 +1,84 @@
+"""What two cameras say of a match: epipolar geometry, Sampson error, cheirality."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
+from sfmcpp.model.arrays import BoolArray, FloatArray
+
+
+def fundamental_matrix(
+    camera_1: FloatArray, camera_2: FloatArray, intrinsics_1: FloatArray, intrinsics_2: FloatArray
+) -> FloatArray:
+    """``F`` with ``(u₁, v₁, 1) F (u₂, v₂, 1)ᵀ = 0`` for the images of one point.
+
+    ``F = K₁⁻ᵀ R₁ᵀ [c₂ − c₁]× R₂ K₂⁻¹``. The cameras of many pairs may be given at once.
+
+    Parameters
+    ----------
+    camera_1, camera_2 : (..., 3, 4) float64
+        ``[R | c]``, world_from_camera.
+    intrinsics_1, intrinsics_2 : (..., 5) float64
+        ``(f, aspect, cx, cy, skew)``.
+
+    Returns
+    -------
+    (..., 3, 3) float64
+        Rank two; zero where the centres coincide.
+    """
+    baseline = camera_2[..., 3] - camera_1[..., 3]
+    across = np.cross(baseline[..., None, :], np.swapaxes(camera_2[..., :3], -1, -2))
+    essential = np.swapaxes(camera_1[..., :3], -1, -2) @ np.swapaxes(across, -1, -2)
+    left = np.swapaxes(inverse_calibration(intrinsics_1), -1, -2)
+    return np.asarray(left @ essential @ inverse_calibration(intrinsics_2))
+
+
+def sampson_errors_px(fundamental: FloatArray, pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray:
+    """First-order distance of matches from the epipolar geometry (Hartley & Zisserman, eq. 11.9).
+
+    Parameters
+    ----------
+    fundamental : (3, 3) or (N, 3, 3) float64
+        See :func:`fundamental_matrix`.
+    pixels_1, pixels_2 : (N, 2) float64
+        Image positions [px].
+
+    Returns
+    -------
+    (N,) float64
+        Distance in the joint space of both images [px]; infinite where both points are epipoles.
+    """
+    line_1 = np.einsum("...ij,...j->...i", fundamental, homogeneous(pixels_2))
+    line_2 = np.einsum("...ji,...j->...i", fundamental, homogeneous(pixels_1))
+    slope = np.sqrt((line_1[..., :2] ** 2).sum(-1) + (line_2[..., :2] ** 2).sum(-1))
+    algebraic = np.abs((homogeneous(pixels_1) * line_1).sum(-1))
+    errors: FloatArray = np.divide(algebraic, slope, out=np.full_like(slope, np.inf), where=slope > 0)
+    return errors
+
+
+def in_front_of_both(
+    camera_1: FloatArray, camera_2: FloatArray, normalised_1: FloatArray, normalised_2: FloatArray
+) -> BoolArray:
+    """Whether the rays of each match pass closest to each other in front of both cameras.
+
+    Parameters
+    ----------
+    camera_1, camera_2 : (3, 4) float64
+        ``[R | c]``, world_from_camera.
+    normalised_1, normalised_2 : (N, 2) float64
+        Image points at depth one.
+
+    Returns
+    -------
+    (N,) bool
+        False for parallel rays too.
+    """
+    ray_1 = homogeneous(normalised_1) @ camera_1[:, :3].T
+    ray_2 = homogeneous(normalised_2) @ camera_2[:, :3].T
+    baseline = camera_2[:, 3] - camera_1[:, 3]
+    along_1, along_2, between = ray_1 @ baseline, ray_2 @ baseline, (ray_1 * ray_2).sum(-1)
+    # Depths of the closest points, times a common factor that is positive.
+    depth_1 = along_1 * (ray_2**2).sum(-1) - along_2 * between
+    depth_2 = along_1 * between - along_2 * (ray_1**2).sum(-1)
+    return np.asarray((depth_1 > 0) & (depth_2 > 0))

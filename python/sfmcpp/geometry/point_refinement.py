@@ -1,0 +1,118 @@
+"""Points moved to the least sum of squared reprojection errors with all cameras fixed, all at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.geometry._tracks import (
+    intrinsics_of_observations,
+    num_views,
+    points_in_cameras,
+    require_calibrated,
+    require_points,
+    sum_by_point,
+    sum_outer_by_point,
+)
+from sfmcpp.geometry.pinhole import to_pixels
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.checks import require_count
+
+_FIRST_DAMPING = 1e-4
+# With less, the matrix of a point that runs away along its ray, of rank two, is singular to rounding.
+_LEAST_DAMPING = 1e-10
+# A point rests when a step promises to lower its cost by no more than this part of it, or by rounding.
+_TOLERANCE = 1e-10
+_ROUNDING_PX2 = 1e-20
+
+
+def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) -> FloatArray:
+    """Refine points by damped Gauss–Newton steps on their reprojection errors, each with its own damping.
+
+    A step counts only if it lowers the point's cost with the point in front of all its cameras, so no point
+    gets worse.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the camera model ``"calibrated"``; its observations are weighted by its standard deviations.
+    points : (N, 3) float64
+        World points to start from. Those that are not finite, behind a camera that observes them, or observed
+        less than twice, stay.
+    max_steps : int
+        Steps at most, at least 1.
+
+    Returns
+    -------
+    (N, 3) float64
+
+    Raises
+    ------
+    InvalidArgument
+        If `points` has another shape, `max_steps` is below one, the problem has another camera model,
+        numbers that are not finite or indices out of range.
+    """
+    require_calibrated(problem)
+    require_count("max_steps", max_steps, 1)
+    best: FloatArray = require_points(problem, points).copy()
+    costs = _costs(problem, best)
+    damping = np.full(len(best), _FIRST_DAMPING)
+    active = np.isfinite(costs) & (num_views(problem) >= 2)
+    for _ in range(max_steps):
+        steps, predicted = _steps(problem, best, damping, active)
+        active &= predicted > _TOLERANCE * costs + _ROUNDING_PX2
+        if not active.any():
+            break
+        candidates = best + np.where(active[:, None], steps, 0.0)
+        candidate_costs = _costs(problem, candidates)
+        accepted = active & (candidate_costs < costs)
+        best[accepted], costs[accepted] = candidates[accepted], candidate_costs[accepted]
+        damping = np.where(accepted, np.maximum(damping / 10, _LEAST_DAMPING), damping * 10)
+    return best
+
+
+def _costs(problem: Problem, points: FloatArray) -> FloatArray:
+    """(N,) sum of squared weighted errors of each point; infinite where it is not in front of all cameras."""
+    in_camera = points_in_cameras(problem, points)
+    in_front = in_camera[:, 2] > 0
+    in_camera[~in_front] = 1.0
+    squares = (_residuals(problem, in_camera) ** 2).sum(axis=1)
+    return np.asarray(sum_by_point(problem, np.where(in_front, squares, np.inf)[:, None])[:, 0])
+
+
+def _residuals(problem: Problem, in_camera: FloatArray) -> FloatArray:
+    """(M, 2) ``(projected − observed) / σ``."""
+    pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
+    return np.asarray((pixels - problem.pixels) / _sigma(problem))
+
+
+def _sigma(problem: Problem) -> FloatArray:
+    return np.ones((1, 1)) if problem.sigma_px is None else problem.sigma_px[:, None]
+
+
+def _steps(
+    problem: Problem, points: FloatArray, damping: FloatArray, active: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Steps (N, 3) ``δ = −(H + μ diag H)⁻¹ Jᵀ r`` of active points, and (N,) ``−rᵀ J δ``: their promise."""
+    # The others may be anywhere, also where nothing is defined: they take part as points at depth one.
+    in_camera = np.where(active[problem.point_index, None], points_in_cameras(problem, points), 1.0)
+    jacobians = _jacobians(problem, in_camera)
+    gradients = (jacobians * _residuals(problem, in_camera)[:, :, None]).sum(axis=1)
+    descent = -sum_by_point(problem, gradients)
+    hessian = sum_outer_by_point(problem, jacobians)
+    hessian += damping[:, None, None] * (hessian * np.eye(3))
+    hessian[~active] = np.eye(3)
+    steps = np.asarray(np.linalg.solve(hessian, descent[:, :, None])[:, :, 0], dtype=np.float64)
+    return steps, np.asarray((steps * descent).sum(axis=1))
+
+
+def _jacobians(problem: Problem, in_camera: FloatArray) -> FloatArray:
+    """(M, 2, 3) derivatives of the residuals with respect to the world point (note eqs 6 and 10)."""
+    x, y, depth = in_camera.T
+    f, aspect, _, _, skew = intrinsics_of_observations(problem).T
+    zero = np.zeros_like(f)
+    row_u = np.stack([f, skew, -(f * x + skew * y) / depth], axis=1)
+    row_v = np.stack([zero, aspect * f, -aspect * f * y / depth], axis=1)
+    by_camera_point = np.stack([row_u, row_v], axis=1) / (depth[:, None] * _sigma(problem))[:, :, None]
+    camera_from_world = np.swapaxes(problem.rotations, 1, 2)[problem.camera_index]
+    return np.asarray(by_camera_point @ camera_from_world)

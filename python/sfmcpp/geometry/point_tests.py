@@ -1,0 +1,148 @@
+"""Tests of triangulated points, all at once: cheirality, reprojection error, angle between rays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.geometry._tracks import (
+    intrinsics_of_observations,
+    num_views,
+    points_in_cameras,
+    require_calibrated,
+    require_points,
+)
+from sfmcpp.geometry.pinhole import to_pixels, unit
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.checks import require_count, require_not_negative, require_positive
+
+# Tracks of one length are compared ray by ray in pieces of at most this many pairs of rays.
+_PAIRS_AT_ONCE = 4_000_000
+
+
+def depths(problem: Problem, points: FloatArray) -> FloatArray:
+    """Depth of the point of each observation in its camera; positive in front of it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the camera model ``"calibrated"``, with M observations of N points.
+    points : (N, 3) float64
+        World points.
+
+    Returns
+    -------
+    (M,) float64
+        In units of the world; not a number where the point is.
+    """
+    require_calibrated(problem)
+    return points_in_cameras(problem, require_points(problem, points))[:, 2]
+
+
+def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
+    """Distance of each observation from the image of its point.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the camera model ``"calibrated"``, with M observations of N points.
+    points : (N, 3) float64
+        World points.
+
+    Returns
+    -------
+    (M,) float64
+        Errors [px]; infinite where the point is not in front of the camera or not a number.
+    """
+    require_calibrated(problem)
+    in_camera = points_in_cameras(problem, require_points(problem, points))
+    in_front = in_camera[:, 2] > 0
+    in_camera[~in_front] = 1.0
+    pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
+    return np.where(in_front, np.linalg.norm(pixels - problem.pixels, axis=1), np.inf)
+
+
+def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray:
+    """Largest angle at each point between two cameras that observe it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the camera model ``"calibrated"``, with any number of observations of its N points.
+    points : (N, 3) float64
+        World points.
+
+    Returns
+    -------
+    (N,) float64
+        Angles [deg], 0 to 180; zero with fewer than two observations or where the point is not a number.
+    """
+    require_calibrated(problem)
+    world = require_points(problem, points)
+    rays = unit(world[problem.point_index] - problem.centres[problem.camera_index])
+    by_point = np.argsort(problem.point_index, kind="stable")
+    views = num_views(problem)
+    start = np.cumsum(views) - views
+    chords = np.zeros(problem.num_points)
+    for length in np.unique(views[views > 1]):
+        for some in _pieces(np.flatnonzero(views == length), int(length)):
+            members = by_point[start[some, None] + np.arange(length)]
+            chords[some] = _longest_chords(rays[members])
+    return np.asarray(np.degrees(2 * np.arcsin(np.minimum(np.nan_to_num(chords) / 2, 1.0))))
+
+
+def _pieces(points: NDArray[np.intp], length: int) -> list[NDArray[np.intp]]:
+    """`points` of tracks of that length, in pieces whose pairs of rays fit in memory."""
+    return np.array_split(points, min(len(points), -(-len(points) * length**2 // _PAIRS_AT_ONCE)))
+
+
+def _longest_chords(rays: FloatArray) -> FloatArray:
+    """(T,) largest distance between two unit vectors of each track (T, L, 3)."""
+    # The least cosine finds the pair; its chord keeps the digits that the cosine of a small angle loses.
+    cosines = rays @ np.swapaxes(rays, 1, 2)
+    tracks, length = rays.shape[:2]
+    first, second = np.divmod(cosines.reshape(tracks, -1).argmin(axis=1), length)
+    every = np.arange(tracks)
+    return np.asarray(np.linalg.norm(rays[every, first] - rays[every, second], axis=1))
+
+
+def reliable_points(
+    problem: Problem,
+    points: FloatArray,
+    *,
+    max_error_px: float = 4.0,
+    min_angle_deg: float = 1.0,
+    min_views: int = 2,
+) -> BoolArray:
+    """Points in front of all their cameras, with small errors, a wide angle and enough views.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the camera model ``"calibrated"``, with M observations of N points.
+    points : (N, 3) float64
+        World points.
+    max_error_px : float
+        Largest reprojection error of any observation of the point [px].
+    min_angle_deg : float
+        Smallest angle between the two rays that are farthest apart [deg].
+    min_views : int
+        Fewest observations.
+
+    Returns
+    -------
+    (N,) bool
+
+    Raises
+    ------
+    InvalidArgument
+        If a limit is out of its range, or `points` has another shape.
+    """
+    require_positive("max_error_px", max_error_px)
+    require_not_negative("min_angle_deg", min_angle_deg)
+    require_count("min_views", min_views, 1)
+    bad = reprojection_errors_px(problem, points) > max_error_px
+    num_bad = np.bincount(problem.point_index, bad, problem.num_points)
+    wide = triangulation_angles_deg(problem, points) >= min_angle_deg
+    return np.asarray((num_bad == 0) & wide & (num_views(problem) >= min_views))

@@ -1,0 +1,51 @@
+"""What an estimate of a pose returns, also when it fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfmcpp.model.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """A camera pose from matches with outliers, or why there is none.
+
+    Attributes
+    ----------
+    camera : (3, 4) float64
+        ``[R | c]``, world_from_camera; not a number where a failure leaves it unknown.
+    inliers : (N,) bool
+        Matches that agree with the pose.
+    failure : str
+        Empty, or the name of what makes the pose unusable.
+    message : str
+        Why, with the numbers at fault; empty without a failure.
+    """
+
+    camera: FloatArray
+    inliers: BoolArray
+    failure: str
+    message: str
+
+    @property
+    def success(self) -> bool:
+        """Whether the pose can be used."""
+        return not self.failure
+
+    @property
+    def num_inliers(self) -> int:
+        """Number of matches that agree with the pose."""
+        return int(np.count_nonzero(self.inliers))
+
+
+def unknown_camera() -> FloatArray:
+    """``[R | c]`` of a camera that nothing is known of: not a number everywhere."""
+    return np.full((3, 4), np.nan)
+
+
+def too_few(kind: str, count: int, least: int) -> tuple[str, str]:
+    """Failure and message of having `count` matches or inliers where `least` are needed."""
+    return f"too few {kind}", f"{count} {kind}: must be at least {least}"

@@ -1,0 +1,139 @@
+"""The pose of one calibrated camera relative to another, from matches with outliers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.geometry._matches import Matches, checked_matches
+from sfmcpp.geometry._poselib import RansacOptions, relative_camera
+from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
+from sfmcpp.geometry.two_view_ambiguity import ambiguity_message, best_and_rivals
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.checks import require_count, require_fraction, require_positive
+
+_SAMPLE_SIZE = 5
+
+
+@dataclass(frozen=True)
+class RelativePose(PoseEstimate):
+    """Pose of the second camera in the frame of the first, which stands at the origin.
+
+    Attributes
+    ----------
+    camera, inliers, failure, message
+        See :class:`PoseEstimate`.
+    median_parallax_px : float
+        Median over the inliers of the motion that the rotation of the pose leaves to be explained: the angle
+        between the rays times the focal length [px]. Not a number without inliers.
+    """
+
+    median_parallax_px: float
+
+
+def relative_pose(
+    pixels_1: ArrayLike,
+    pixels_2: ArrayLike,
+    intrinsics_1: ArrayLike,
+    intrinsics_2: ArrayLike | None = None,
+    *,
+    threshold_px: float = 1.0,
+    min_inliers: int = 15,
+    min_inlier_ratio: float = 0.2,
+    min_parallax_px: float = 2.0,
+    confidence: float = 0.9999,
+    max_iterations: int = 10_000,
+    seed: int = 0,
+) -> RelativePose:
+    """Estimate a relative pose: five-point solver in adaptive LO-RANSAC, refined on the inliers (PoseLib).
+
+    An inlier has a Sampson error of at most the threshold and its point in front of both cameras.
+
+    Failures, named in the result:
+
+    - ``"too few matches"``: fewer than `min_inliers`. The camera is not a number.
+    - ``"rotation only"``: a rotation alone explains the matches up to a median parallax below
+      `min_parallax_px`. The camera has that rotation and its centre at the origin.
+    - ``"too few inliers"``: no pose agrees with enough matches. The camera is not a number.
+    - ``"ambiguous"``: another pose, turned by more than 3°, fits nearly as well (see
+      :func:`sfmcpp.geometry.two_view_ambiguity.best_and_rivals`). The camera is the best of them.
+
+    Parameters
+    ----------
+    pixels_1, pixels_2 : (N, 2) float64
+        Images of the same N points in both cameras [px].
+    intrinsics_1, intrinsics_2 : (5,) float64
+        ``(f, aspect, cx, cy, skew)`` of each camera; the second is the first unless given. With
+        ``(1, 1, 0, 0, 0)`` pixels are normalised image points, and all lengths in px are too.
+    threshold_px : float
+        Largest error of an inlier [px].
+    min_inliers : int
+        Fewest inliers of a pose to trust, at least 5.
+    min_inlier_ratio : float
+        Smallest part of the matches that are inliers of a pose to trust: among many matches, more than
+        `min_inliers` agree by chance.
+    min_parallax_px : float
+        Smallest median parallax of a pose whose translation is to be trusted [px].
+    confidence : float
+        Asked probability of having drawn one sample without outliers.
+    max_iterations : int
+        Samples at most.
+    seed : int
+        Same seed, same result.
+
+    Returns
+    -------
+    RelativePose
+        ``[R | c]`` of camera 2 with camera 1 at ``[I | 0]`` and ‖c‖ = 1.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite or out of its range.
+    ModuleNotFoundError
+        If PoseLib is not installed (extra ``vision``).
+    """
+    matches = checked_matches(pixels_1, pixels_2, intrinsics_1, intrinsics_2)
+    require_count("min_inliers", min_inliers, _SAMPLE_SIZE)
+    require_fraction("min_inlier_ratio", min_inlier_ratio)
+    require_positive("min_parallax_px", min_parallax_px)
+    options = RansacOptions(threshold_px, confidence, max_iterations, seed)
+    if len(matches) < min_inliers:
+        return _failed(matches, *too_few("matches", len(matches), min_inliers))
+    rotation = matches.fit_rotation(min_parallax_px, seed)
+    parallax_px = matches.parallax_px(rotation)
+    # A rotation of most matches decides it at once: five points would search long for a baseline.
+    still = parallax_px < min_parallax_px
+    if np.count_nonzero(still) > len(matches) / 2:
+        return _only_rotated(rotation, still, parallax_px, min_parallax_px)
+    camera = relative_camera(*matches.arrays, options)
+    inliers = matches.inliers(camera, threshold_px)
+    least = max(min_inliers, math.ceil(min_inlier_ratio * len(matches)))
+    if np.count_nonzero(inliers) < least:
+        return _failed(matches, *too_few("inliers", int(np.count_nonzero(inliers)), least))
+    if np.median(parallax_px[inliers]) < min_parallax_px:
+        return _only_rotated(rotation, inliers, parallax_px, min_parallax_px)
+    camera, rivals = best_and_rivals(matches, camera, rotation, options)
+    return _found(matches, camera, rivals, threshold_px)
+
+
+def _found(matches: Matches, camera: FloatArray, rivals: FloatArray, threshold_px: float) -> RelativePose:
+    inliers = matches.inliers(camera, threshold_px)
+    median = float(np.median(matches.parallax_px(camera[:, :3])[inliers]))
+    failure, message = ("ambiguous", ambiguity_message(camera, rivals)) if len(rivals) else ("", "")
+    return RelativePose(camera, inliers, failure, message, median)
+
+
+def _failed(matches: Matches, failure: str, message: str) -> RelativePose:
+    return RelativePose(unknown_camera(), np.zeros(len(matches), dtype=np.bool_), failure, message, np.nan)
+
+
+def _only_rotated(
+    rotation: FloatArray, inliers: BoolArray, parallax_px: FloatArray, min_parallax_px: float
+) -> RelativePose:
+    median = float(np.median(parallax_px[inliers]))
+    message = f"rotation only: median parallax {median:.3g} px, must be at least {min_parallax_px:g} px"
+    return RelativePose(np.column_stack([rotation, np.zeros(3)]), inliers, "rotation only", message, median)

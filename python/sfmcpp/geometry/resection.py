@@ -1,0 +1,131 @@
+"""The pose of a calibrated camera from world points it sees, with outliers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.geometry._poselib import RansacOptions, absolute_camera
+from sfmcpp.geometry.pinhole import intrinsics_row, to_pixels
+from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
+from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
+from sfmcpp.model.checks import require_count, require_fraction
+
+_SAMPLE_SIZE = 3
+# Second spread of points over the first, below which they lie on a line.
+_COLLINEAR_RATIO = 1e-6
+
+
+def resection(
+    points: ArrayLike,
+    pixels: ArrayLike,
+    intrinsics: ArrayLike,
+    *,
+    threshold_px: float = 3.0,
+    min_inliers: int = 10,
+    min_inlier_ratio: float = 0.2,
+    confidence: float = 0.9999,
+    max_iterations: int = 10_000,
+    seed: int = 0,
+) -> PoseEstimate:
+    """Estimate an absolute pose: three-point solver in adaptive LO-RANSAC, refined on the inliers (PoseLib).
+
+    An inlier has a reprojection error of at most the threshold and lies in front of the camera.
+
+    Failures, named in the result, all with a camera that is not a number:
+
+    - ``"too few matches"``: fewer than `min_inliers`.
+    - ``"collinear points"``: all points lie on a line, round which the camera may turn.
+    - ``"too few inliers"``: no pose agrees with enough matches.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        World points.
+    pixels : (N, 2) float64
+        Their images [px].
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``. With ``(1, 1, 0, 0, 0)`` pixels are normalised image points, and the
+        threshold is one too.
+    threshold_px : float
+        Largest reprojection error of an inlier [px] (thesis §5.3: about 3).
+    min_inliers : int
+        Fewest inliers of a pose to trust, at least 4.
+    min_inlier_ratio : float
+        Smallest part of the matches that are inliers of a pose to trust.
+    confidence : float
+        Asked probability of having drawn one sample without outliers.
+    max_iterations : int
+        Samples at most.
+    seed : int
+        Same seed, same result.
+
+    Returns
+    -------
+    PoseEstimate
+        ``[R | c]``, world_from_camera.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite or out of its range.
+    ModuleNotFoundError
+        If PoseLib is not installed (extra ``vision``).
+    """
+    world = finite_array("points", points, (-1, 3))
+    images = finite_array("pixels", pixels, (len(world), 2))
+    row = intrinsics_row("intrinsics", intrinsics)
+    require_count("min_inliers", min_inliers, _SAMPLE_SIZE + 1)
+    require_fraction("min_inlier_ratio", min_inlier_ratio)
+    options = RansacOptions(threshold_px, confidence, max_iterations, seed)
+    if len(world) < min_inliers:
+        return _failed(len(world), *too_few("matches", len(world), min_inliers))
+    if _are_collinear(world):
+        reason = f"{len(world)} points on one line: the camera may turn round it"
+        return _failed(len(world), "collinear points", reason)
+    camera = absolute_camera(world, images, row, options)
+    inliers = pose_inliers(camera, world, images, row, threshold_px)
+    least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
+    if np.count_nonzero(inliers) < least:
+        return _failed(len(world), *too_few("inliers", int(np.count_nonzero(inliers)), least))
+    return PoseEstimate(camera, inliers, "", "")
+
+
+def _failed(count: int, failure: str, message: str) -> PoseEstimate:
+    return PoseEstimate(unknown_camera(), np.zeros(count, dtype=np.bool_), failure, message)
+
+
+def pose_inliers(
+    camera: FloatArray, points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, threshold_px: float
+) -> BoolArray:
+    """Which points a pose explains: in front of it, and seen within the threshold of where they should be.
+
+    Parameters
+    ----------
+    camera : (3, 4) float64
+        ``[R | c]``, world_from_camera.
+    points : (N, 3) float64
+        World points.
+    pixels : (N, 2) float64
+        Their images [px].
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
+    threshold_px : float
+        Largest reprojection error of an inlier [px].
+
+    Returns
+    -------
+    (N,) bool
+    """
+    x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
+    in_front = depth > 0
+    depth = np.where(in_front, depth, 1.0)
+    offset_px = to_pixels(np.column_stack([x / depth, y / depth]), intrinsics) - pixels
+    return np.asarray(in_front & (np.linalg.norm(offset_px, axis=1) <= threshold_px))
+
+
+def _are_collinear(points: FloatArray) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= _COLLINEAR_RATIO * spread[0])

@@ -1,6 +1,0 @@
-"""Figures: every function returns a Matplotlib figure; nothing is shown and no global state is touched."""
-
-from sfmcpp.plotting.convergence import plot_convergence
-from sfmcpp.plotting.figures import FIGURE_SUFFIXES, figure_format, save_figure
-
-__all__ = ["FIGURE_SUFFIXES", "figure_format", "plot_convergence", "save_figure"]

@@ -1,0 +1,112 @@
+"""Reading and writing problems in any format."""
+
+from __future__ import annotations
+
+from os import PathLike, fsdecode
+from pathlib import Path
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.registry import FORMATS, format_of, named_format
+
+AnyPath = str | PathLike[str]
+
+
+def read(path: AnyPath, *, format: str | None = None) -> Problem:
+    """Read a problem.
+
+    Parameters
+    ----------
+    path : path-like
+        File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
+        with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
+        BAL; ``.out`` is Bundler; ``.npz`` is this package's own.
+    format : str, optional
+        Name of the format, one of :func:`formats`, where the file's name does not tell.
+
+    Returns
+    -------
+    Problem
+        In this package's conventions: world_from_camera, z forward, y down, pixels.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing, unreadable, damaged, or in no known format; it names file, line and reason.
+    InvalidArgument
+        If `format` is not the name of a format.
+    """
+    source = _checked(path)
+    with failures_named(source):
+        if not source.exists():
+            raise DatasetError(source, "no such file or directory")
+        chosen = format_of(source) if format is None else named_format(format)
+        if chosen.reader is None:
+            raise DatasetError(source, f"format {chosen.name} can be written but not read")
+        return chosen.reader(source)
+
+
+def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
+    """Write a problem; the file appears complete or not at all.
+
+    Masks are kept by ``.npz`` alone, standard deviations by ``.npz`` and sba's format.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to write; it is not changed.
+    path : path-like
+        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, and a name
+        without suffix is the folder of a binary COLMAP model.
+    format : str, optional
+        Name of the format, where the file's name does not tell.
+
+    Raises
+    ------
+    DatasetError
+        If the problem does not fit the format, a value is not finite or out of range, or the file cannot
+        be written.
+    InvalidArgument
+        If `format` is not the name of a format.
+    """
+    target = _checked(path)
+    with failures_named(target):
+        chosen = format_of(target) if format is None else named_format(format)
+        if chosen.writer is None:
+            raise DatasetError(target, f"format {chosen.name} can be read but not written")
+        if not (problem.is_metric or chosen.holds_projective):
+            raise DatasetError(target, f"format {chosen.name} holds metric cameras only: use .npz")
+        chosen.writer(problem, target)
+
+
+def convert(
+    source: AnyPath, target: AnyPath, *, source_format: str | None = None, target_format: str | None = None
+) -> None:
+    """Read one file and write its problem to another.
+
+    Parameters
+    ----------
+    source, target : path-like
+        The file or folder to read, and the one to write.
+    source_format, target_format : str, optional
+        Names of their formats. Default: by their names and contents.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read` and :func:`write`.
+    """
+    write(read(source, format=source_format), target, format=target_format)
+
+
+def formats() -> tuple[Format, ...]:
+    """All formats: name, description, suffixes, and whether they are readable and writable."""
+    return FORMATS
+
+
+def _checked(path: AnyPath) -> Path:
+    if "\0" in fsdecode(path):
+        raise DatasetError(fsdecode(path), "a path cannot hold a NUL")
+    return Path(path)

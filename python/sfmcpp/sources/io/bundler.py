@@ -1,0 +1,207 @@
+"""Bundler's ``bundle.out``, version 0.3 (Snavely 2008).
+
+After ``# Bundle file v0.3`` and ``cameras points``: five lines a camera (``f k1 k2``, three rows of
+R, t; camera_from_world, looking along -z) and three lines a point (position, colour, then the number of
+views and ``camera key x y`` for each, y up, from the centre of the image). All zeros: not registered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.model import Metadata, Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import is_rotation
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import (
+    LARGEST_COUNT,
+    finite_rows,
+    first_duplicate,
+    point_colors,
+    require_metadata_length,
+    require_valid,
+)
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import as_bal
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
+from sfmcpp.sources.io.rows import format_rows, format_strings, ragged_text
+from sfmcpp.sources.io.tracks import by_point, keypoint_ranks, tokens_of_items
+
+MAGIC = b"# Bundle file v0.3"
+KEYS = "bundler_keys"
+_PRINTED_ROTATION_TOLERANCE = 1e-3
+_CAMERA_LINES, _CAMERA_NUMBERS, _POINT_LINES, _VIEW = 5, 15, 3, 4
+
+
+def read_bundler(path: Path) -> Problem:
+    """Read a Bundler file; camera model ``"bal"``, everything free.
+
+    Rotations are made orthonormal again after their printing. Unregistered cameras (all zeros) are kept,
+    with the identity as rotation. Colours go to ``metadata.point_colors``, key numbers to
+    ``metadata.extra["bundler_keys"]``.
+
+    Raises
+    ------
+    DatasetError
+        Naming the line at fault.
+    """
+    text = _text(path)
+    num_cameras, num_points = _counts(text)
+    _require_camera_lines(text, num_cameras)
+    cameras = text.values[2 : 2 + _CAMERA_NUMBERS * num_cameras].reshape(-1, 5, 3)
+    heads = text.lines.first[1 + _CAMERA_LINES * num_cameras :: _POINT_LINES]
+    counts, views = _views(text, num_cameras)
+    camera_index = text.integers(views, "camera index", 0, num_cameras - 1)
+    point_index = np.repeat(np.arange(num_points), counts)
+    _require_no_duplicates(text, views, first_duplicate(camera_index, point_index, num_cameras))
+    return Problem(
+        "bal",
+        _poses(text, cameras),
+        cameras[:, 0].copy(),
+        text.values[heads[:, None] + np.arange(3)],
+        camera_index.astype(np.int32),
+        point_index.astype(np.int32),
+        turned_pixels(text.values[views[:, None] + np.array([2, 3])]),
+        metadata=Metadata(
+            source_format="bundler",
+            point_colors=_colors(text, heads),
+            extra={KEYS: text.integers(views + 1, "key number", 0, LARGEST_COUNT)},
+        ),
+    )
+
+
+def write_bundler(problem: Problem, path: Path) -> None:
+    """Write a Bundler file; masks and standard deviations are not kept.
+
+    Without key numbers in the metadata the observations of each image are numbered from 0; without colours
+    points are black. Cameras with a principal point have it subtracted from their pixels.
+
+    Raises
+    ------
+    DatasetError
+        If the intrinsics do not fit f, k1, k2, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    intrinsics, pixels = as_bal(problem, "a Bundler file", path)
+    with atomic_files(path) as (stream,):
+        stream.write(MAGIC + f"\n{problem.num_cameras} {problem.num_points}\n".encode("ascii"))
+        for chunk in _camera_chunks(problem, intrinsics):
+            stream.write(chunk.encode("ascii"))
+        stream.write(_points_text(problem, turned_pixels(pixels), path).encode("ascii"))
+
+
+def _text(path: Path) -> NumberText:
+    data = read_bytes(path)
+    if not data.startswith(MAGIC):
+        raise DatasetError(path, f"the first line must be '{MAGIC.decode()}'", 1)
+    return NumberText(path, data, comments=True)
+
+
+def _counts(text: NumberText) -> tuple[int, int]:
+    if len(text.values) < 2:
+        raise text.error("truncated: the header needs two counts (cameras, points)", 0)
+    text.require_line_counts(text.lines.count[:1] == 2, "2 (cameras, points)")
+    cameras = int(text.integers(slice(0, 1), "number of cameras", 0, LARGEST_COUNT)[0])
+    points = int(text.integers(slice(1, 2), "number of points", 0, LARGEST_COUNT)[0])
+    present, wanted = len(text.lines.count), 1 + _CAMERA_LINES * cameras + _POINT_LINES * points
+    if present != wanted:
+        fault = "truncated" if present < wanted else "trailing garbage"
+        line = int(text.lines.number[min(wanted, present - 1)])
+        reason = f"{fault}: {cameras} cameras, {points} points take {wanted} lines, the file has {present}"
+        raise DatasetError(text.path, reason, line)
+    return cameras, points
+
+
+def _require_camera_lines(text: NumberText, num_cameras: int) -> None:
+    good = np.ones(len(text.lines.count), dtype=np.bool_)
+    cameras_end = 1 + _CAMERA_LINES * num_cameras
+    good[1:cameras_end] = text.lines.count[1:cameras_end] == 3
+    for offset in (0, 1):
+        rows = slice(cameras_end + offset, None, _POINT_LINES)
+        good[rows] = text.lines.count[rows] == 3
+    text.require_line_counts(good, "3")
+
+
+def _views(text: NumberText, num_cameras: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """How many views each point has, and the index of the first number of every view."""
+    rows = slice(3 + _CAMERA_LINES * num_cameras, None, _POINT_LINES)
+    first = text.lines.first[rows]
+    counts = text.integers(first, "number of views", 0, LARGEST_COUNT)
+    good = np.ones(len(text.lines.count), dtype=np.bool_)
+    good[rows] = text.lines.count[rows] == 1 + _VIEW * counts
+    text.require_line_counts(good, "1 + 4 for each of the views announced by the first")
+    return counts, tokens_of_items(first + 1, counts, _VIEW)
+
+
+def _colors(text: NumberText, heads: NDArray[np.int64]) -> NDArray[np.uint8]:
+    tokens = (heads[:, None] + np.arange(3, 6)).ravel()
+    return text.integers(tokens, "colour", 0, 255).astype(np.uint8).reshape(-1, 3)
+
+
+def _require_no_duplicates(
+    text: NumberText, views: NDArray[np.int64], duplicate: tuple[int, int] | None
+) -> None:
+    if duplicate is not None:
+        camera = int(text.values[views[duplicate[1]]])
+        raise text.error(f"camera {camera} observes this point twice", int(views[duplicate[1]]))
+
+
+def _poses(text: NumberText, cameras: FloatArray) -> FloatArray:
+    rotations, translations = cameras[:, 1:4].copy(), cameras[:, 4]
+    unregistered = ~cameras.any(axis=(1, 2))
+    rotations[unregistered] = np.diag([1.0, -1.0, -1.0])
+    good = is_rotation(rotations, _PRINTED_ROTATION_TOLERANCE)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise text.error(f"camera {row}: its 3x3 matrix is not a rotation", 5 + _CAMERA_NUMBERS * row)
+    with np.errstate(all="ignore"):
+        poses = cameras_from_y_up_pose(nearest_rotation(rotations), translations)
+    return _require_finite(text, poses)
+
+
+def _require_finite(text: NumberText, poses: FloatArray) -> FloatArray:
+    finite = finite_rows(poses)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise text.error(f"camera {row}: its translation is too large", 14 + _CAMERA_NUMBERS * row)
+    return poses
+
+
+def _camera_chunks(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
+    rotations, translations = y_up_pose_from_cameras(problem.cameras)
+    numbers = np.concatenate([intrinsics, rotations.reshape(-1, 9), translations], axis=1)
+    numbers[_is_unregistered(problem, intrinsics)] = 0
+    yield from format_rows("%r %r %r\n", *numbers.reshape(-1, 3).T)
+
+
+def _is_unregistered(problem: Problem, intrinsics: FloatArray) -> NDArray[np.bool_]:
+    unmoved = (problem.cameras == np.eye(3, 4)).all(axis=(1, 2))
+    return np.asarray(unmoved & ~intrinsics.any(axis=1))
+
+
+def _points_text(problem: Problem, pixels: FloatArray, path: Path) -> str:
+    order, counts = by_point(problem)
+    colors = point_colors(problem, (0, 0, 0), path)
+    keys = problem.metadata.extra.get(KEYS)
+    keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
+    require_metadata_length(KEYS, keys, problem.num_observations, path)
+    if ((keys < 0) | (keys > LARGEST_COUNT)).any():
+        raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")
+    heads = format_strings("%r %r %r\n%d %d %d\n%d", *problem.points.T, *colors.T, counts)
+    columns = problem.camera_index, keys, *pixels.T
+    items = format_strings(" %d %d %r %r", *(column[order] for column in columns))
+    return (
+        ragged_text([f"{head}" if i == 0 else f"\n{head}" for i, head in enumerate(heads)], items, counts)
+        + "\n"
+    )
+
+
+FORMAT = Format("bundler", "Bundler v0.3, bundle.out", (".out",), read_bundler, write_bundler)

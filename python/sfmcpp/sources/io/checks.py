@@ -1,0 +1,110 @@
+"""What every problem that is read or written must fulfil."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.problem import Problem
+
+ROTATION_TOLERANCE = 1e-6
+LARGEST_MAGNITUDE = 1e150
+LARGEST_COUNT = int(np.iinfo(np.int32).max)
+
+
+def first_duplicate(
+    camera_index: NDArray[Any], point_index: NDArray[Any], num_cameras: int
+) -> tuple[int, int] | None:
+    """Two observations of the same point by the same camera, the earlier first, or None."""
+    keys = point_index.astype(np.int64) * num_cameras + camera_index
+    if (np.diff(keys) > 0).all():
+        return None
+    order = np.argsort(keys, kind="stable")
+    repeated = np.flatnonzero(np.diff(keys[order]) == 0)
+    if not len(repeated):
+        return None
+    worst = int(repeated[np.argmin(order[repeated + 1])])
+    return int(order[worst]), int(order[worst + 1])
+
+
+def require_valid(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError naming the first thing in `problem` that no file can hold.
+
+    That is: a value that is not finite, or so large that converting it would overflow; an index out of
+    range; a camera whose first three columns are no rotation; a standard deviation that is not positive;
+    a point observed twice by one camera.
+    """
+    for name in ("cameras", "intrinsics", "points", "pixels"):
+        _require_finite(name, getattr(problem, name), path)
+    _require_in_range("camera_index", problem.camera_index, problem.num_cameras, path)
+    _require_in_range("point_index", problem.point_index, problem.num_points, path)
+    _require_in_range("intrinsics_index", problem.intrinsics_index, len(problem.intrinsics), path)
+    _require_rotations(problem, path)
+    _require_positive_sigma(problem, path)
+    duplicate = first_duplicate(problem.camera_index, problem.point_index, problem.num_cameras)
+    if duplicate is not None:
+        raise DatasetError(path, "observations {} and {} are of the same camera and point".format(*duplicate))
+
+
+def finite_rows(array: NDArray[np.float64]) -> BoolArray:
+    """Whether all numbers of each ``array[i]`` are finite."""
+    return np.asarray(np.isfinite(array).all(axis=tuple(range(1, array.ndim))))
+
+
+def require_metadata_length(what: str, value: Any, length: int, path: Path) -> None:
+    """Raise a DatasetError unless metadata `value` has `length` entries."""
+    if len(value) != length:
+        raise DatasetError(path, f"metadata {what} has {len(value)} entries: must be {length}")
+
+
+def point_colors(problem: Problem, default: tuple[int, int, int], path: Path) -> NDArray[np.uint8]:
+    """Colours (N, 3) of the points from the metadata, or `default` for all where there are none."""
+    colors = problem.metadata.point_colors
+    if colors is None:
+        return np.tile(np.array(default, dtype=np.uint8), (problem.num_points, 1))
+    require_metadata_length("point_colors", colors, problem.num_points, path)
+    if colors.dtype != np.uint8 or colors.shape != (problem.num_points, 3):
+        found = f"{colors.dtype.name} {colors.shape}"
+        raise DatasetError(path, f"metadata point_colors is {found}: must be uint8 ({problem.num_points}, 3)")
+    return colors
+
+
+def _require_finite(name: str, array: NDArray[np.float64], path: Path) -> None:
+    good = np.abs(array) <= LARGEST_MAGNITUDE
+    if not good.all():
+        where = np.argwhere(~good)[0].tolist()
+        rule = f"must be finite, at most {LARGEST_MAGNITUDE:g} in magnitude"
+        raise DatasetError(path, f"{name}{where} is {array[tuple(where)]}: {rule}")
+
+
+def _require_in_range(name: str, index: IndexArray, size: int, path: Path) -> None:
+    good = (index >= 0) & (index < size)
+    if not good.all():
+        worst = int(np.argmin(good))
+        raise DatasetError(path, f"{name}[{worst}] is {index[worst]}: must be from 0 to {size - 1}")
+
+
+def _require_rotations(problem: Problem, path: Path) -> None:
+    if not problem.is_metric:
+        return
+    good = is_rotation(problem.rotations, ROTATION_TOLERANCE)
+    if not good.all():
+        worst = int(np.argmin(good))
+        raise DatasetError(path, f"cameras[{worst}]: its first three columns are not a rotation matrix")
+
+
+def _require_positive_sigma(problem: Problem, path: Path) -> None:
+    if problem.sigma_px is None:
+        return
+    lowest, highest = 1 / LARGEST_MAGNITUDE, LARGEST_MAGNITUDE
+    good = (problem.sigma_px >= lowest) & (problem.sigma_px <= highest)
+    if not good.all():
+        worst = int(np.argmin(good))
+        rule = f"must be positive, from {lowest:g} to {highest:g}"
+        raise DatasetError(path, f"sigma_px[{worst}] is {problem.sigma_px[worst]}: {rule}")

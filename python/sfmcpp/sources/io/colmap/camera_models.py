@@ -1,0 +1,90 @@
+"""COLMAP's camera models and the perspective model, both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.io.intrinsics import PERSPECTIVE, fixed_but, perspective_columns, perspective_rows
+
+
+@dataclass(frozen=True)
+class ColmapModel:
+    """A camera model of COLMAP that the perspective model covers."""
+
+    number: int
+    params: tuple[str, ...]
+    distortion: tuple[str, ...]
+
+    @property
+    def has_aspect(self) -> bool:
+        """Whether both focal lengths are parameters."""
+        return "fy" in self.params
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Perspective parameters that are free after reading: all that it has but the principal point."""
+        return ("f", *(("aspect",) if self.has_aspect else ()), *self.distortion)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Perspective parameters that it can hold."""
+        return (*self.free, "cx", "cy")
+
+
+MODELS = {
+    "SIMPLE_PINHOLE": ColmapModel(0, ("f", "cx", "cy"), ()),
+    "PINHOLE": ColmapModel(1, ("f", "fy", "cx", "cy"), ()),
+    "SIMPLE_RADIAL": ColmapModel(2, ("f", "cx", "cy", "k1"), ("k1",)),
+    "RADIAL": ColmapModel(3, ("f", "cx", "cy", "k1", "k2"), ("k1", "k2")),
+    "OPENCV": ColmapModel(4, ("f", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2")),
+}
+NAME_OF_NUMBER = {model.number: name for name, model in MODELS.items()}
+SUPPORTED = ", ".join(MODELS)
+_UNSUPPORTED_NAMES = {
+    5: "OPENCV_FISHEYE",
+    6: "FULL_OPENCV",
+    7: "FOV",
+    8: "SIMPLE_RADIAL_FISHEYE",
+    9: "RADIAL_FISHEYE",
+    10: "THIN_PRISM_FISHEYE",
+    11: "RAD_TAN_THIN_PRISM_FISHEYE",
+}
+
+
+def unsupported(model: str | int) -> str:
+    """Reason for refusing a camera model given by name or number."""
+    name = _UNSUPPORTED_NAMES.get(model, str(model)) if isinstance(model, int) else model
+    return f"camera model {name} is not supported: must be one of {SUPPORTED}"
+
+
+def intrinsics_from_params(models: list[str], params: list[list[float]]) -> tuple[FloatArray, BoolArray]:
+    """Perspective intrinsics (G, K) of COLMAP's parameters, and which of them stay fixed."""
+    values, fixed = perspective_rows(len(models)), fixed_but(len(models))
+    for row, (name, numbers) in enumerate(zip(models, params, strict=True)):
+        model, named = MODELS[name], dict(zip(MODELS[name].params, numbers, strict=True))
+        if model.has_aspect:
+            named["aspect"] = float(np.float64(named.pop("fy")) / named["f"])
+        values[row, perspective_columns(*named)] = list(named.values())
+        fixed[row, perspective_columns(*model.free)] = False
+    return values, fixed
+
+
+def params_from_intrinsics(name: str, values: FloatArray) -> list[float]:
+    """Parameters of that COLMAP model for one row of perspective intrinsics."""
+    named = dict(zip(PERSPECTIVE, values.tolist(), strict=True))
+    named["fy"] = named["f"] * named["aspect"]
+    return [named[param] for param in MODELS[name].params]
+
+
+def smallest_model(needed: set[str]) -> str | None:
+    """Name of the first model that holds all the needed perspective parameters, if any does."""
+    return next((name for name, model in MODELS.items() if needed <= set(model.kept)), None)
+
+
+def needed_parameters(values: FloatArray) -> set[str]:
+    """Names of the perspective parameters of one row that differ from their defaults."""
+    defaults = perspective_rows(1)[0]
+    return {name for name, set_ in zip(PERSPECTIVE, values != defaults, strict=True) if set_}

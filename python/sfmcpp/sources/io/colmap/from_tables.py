@@ -1,0 +1,141 @@
+"""From COLMAP's tables to a problem, with every cross-reference checked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.model import Metadata, Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.io.checks import finite_rows, first_duplicate
+from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.tables import (
+    LARGEST_ID,
+    LARGEST_POINT_ID,
+    NO_POINT,
+    CameraTable,
+    ImageTable,
+    Int64Array,
+    PointTable,
+    Tables,
+)
+from sfmcpp.sources.io.poses import cameras_from_pose
+from sfmcpp.sources.io.rows import exclusive_sums
+
+
+def problem_from_tables(tables: Tables, source_format: str) -> Problem:
+    """Make the problem of a model: images become cameras, and COLMAP's cameras shared intrinsics.
+
+    Raises
+    ------
+    DatasetError
+        Naming the file and line, or entry, of the first reference or number that cannot be right.
+    """
+    cameras, images, points = tables.cameras, tables.images, tables.points
+    cameras.require_unique_ids(LARGEST_ID)
+    images.require_unique_ids(LARGEST_ID)
+    points.require_unique_ids(LARGEST_POINT_ID)
+    intrinsics_index = cameras.rows_of(images.camera_ids)
+    images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
+    camera_index, keypoint = _tracks(images, points)
+    intrinsics, fixed = _intrinsics(cameras)
+    problem = Problem(
+        "perspective",
+        _poses(images),
+        intrinsics,
+        points.positions,
+        camera_index.astype(np.int32),
+        np.repeat(np.arange(len(points.ids)), points.track_counts).astype(np.int32),
+        images.keypoints[keypoint],
+        intrinsics_index=intrinsics_index.astype(np.int32),
+        fixed_intrinsics=fixed,
+        metadata=_metadata(tables, source_format),
+    )
+    problem.metadata.extra |= _loose_keypoints(images, keypoint)
+    if problem.num_cameras:
+        problem.metadata.image_sizes = cameras.sizes[intrinsics_index]
+    return problem
+
+
+def _intrinsics(cameras: CameraTable) -> tuple[FloatArray, BoolArray]:
+    models = [MODELS[name] for name in cameras.models]
+    good = [not m.has_aspect or numbers[0] != 0 for m, numbers in zip(models, cameras.params, strict=True)]
+    cameras.require(np.array(good, dtype=np.bool_), "fx must not be 0")
+    with np.errstate(all="ignore"):
+        values, fixed = intrinsics_from_params(cameras.models, cameras.params)
+    cameras.require(finite_rows(values), "the ratio of the focal lengths is not finite")
+    return values, fixed
+
+
+def _poses(images: ImageTable) -> FloatArray:
+    images.require(np.any(images.quaternions != 0, axis=1), "the quaternion is zero")
+    with np.errstate(all="ignore"):
+        rotations = rotation_from_quaternion(images.quaternions)
+        poses = cameras_from_pose(rotations, images.translations)
+    images.require(finite_rows(poses), "the numbers of the pose are too large")
+    return poses
+
+
+def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Array]:
+    """Image row and keypoint row of every observation, in the order of the points' tracks."""
+    point = np.repeat(np.arange(len(points.ids)), points.track_counts)
+    image = images.rows_of(points.track_images)
+    _require_tracks(points, point, image >= 0, "its track has an image that is not in the list of images")
+    counts = images.keypoint_counts[image]
+    inside = (points.track_keypoints >= 0) & (points.track_keypoints < counts)
+    _require_tracks(points, point, inside, "its track has a keypoint that its image does not have")
+    keypoint = exclusive_sums(images.keypoint_counts)[image] + points.track_keypoints
+    same = images.keypoint_points[keypoint] == points.ids[point]
+    _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
+    _require_single(points, point, image)
+    _require_complete(images, keypoint)
+    return image, keypoint
+
+
+def _require_tracks(points: PointTable, point: Int64Array, good: BoolArray, reason: str) -> None:
+    if not good.all():
+        raise points.error(int(point[np.argmin(good)]), reason)
+
+
+def _require_single(points: PointTable, point: Int64Array, image: Int64Array) -> None:
+    duplicate = first_duplicate(image, point, int(image.max(initial=0)) + 1)
+    if duplicate is not None:
+        track_image = points.track_images[duplicate[1]]
+        raise points.error(int(point[duplicate[1]]), f"image {track_image} observes this point twice")
+
+
+def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
+    loose = images.keypoint_points == NO_POINT
+    loose[keypoint] = True
+    if not loose.all():
+        row = int(np.argmin(loose))
+        image = int(np.searchsorted(np.cumsum(images.keypoint_counts), row, side="right"))
+        raise images.error(image, f"keypoint of point {images.keypoint_points[row]}, which does not list it")
+
+
+def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
+    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
+    number = np.arange(len(image)) - exclusive_sums(images.keypoint_counts)[image]
+    loose = images.keypoint_points == NO_POINT
+    return {
+        "colmap_keypoint_index": number[keypoint],
+        "colmap_loose_image": image[loose],
+        "colmap_loose_keypoint_index": number[loose],
+        "colmap_loose_pixels": images.keypoints[loose],
+    }
+
+
+def _metadata(tables: Tables, source_format: str) -> Metadata:
+    return Metadata(
+        source_format=source_format,
+        image_names=tables.images.names,
+        point_colors=tables.points.colors,
+        extra={
+            "colmap_camera_ids": tables.cameras.ids,
+            "colmap_camera_models": tables.cameras.models,
+            "colmap_camera_sizes": tables.cameras.sizes,
+            "colmap_image_ids": tables.images.ids,
+            "colmap_point_ids": tables.points.ids,
+            "colmap_point_errors": tables.points.errors,
+        },
+    )

@@ -1,0 +1,66 @@
+"""Intrinsic parameters between camera models, without loss or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model import camera_model
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.problem import Problem
+
+PERSPECTIVE = camera_model("perspective").intrinsics
+BAL = camera_model("bal").intrinsics
+_DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
+
+
+def perspective_columns(*names: str) -> list[int]:
+    """Columns of the named parameters in the perspective model."""
+    return [PERSPECTIVE.index(name) for name in names]
+
+
+def perspective_rows(count: int) -> FloatArray:
+    """Rows (count, K) of perspective intrinsics: aspect 1, all else 0."""
+    return np.tile(_DEFAULTS, (count, 1))
+
+
+def fixed_but(count: int, *free: str) -> BoolArray:
+    """Mask (count, K) of fixed perspective intrinsics in which only `free` are not fixed."""
+    return np.tile([name not in free for name in PERSPECTIVE], (count, 1))
+
+
+def as_perspective(problem: Problem) -> tuple[FloatArray, BoolArray]:
+    """Intrinsics (G, K) of any camera model in the perspective one, and which of them are fixed."""
+    columns = perspective_columns(*problem.intrinsic_names)
+    values = perspective_rows(len(problem.intrinsics))
+    fixed = np.ones(values.shape, dtype=np.bool_)
+    values[:, columns] = problem.intrinsics
+    fixed[:, columns] = problem.fixed_intrinsics
+    return values, fixed
+
+
+def require_defaults_except(values: FloatArray, kept: tuple[str, ...], format_name: str, path: Path) -> None:
+    """Raise a DatasetError if a perspective parameter that a format cannot hold is set."""
+    held = [name in kept for name in PERSPECTIVE]
+    good = (values == _DEFAULTS) | held
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        what = f"intrinsics[{row}]: {PERSPECTIVE[column]} = {values[row, column]}"
+        raise DatasetError(path, f"{what} cannot be kept in {format_name}")
+
+
+def as_bal(problem: Problem, format_name: str, path: Path) -> tuple[FloatArray, FloatArray]:
+    """Private rows ``f, k1, k2`` (C, 3), and the pixels (M, 2) counted from the principal point.
+
+    Raises
+    ------
+    DatasetError
+        If the aspect ratio is not 1, or there is skew or any distortion beyond k1 and k2.
+    """
+    values, _ = as_perspective(problem)
+    require_defaults_except(values, (*BAL, "cx", "cy"), format_name, path)
+    private = values[problem.intrinsics_index]
+    principal = private[:, perspective_columns("cx", "cy")]
+    return private[:, perspective_columns(*BAL)], problem.pixels - principal[problem.camera_index]

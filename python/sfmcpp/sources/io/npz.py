@@ -1,0 +1,198 @@
+"""NPZ: every array of the problem and its metadata, without pickle; the only format that loses nothing.
+
+A zip archive of ``.npy`` members. ``metadata.npy`` is UTF-8 JSON as bytes; arrays in ``metadata.extra``
+have members of their own, ``extra.NAME.npy``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import warnings
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Metadata, Problem
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import require_metadata_length, require_valid
+from sfmcpp.sources.io.compression import READABLE_EXPANSION, read_bytes
+from sfmcpp.sources.io.format import Format
+
+VERSION = 1
+
+_ZIP_MAGIC = b"PK"
+_OLDEST_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+_METADATA, _EXTRA = "metadata", "extra."
+_NOT_ARRAYS = ("camera_model", _METADATA)
+_ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
+_OPTIONAL = ("sigma_px",)
+_METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
+    "image_sizes": np.dtype(np.int64),
+    "point_colors": np.dtype(np.uint8),
+}
+
+
+def read_npz(path: Path) -> Problem:
+    """Read a problem that :func:`write_npz` has written.
+
+    Raises
+    ------
+    DatasetError
+        If the file is no such archive, an array is missing or has a wrong shape, or a value is impossible.
+    """
+    data = read_bytes(path)
+    if not data.startswith(_ZIP_MAGIC):
+        raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
+    members = _members(path, data)
+    missing = [name for name in (*_ARRAYS, _METADATA) if name not in members and name not in _OPTIONAL]
+    if missing:
+        raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")
+    header = _json(path, members.pop(_METADATA))
+    metadata = _metadata(path, header, members)
+    arrays = {name: members.get(name) for name in _ARRAYS}
+    try:
+        problem = Problem(header["camera_model"], metadata=metadata, **arrays)  # type: ignore[arg-type]
+    except InvalidArgument as error:
+        raise DatasetError(path, str(error)) from error
+    _require_consistent(problem, path)
+    return problem
+
+
+def write_npz(problem: Problem, path: Path) -> None:
+    """Write everything in `problem`: the same problem always gives the same bytes.
+
+    Raises
+    ------
+    DatasetError
+        If a value is impossible, something in ``metadata.extra`` is neither an array of numbers nor fit
+        for JSON, or the file cannot be written.
+    """
+    _require_consistent(problem, path)
+    extra = problem.metadata.extra
+    arrays: dict[str, Any] = {name: getattr(problem, name) for name in _ARRAYS}
+    arrays |= {name: getattr(problem.metadata, name) for name in _METADATA_ARRAYS}
+    arrays |= {_EXTRA + key: value for key, value in extra.items() if isinstance(value, np.ndarray)}
+    arrays[_METADATA] = _header(problem, path)
+    with atomic_files(path) as (stream,), zipfile.ZipFile(stream, "w") as archive:
+        for name, array in arrays.items():
+            if array is not None:
+                _write_member(archive, name, array, path)
+
+
+def _header(problem: Problem, path: Path) -> NDArray[np.uint8]:
+    metadata = problem.metadata
+    header = {
+        "sfmcpp_problem": VERSION,
+        "camera_model": problem.camera_model,
+        "source_format": metadata.source_format,
+        "image_names": list(metadata.image_names),
+        "extra": {k: v for k, v in metadata.extra.items() if not isinstance(v, np.ndarray)},
+    }
+    try:
+        text = json.dumps(header, allow_nan=False, sort_keys=True)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise DatasetError(path, f"metadata cannot be written as JSON: {error}") from error
+    return np.frombuffer(text.encode("ascii"), np.uint8)
+
+
+def _write_member(archive: zipfile.ZipFile, name: str, array: NDArray[Any], path: Path) -> None:
+    if array.dtype.hasobject:
+        raise DatasetError(path, f"metadata {name!r} is an array of objects: must be of numbers")
+    info = zipfile.ZipInfo(f"{name}.npy", _OLDEST_ZIP_DATE)
+    with archive.open(info, "w", force_zip64=True) as member:
+        np.lib.format.write_array(member, np.asarray(array), version=None, allow_pickle=False)
+
+
+def _members(path: Path, data: bytes) -> dict[str, NDArray[Any]]:
+    """All arrays of the archive; zip and npy parsers fail in many ways, all of which mean a bad file."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                _require_plausible_sizes(path, archive, len(data))
+                return {
+                    info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()
+                }
+    except DatasetError:
+        raise
+    except Exception as error:
+        reason = f"not a valid .npz archive ({type(error).__name__}: {error})".splitlines()[0]
+        raise DatasetError(path, reason) from error
+
+
+def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int) -> None:
+    expanded = sum(info.file_size for info in archive.infolist())
+    if expanded > READABLE_EXPANSION * size:
+        raise DatasetError(path, f"its members claim {expanded} bytes, it has {size}: refused")
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+    """One member; its size is compared with what its header promises before anything is allocated."""
+    with archive.open(info) as member:
+        shape, fortran, dtype = _read_npy_header(member)
+        content = member.read()
+    count = 1
+    for length in shape:
+        count *= length
+    if dtype.hasobject or min(shape, default=0) < 0 or len(content) != count * dtype.itemsize:
+        raise ValueError(f"{info.filename}: {len(content)} bytes are not {shape} of {dtype}")
+    array: NDArray[Any] = np.array(np.frombuffer(content, dtype))
+    return np.reshape(array, shape, order="F" if fortran else "C")
+
+
+def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = np.lib.format.read_magic(member)
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    return read[version](member)
+
+
+def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:
+    try:
+        header = json.loads(array.tobytes().decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(path, f"metadata is not JSON ({error})") from error
+    if not isinstance(header, dict) or header.get("sfmcpp_problem") != VERSION:
+        raise DatasetError(path, f"is no sfmcpp problem of version {VERSION}")
+    kinds = {"camera_model": str, "source_format": str, "image_names": list, "extra": dict}
+    for key, kind in kinds.items():
+        if not isinstance(header.get(key), kind):
+            raise DatasetError(path, f"metadata {key!r} must be a {kind.__name__}")
+    if not all(isinstance(name, str) for name in header["image_names"]):
+        raise DatasetError(path, "metadata 'image_names' must be a list of str")
+    return header
+
+
+def _metadata(path: Path, header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Metadata:
+    extra = dict(header["extra"])
+    extra |= {name.removeprefix(_EXTRA): a for name, a in members.items() if name.startswith(_EXTRA)}
+    arrays = {name: members.get(name) for name in _METADATA_ARRAYS}
+    return Metadata(header["source_format"], header["image_names"], extra=extra, **arrays)
+
+
+def _require_consistent(problem: Problem, path: Path) -> None:
+    require_valid(problem, path)
+    metadata = problem.metadata
+    if metadata.image_names:
+        require_metadata_length("image_names", metadata.image_names, problem.num_cameras, path)
+    wanted = {"image_sizes": (problem.num_cameras, 2), "point_colors": (problem.num_points, 3)}
+    for name, dtype in _METADATA_ARRAYS.items():
+        array = getattr(metadata, name)
+        if array is not None and (array.shape != wanted[name] or array.dtype != dtype):
+            found = f"{array.dtype.name} {array.shape}"
+            raise DatasetError(path, f"metadata {name} is {found}: must be {dtype.name} {wanted[name]}")
+
+
+FORMAT = Format(
+    "npz",
+    "NumPy archive: the whole problem, without loss",
+    (".npz",),
+    read_npz,
+    write_npz,
+    holds_projective=True,
+)

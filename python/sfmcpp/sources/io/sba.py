@@ -1,0 +1,240 @@
+"""The text files of sba's demonstration program (Lourakis & Argyros 2009): cameras, points, calibration.
+
+A line a camera: quaternion wxyz and translation (``x_cam = R X + t``), preceded, if the intrinsics vary,
+by ``f cx cy aspect skew``, and by ``k1 k2 p1 p2 k3`` if distortion does. A line a point: ``X Y Z n`` and
+n times ``frame x y``, each optionally followed by its covariance (3 or 4 numbers). Lines that start
+with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.model import Metadata, Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.poses import cameras_from_pose
+from sfmcpp.sources.io.sba_files import (
+    DISTORTION,
+    INTRINSICS,
+    POSE_NUMBERS,
+    calibration_path,
+    is_cameras_name,
+    points_path,
+    shared_calibration_path,
+)
+from sfmcpp.sources.io.sba_writer import write_sba
+from sfmcpp.sources.io.tracks import tokens_of_items
+
+_FREE = {POSE_NUMBERS + 5: ("f", "cx", "cy"), POSE_NUMBERS + 10: ("f", "cx", "cy", "k1", "k2")}
+_VIEW_WIDTHS = (3, 6, 7)
+_POINT_NUMBERS = 4
+_FIRST_LINE_BYTES = 4096
+
+
+def read_sba(
+    cameras: str | PathLike[str],
+    points: str | PathLike[str],
+    calibration: str | PathLike[str] | None = None,
+) -> Problem:
+    """Read sba's cameras file, points file and, for cameras without intrinsics, calibration file.
+
+    Fixed intrinsics give camera model ``"calibrated"``; intrinsics on each line ``"perspective"`` with
+    f, cx, cy free, and k1, k2 too if there is distortion. Covariances σ² I become `sigma_px`.
+
+    Parameters
+    ----------
+    cameras, points : path-like
+        The file of cameras, and that of points with their observations.
+    calibration : path-like, optional
+        The file of the 3×3 matrix K, for a cameras file without intrinsics.
+
+    Returns
+    -------
+    Problem
+        With a row of intrinsics for each camera, or one for all where they come from `calibration`.
+
+    Raises
+    ------
+    DatasetError
+        Naming the file and the line at fault.
+    """
+    text = _table(Path(cameras))
+    width = _camera_width(text)
+    rows = text.values.reshape(-1, width)
+    if width == POSE_NUMBERS:
+        model, intrinsics, fixed = "calibrated", _calibration(text.path, calibration), None
+        intrinsics_index = np.zeros(len(rows), dtype=np.int32)
+    else:
+        model, intrinsics, fixed = "perspective", _intrinsics(rows), fixed_but(len(rows), *_FREE[width])
+        intrinsics_index = np.arange(len(rows), dtype=np.int32)
+    tracks = _read_tracks(_table(Path(points)), len(rows))
+    return Problem(
+        model,
+        _poses(text, rows[:, -POSE_NUMBERS:]),
+        intrinsics,
+        tracks.points,
+        tracks.camera_index,
+        tracks.point_index,
+        tracks.pixels,
+        intrinsics_index=intrinsics_index,
+        sigma_px=tracks.sigma_px,
+        fixed_intrinsics=fixed,  # type: ignore[arg-type]
+        metadata=Metadata(source_format="sba"),
+    )
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    points: FloatArray
+    camera_index: IndexArray
+    point_index: IndexArray
+    pixels: FloatArray
+    sigma_px: FloatArray | None
+
+
+def _table(path: Path) -> NumberText:
+    text = NumberText(path, read_bytes(path), comments=True)
+    if not len(text.values):
+        raise DatasetError(path, "holds no numbers, only comments")
+    return text
+
+
+def _camera_width(text: NumberText) -> int:
+    widths = (POSE_NUMBERS, *_FREE)
+    counts = text.lines.count
+    allowed = "7 (pose), 12 (intrinsics, pose) or 17 (intrinsics, distortion, pose)"
+    text.require_line_counts(np.isin(counts[:1], widths), allowed)
+    text.require_line_counts(counts == counts[0], f"{counts[0]} as on the first line")
+    return int(counts[0])
+
+
+def _intrinsics(rows: FloatArray) -> FloatArray:
+    names = (INTRINSICS + DISTORTION)[: rows.shape[1] - POSE_NUMBERS]
+    intrinsics = perspective_rows(len(rows))
+    intrinsics[:, perspective_columns(*names)] = rows[:, : len(names)]
+    return intrinsics
+
+
+def _poses(text: NumberText, poses: FloatArray) -> FloatArray:
+    good = poses[:, :4].any(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise DatasetError(text.path, "the quaternion is zero", int(text.lines.number[row]))
+    with np.errstate(all="ignore"):
+        cameras = cameras_from_pose(rotation_from_quaternion(poses[:, :4]), poses[:, 4:])
+    finite = finite_rows(cameras)
+    if not finite.all():
+        line = int(text.lines.number[int(np.argmin(finite))])
+        raise DatasetError(text.path, "the numbers of the pose are too large", line)
+    return cameras
+
+
+def _calibration(cameras: Path, given: str | PathLike[str] | None) -> FloatArray:
+    path = _find_calibration(cameras) if given is None else Path(given)
+    text = _table(path)
+    text.require_line_counts(text.lines.count == 3, "3")
+    if len(text.values) != 9:
+        raise text.error(f"a calibration matrix has 3 lines, not {len(text.lines.count)}", 9)
+    matrix = text.values.reshape(3, 3)
+    if (matrix[np.tril_indices(3, -1)] != 0).any() or matrix[2, 2] != 1:
+        raise text.error("the calibration matrix must be [[f, skew, cx], [0, f*aspect, cy], [0, 0, 1]]", 0)
+    (f, skew, cx), (_, fy, cy), _ = matrix.tolist()
+    with np.errstate(all="ignore"):
+        aspect = float(np.float64(fy) / f)
+    if not np.isfinite(aspect):
+        raise text.error(f"aspect ratio {fy} / {f} is not finite", 0)
+    return np.array([[f, aspect, cx, cy, skew]])
+
+
+def _find_calibration(cameras: Path) -> Path:
+    for path in (calibration_path(cameras), shared_calibration_path(cameras)):
+        if path.exists():
+            return path
+    names = f"{calibration_path(cameras).name!r} or {shared_calibration_path(cameras).name!r}"
+    raise DatasetError(cameras, f"holds poses alone, and there is no calibration file {names} beside it")
+
+
+def _read_tracks(text: NumberText, num_cameras: int) -> _Tracks:
+    counts, width = _view_counts(text)
+    views = tokens_of_items(text.lines.first + _POINT_NUMBERS, counts, width)
+    camera_index = text.integers(views, "frame", 0, num_cameras - 1)
+    point_index = np.repeat(np.arange(len(counts)), counts)
+    duplicate = first_duplicate(camera_index, point_index, num_cameras)
+    if duplicate is not None:
+        row = duplicate[1]
+        raise text.error(f"frame {camera_index[row]} observes this point twice", int(views[row]))
+    return _Tracks(
+        text.values[text.lines.first[:, None] + np.arange(3)],
+        camera_index.astype(np.int32),
+        point_index.astype(np.int32),
+        text.values[views[:, None] + np.array([1, 2])],
+        None if width == _VIEW_WIDTHS[0] else _sigma(text, views, width),
+    )
+
+
+def _view_counts(text: NumberText) -> tuple[NDArray[np.int64], int]:
+    """Count the views of each point, and how many numbers one view takes in this file."""
+    lines = text.lines
+    text.require_line_counts(lines.count >= _POINT_NUMBERS, "at least 4 (X Y Z and the number of frames)")
+    counts = text.integers(lines.first + 3, "number of frames", 0, LARGEST_COUNT)
+    fits = {width: lines.count == _POINT_NUMBERS + width * counts for width in _VIEW_WIDTHS}
+    width = max(_VIEW_WIDTHS, key=lambda w: _leading(fits[w]))
+    text.require_line_counts(fits[width], f"4 + {width} for each of the frames announced by the fourth")
+    return counts, width
+
+
+def _leading(good: BoolArray) -> int:
+    """How many are true before the first that is false."""
+    return len(good) if good.all() else int(np.argmin(good))
+
+
+def _sigma(text: NumberText, views: NDArray[np.int64], width: int) -> FloatArray:
+    covariances = text.values[views[:, None] + np.arange(3, width)]
+    variance, cross = covariances[:, 0], covariances[:, 1:-1]
+    good = (variance > 0) & (variance == covariances[:, -1]) & (cross == 0).all(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise text.error(f"covariance {covariances[row]} is not σ² times the identity", int(views[row]))
+    return np.asarray(np.sqrt(variance))
+
+
+def _read_beside(cameras: Path) -> Problem:
+    points = points_path(cameras)
+    if cameras.is_file() and not points.exists():
+        raise DatasetError(cameras, f"the points file {points.name!r} is not beside it")
+    return read_sba(cameras, points)
+
+
+def _claims(path: Path) -> bool:
+    return is_cameras_name(path) and not _starts_like_bal(path)
+
+
+def _starts_like_bal(path: Path) -> bool:
+    """Whether the first line has three words: BAL's has, a line of a cameras file has more."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        words = file.readline(_FIRST_LINE_BYTES).split()
+    return len(words) == 3 and not words[0].startswith(b"#")
+
+
+FORMAT = Format(
+    "sba",
+    "sba's demonstration format: …cams….txt with …pts.txt and calib.txt beside it",
+    ("cams*.txt",),
+    _read_beside,
+    write_sba,
+    _claims,
+)

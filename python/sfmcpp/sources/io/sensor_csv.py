@@ -1,0 +1,202 @@
+"""Sensor measurements from CSV: a header of names with units, then one line for each time stamp.
+
+For example::
+
+    t [s],speed [km/h],wx [deg/s],wy [deg/s],wz [deg/s]
+    0.00,36.1,0.1,0.0,-2.5
+    0.04,36.0,,,
+
+A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
+file. EuRoC's ``imu0/data.csv`` is read as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_quaternion
+from sfmcpp.model import SensorStream
+from sfmcpp.model.arrays import FloatArray, finite_array
+from sfmcpp.model.sensor_stream import ImplausibleSample
+from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.sensor_columns import GROUPS, Column, parse_column
+
+UNIT_QUATERNION_TOLERANCE = 1e-2
+
+# Beside the columns, the line of the file that each row stands on.
+_LINE = "line"
+
+Table = dict[str, FloatArray]
+
+
+def read_sensor_csv(
+    path: str | PathLike[str], *, max_gap_s: float | None = None, clock_offset_s: float = 0.0
+) -> dict[str, SensorStream]:
+    """Read all the streams of a CSV file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; columns are ``t``; ``speed``; ``distance``; ``vx vy vz``; ``wx wy wz``; ``x y z``;
+        ``qw qx qy qz`` or ``rx ry rz`` (world_from_body); ``lat lon height``, each with its unit in brackets.
+    max_gap_s : float, optional
+        See :class:`SensorStream`.
+    clock_offset_s : float
+        Camera time − sensor time, added to every stamp [s].
+
+    Returns
+    -------
+    dict of str to SensorStream
+        By kind, in the units of :class:`SensorStream`. Position with orientation is a ``"pose"``.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read; a column is unknown or lacks its unit or its companions; a cell is no
+        finite number; the times do not increase; or a stream breaks a rule of :class:`SensorStream`, such as
+        a unit that cannot be right.
+    """
+    source = Path(path)
+    with failures_named(source):
+        lines = _lines(source)
+    columns = _columns(source, *next(lines, (1, "")))
+    cells = _cells(source, columns, lines)
+    try:
+        streams = _streams(source, cells, max_gap_s)
+        return {kind: stream.shifted(clock_offset_s) for kind, stream in streams.items()}
+    except InvalidArgument as error:
+        raise DatasetError(source, str(error)) from error
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines that are not empty, with their numbers."""
+    if not path.exists():
+        raise DatasetError(path, "no such file or directory")
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DatasetError(path, f"is no UTF-8 text ({error.reason} at byte {error.start})") from error
+    return ((number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip())
+
+
+def _columns(path: Path, number: int, header: str) -> list[Column | None]:
+    try:
+        columns = [parse_column(cell.strip()) for cell in header.split(",")]
+    except ValueError as error:
+        raise DatasetError(path, str(error), number) from None
+    names = [column.name for column in columns if column is not None]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise DatasetError(path, f"columns named twice: {', '.join(sorted(repeated))}", number)
+    for group, (_, wanted) in GROUPS.items():
+        lacking = [name for name in wanted if name not in names]
+        if lacking and (len(lacking) < len(wanted) or group == "time"):
+            raise DatasetError(path, f"the header lacks the column {', '.join(lacking)} of {group}", number)
+    return columns
+
+
+def _cells(path: Path, columns: list[Column | None], lines: Iterator[tuple[int, str]]) -> Table:
+    """Columns by name, in our units, NaN where a cell is empty."""
+    rows = [_row(path, number, line, columns) for number, line in lines]
+    if not rows:
+        raise DatasetError(path, "holds no measurements")
+    named = [column.name for column in columns if column is not None]
+    table = dict(zip(named, np.array([row for _, row in rows]).T, strict=True))
+    late = np.flatnonzero(np.diff(table["t"]) <= 0)
+    if len(late):
+        row = int(late[0]) + 1
+        reason = f"time {table['t'][row]:.9f} s after {table['t'][row - 1]:.9f} s: must increase"
+        raise DatasetError(path, reason, rows[row][0])
+    _require_whole_groups(path, table, [number for number, _ in rows])
+    return table | {_LINE: np.array([number for number, _ in rows])}
+
+
+def _row(path: Path, number: int, line: str, columns: list[Column | None]) -> tuple[int, list[float]]:
+    cells = line.split(",")
+    if len(cells) != len(columns):
+        raise DatasetError(path, f"the line holds {len(cells)} cells: must be {len(columns)}", number)
+    return number, [
+        _number(path, number, cell.strip(), column)
+        for cell, column in zip(cells, columns, strict=True)
+        if column is not None
+    ]
+
+
+def _number(path: Path, number: int, cell: str, column: Column) -> float:
+    if not cell and column.name != "t":
+        return math.nan
+    try:
+        value = float(cell) * column.factor
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DatasetError(path, f"{column.name} is {cell!r}: must be a finite number", number)
+    return value
+
+
+def _require_whole_groups(path: Path, table: Table, numbers: list[int]) -> None:
+    for group, (_, names) in GROUPS.items():
+        if names[0] not in table:
+            continue
+        missing = np.isnan([table[name] for name in names])
+        torn = missing.any(axis=0) & ~missing.all(axis=0)
+        if torn.any():
+            reason = f"only a part of {group} ({', '.join(names)}) is given"
+            raise DatasetError(path, reason, numbers[int(np.argmax(torn))])
+
+
+def _streams(path: Path, table: Table, max_gap_s: float | None) -> dict[str, SensorStream]:
+    values: dict[str, FloatArray] = {
+        group: _group(table, group) for group in ("speed", "distance", "velocity", "angular_rate", "position")
+    }
+    values["orientation"] = _orientations(path, table)
+    if values["position"].size and values["orientation"].size:
+        values["pose"] = np.hstack([values.pop("position"), values.pop("orientation")])
+    values["geodetic"] = _geodetic(path, table)
+    return {kind: _stream(path, table, v, kind, max_gap_s) for kind, v in values.items() if v.size}
+
+
+def _stream(path: Path, table: Table, values: FloatArray, kind: str, max_gap_s: float | None) -> SensorStream:
+    given = ~np.isnan(values).any(axis=1)
+    try:
+        return SensorStream(table["t"][given], values[given], kind, kind, max_gap_s)  # type: ignore[arg-type]
+    except ImplausibleSample as error:
+        raise DatasetError(path, str(error), int(table[_LINE][given][error.sample])) from error
+
+
+def _group(table: Table, group: str) -> FloatArray:
+    """Values (n, k) of the columns of a group, (n, 0) if the file has none."""
+    names = GROUPS[group][1]
+    found = [table[name] for name in names if name in table]
+    return np.stack(found, axis=1) if found else np.empty((len(table["t"]), 0))
+
+
+def _orientations(path: Path, table: Table) -> FloatArray:
+    quaternions, vectors = _group(table, "quaternion"), _group(table, "rotation_vector")
+    if not quaternions.size:
+        return vectors
+    if vectors.size:
+        raise DatasetError(path, "gives the orientation twice: by qw qx qy qz and by rx ry rz", 1)
+    given = ~np.isnan(quaternions[:, 0])
+    unit = finite_array("quaternion", quaternions[given], (-1, 4))
+    wrong = np.abs(np.linalg.norm(unit, axis=1) - 1) > UNIT_QUATERNION_TOLERANCE
+    if wrong.any():
+        time, found = table["t"][given][wrong][0], unit[wrong][0].tolist()
+        raise DatasetError(path, f"the quaternion at {time:.6f} s is {found}: must have length 1")
+    result = np.full((len(quaternions), 3), np.nan)
+    result[given] = angle_axis_from_rotation(rotation_from_quaternion(unit))
+    return result
+
+
+def _geodetic(path: Path, table: Table) -> FloatArray:
+    horizontal, height = _group(table, "latitude_longitude"), _group(table, "height")
+    if bool(horizontal.size) != bool(height.size):
+        raise DatasetError(path, "lat, lon and height must be given together", 1)
+    return np.hstack([horizontal, height])

@@ -1,0 +1,30 @@
+"""All scenes and drives, one line each: a new one is a module with a function and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sfmcpp.model import Problem
+from sfmcpp.sources.synthetic.circle import circle_scene
+from sfmcpp.sources.synthetic.city_blocks import city_blocks_scene
+from sfmcpp.sources.synthetic.corridor import corridor_scene
+from sfmcpp.sources.synthetic.drive import SyntheticDrive
+from sfmcpp.sources.synthetic.sphere import sphere_scene
+from sfmcpp.sources.synthetic.street_loop import street_loop_scene
+from sfmcpp.sources.synthetic.table_walk import table_walk
+from sfmcpp.sources.synthetic.vehicle_drive import vehicle_drive
+
+# Each takes num_cameras, num_points, focal_px, pixel_sigma_px, camera_model, distortion and seed.
+SCENES: dict[str, Callable[..., Problem]] = {
+    "circle": circle_scene,
+    "sphere": sphere_scene,
+    "corridor": corridor_scene,
+    "street-loop": street_loop_scene,
+    "city-blocks": city_blocks_scene,
+}
+
+# Each takes length_m, frame_hz, focal_px, image_size, tracker, sensors and seed.
+DRIVES: dict[str, Callable[..., SyntheticDrive]] = {
+    "vehicle": vehicle_drive,
+    "table-walk": table_walk,
+}

@@ -1,0 +1,100 @@
+"""How far the cameras of a scene see, and what stands in their way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
+from sfmcpp.sources.synthetic.spatial_grid import SpatialGrid
+
+Hides = Callable[[FloatArray, FloatArray], BoolArray]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What limits the views of cameras besides their images.
+
+    Attributes
+    ----------
+    max_depth_m : float or (N,) float64
+        Greatest depth, along the optical axis, in which each point is still recognised [m].
+    hides : callable, optional
+        From a camera centre (3,) and points (N, 3) to a mask (N,) of those hidden from it.
+    """
+
+    max_depth_m: float | FloatArray
+    hides: Hides | None = None
+
+
+class Lookout:
+    """Projects into each camera only the points near it.
+
+    Points are sorted into one grid for each doubling of the depth in which they are recognised, so that
+    a few points recognised from afar do not make every camera look at far points.
+
+    Parameters
+    ----------
+    geometry : ImageGeometry
+        The camera.
+    points : (N, 3) float64
+        The points of the scene.
+    sight : Sight
+        What limits the views.
+    """
+
+    def __init__(self, geometry: ImageGeometry, points: FloatArray, sight: Sight) -> None:
+        self._geometry = geometry
+        self._points = points
+        self._max_depth_m = np.broadcast_to(np.asarray(sight.max_depth_m, dtype=np.float64), len(points))
+        self._hides = sight.hides
+        self._shells = _shells(geometry, points, self._max_depth_m)
+
+    def view(self, camera: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """Indices of the points that `camera` (3, 4) sees, and their pixels."""
+        near = np.concatenate([shell.near(camera) for shell in self._shells])
+        seen, pixels = self._geometry.project(camera, self._points[near], self._max_depth_m[near])
+        indices = near[seen].astype(np.int32)
+        if self._hides is None:
+            return indices, pixels
+        in_sight = ~self._hides(camera[:, 3], self._points[indices])
+        return indices[in_sight], pixels[in_sight]
+
+
+@dataclass(frozen=True)
+class _Shell:
+    """The points recognised in similar depths."""
+
+    indices: NDArray[np.intp]
+    grid: SpatialGrid
+    ahead_m: float
+
+    def near(self, camera: FloatArray) -> NDArray[np.intp]:
+        middle_of_view = camera[:, 3] + self.ahead_m * camera[:, 2]
+        return self.indices[self.grid.near(middle_of_view)]
+
+
+def _shells(geometry: ImageGeometry, points: FloatArray, max_depth_m: FloatArray) -> list[_Shell]:
+    octaves = np.floor(np.log2(max_depth_m))
+    members = (np.flatnonzero(octaves == octave) for octave in np.unique(octaves))
+    return [_shell(geometry, points, indices, float(max_depth_m[indices].max())) for indices in members]
+
+
+def _shell(geometry: ImageGeometry, points: FloatArray, indices: NDArray[np.intp], depth_m: float) -> _Shell:
+    ahead_m, radius_m = _sphere_around_view(depth_m, geometry.corner_tangent)
+    return _Shell(indices, SpatialGrid(points[indices], radius_m), ahead_m)
+
+
+def _sphere_around_view(depth_m: float, corner_tangent: float) -> tuple[float, float]:
+    """Centre on the optical axis, and radius, of the smallest sphere around a view of that depth [m].
+
+    It passes through the corners at the far end, and through the camera too if the view is narrow.
+    """
+    if corner_tangent >= 1:
+        return depth_m, depth_m * corner_tangent
+    radius_m = depth_m * (1 + corner_tangent**2) / 2
+    return radius_m, radius_m

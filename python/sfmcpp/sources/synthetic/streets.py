@@ -1,0 +1,119 @@
+"""A city of equal blocks: routes along its streets, house fronts beside them, and what the houses hide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.synthetic.geometry import UP, looking_at
+
+CAMERA_HEIGHT_M = 2.0
+LOOK_AHEAD_M = 12.0
+FRONT_HEIGHT_M = 7.5
+# Balconies and bay windows: how far fronts stand out, so that no street is made of two planes.
+_RELIEF_M = 0.5
+
+
+@dataclass(frozen=True)
+class StreetGrid:
+    """A city without end: streets of one width around blocks of one size, all of it house.
+
+    The axes of the streets are the lines where x or y is a multiple of `pitch_m`.
+
+    Attributes
+    ----------
+    pitch_m : (float, float)
+        From one street's axis to the next, along x and along y [m].
+    street_m : float
+        Width of the streets [m]; less than either pitch.
+    """
+
+    pitch_m: tuple[float, float]
+    street_m: float
+
+    def hides(self, centre: FloatArray, points: FloatArray) -> BoolArray:
+        """(N,) whether a house stands between `centre` (3,) and each of `points` (N, 3)."""
+        pitch = np.array(self.pitch_m)
+        start, way = centre[:2], points[:, :2] - centre[:2]
+        first = np.floor(np.minimum(start, points[:, :2]) / pitch)
+        last = np.floor(np.maximum(start, points[:, :2]) / pitch)
+        hidden = np.zeros(len(points), dtype=np.bool_)
+        most_right, most_up = (last - first).max(axis=0, initial=0).astype(int)
+        for block in product(range(most_right + 1), range(most_up + 1)):
+            corner = (first + block) * pitch + self.street_m / 2
+            hidden |= _enters(start, way, corner, corner + pitch - self.street_m)
+        return hidden
+
+    def reliefs_m(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count,) how far points of fronts stand out into the street [m]."""
+        return rng.uniform(0, min(_RELIEF_M, self.street_m / 4), count)
+
+
+def _enters(start: FloatArray, way: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolArray:
+    """Whether the ways (N, 2) from `start` pass through the inside of their rectangles (slab method)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_lower, to_upper = (lower - start) / way, (upper - start) / way
+    entry = np.minimum(to_lower, to_upper).max(axis=1)
+    exit_ = np.maximum(to_lower, to_upper).min(axis=1)
+    inside: BoolArray = np.maximum(entry, 0) < np.minimum(exit_, 1)
+    return inside
+
+
+class Route:
+    """A way along the axes of streets, from crossing to crossing.
+
+    Parameters
+    ----------
+    grid : StreetGrid
+        The city.
+    crossings : (K, 2) int
+        Each next to the one before it, counted in streets along x and y.
+    """
+
+    def __init__(self, grid: StreetGrid, crossings: ArrayLike) -> None:
+        self._grid = grid
+        self._corners = np.asarray(crossings) * np.array(grid.pitch_m)
+        steps = np.diff(self._corners, axis=0)
+        self._lengths_m = np.linalg.norm(steps, axis=1)
+        self._directions = steps / self._lengths_m[:, None]
+        self._driven_m = np.concatenate([[0.0], np.cumsum(self._lengths_m)])
+
+    def at(self, driven_m: FloatArray) -> FloatArray:
+        """(N, 2) place after so many metres (N,)."""
+        return np.stack([np.interp(driven_m, self._driven_m, axis) for axis in self._corners.T], axis=1)
+
+    def drive(self, driven_m: FloatArray, yaw_deg: float = 0.0) -> FloatArray:
+        """(N, 3, 4) cameras of a vehicle after so many metres (N,), level.
+
+        They look at the place where the vehicle will be a little later, so they turn before the corners, or
+        `yaw_deg` to the left of that.
+        """
+        places = self.at(driven_m)
+        ahead = (self.at(driven_m + LOOK_AHEAD_M) - places) @ _turned_left(yaw_deg).T
+        centres = np.column_stack([places, np.full(len(places), CAMERA_HEIGHT_M)])
+        return looking_at(centres, centres + np.column_stack([ahead, np.zeros(len(places))]), UP)
+
+    def fronts(self, driven_m: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """(N, 3) points on the house fronts left and right of the places after so many metres (N,).
+
+        Crossings have no fronts: each stretch between two of them is compressed to the block beside it.
+        """
+        count = len(driven_m)
+        stretch = np.searchsorted(self._driven_m[1:-1], driven_m, side="right")
+        length_m, forward = self._lengths_m[stretch], self._directions[stretch]
+        share = (driven_m - self._driven_m[stretch]) / length_m
+        street_m = self._grid.street_m
+        along_m = street_m / 2 + share * (length_m - street_m)
+        aside_m = rng.choice([-1.0, 1.0], count) * (street_m / 2 - self._grid.reliefs_m(count, rng))
+        left = forward @ _turned_left(90.0).T
+        place = self._corners[stretch] + along_m[:, None] * forward + aside_m[:, None] * left
+        return np.column_stack([place, rng.uniform(0, FRONT_HEIGHT_M, count)])
+
+
+def _turned_left(angle_deg: float) -> FloatArray:
+    angle = np.deg2rad(angle_deg)
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

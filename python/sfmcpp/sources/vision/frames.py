@@ -1,0 +1,190 @@
+"""Frames of a camera: the images of a folder, or those of a video, as grey levels."""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.vision._opencv import load_cv2
+
+GreyImage = NDArray[np.uint8]
+
+PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
+# Containers only estimate how many frames they hold; a file that was cut short misses more.
+_LEAST_DECODED_PART = 0.9
+
+
+class Frames(ABC):
+    """Images of one size, in the order in which they were taken.
+
+    Attributes
+    ----------
+    path : Path
+        The folder, or the video.
+    fps : float or None
+        Frames per second, where the source tells.
+    """
+
+    path: Path
+    fps: float | None = None
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of frames; for a video what its container says, which can be a few too many."""
+
+    @property
+    def fewest(self) -> int:
+        """Fewest frames that there can be."""
+        return len(self)
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[GreyImage]:
+        """Each frame (height, width) uint8, decoded when it is asked for."""
+
+
+def open_frames(path: str | PathLike[str]) -> Frames:
+    """Open a folder of images or a video.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder: its files with a suffix of `PICTURES`, by name, numbers in names by their value; what else
+        it holds is left alone. Or a file that OpenCV decodes as a video. The pixels are taken as they are
+        stored, whatever orientation the file asks to be shown in.
+
+    Returns
+    -------
+    Frames
+        To iterate as often as wanted.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such file, no image in the folder, no frame in the video, or OpenCV is not installed;
+        and while iterating, if an image cannot be decoded, or its size differs from that of the first.
+    """
+    source = Path(path)
+    try:
+        cv2 = load_cv2()
+    except ModuleNotFoundError as error:
+        raise DatasetError(source, str(error)) from None
+    if not source.exists():
+        raise DatasetError(source, "no such file or directory")
+    return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
+
+
+class _Folder(Frames):
+    def __init__(self, path: Path, cv2: ModuleType) -> None:
+        self.path, self._cv2 = path, cv2
+        try:
+            self._files = sorted((f for f in path.iterdir() if _is_picture(f)), key=_natural_order)
+        except OSError as error:
+            raise _unreadable(path, error) from error
+        if not self._files:
+            raise DatasetError(path, f"holds no image: must have files named {', '.join(PICTURES)}")
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def __iter__(self) -> Iterator[GreyImage]:
+        first: tuple[int, ...] | None = None
+        for file in self._files:
+            image = self._read(file)
+            first = first or image.shape
+            _require_size(file, image.shape, first, self._files[0].name)
+            yield image
+
+    def _read(self, file: Path) -> GreyImage:
+        try:
+            data = np.frombuffer(file.read_bytes(), np.uint8)
+        except OSError as error:
+            raise _unreadable(file, error) from error
+        flags = self._cv2.IMREAD_GRAYSCALE | self._cv2.IMREAD_IGNORE_ORIENTATION
+        try:
+            image = self._cv2.imdecode(data, flags) if len(data) else None
+        except self._cv2.error:
+            image = None
+        if image is None:
+            raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)")
+        return np.asarray(image, dtype=np.uint8)
+
+
+class _Video(Frames):
+    def __init__(self, path: Path, cv2: ModuleType) -> None:
+        self.path, self._cv2 = path, cv2
+        video = self._open()
+        self._count = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
+        fps = float(video.get(cv2.CAP_PROP_FPS))
+        self.fps = fps if math.isfinite(fps) and fps > 0 else None
+        readable, _ = video.read()
+        video.release()
+        if not readable:
+            raise DatasetError(path, "the video has no frame")
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def fewest(self) -> int:
+        return math.ceil(_LEAST_DECODED_PART * self._count)
+
+    def __iter__(self) -> Iterator[GreyImage]:
+        video = self._open()
+        decoded, first = 0, None
+        try:
+            while (image := self._next(video)) is not None:
+                first = first or image.shape
+                _require_size(self.path, image.shape, first, f"frame 0, in frame {decoded}")
+                decoded += 1
+                yield image
+        finally:
+            video.release()
+        if decoded < self.fewest:
+            reason = f"only {decoded} of the {self._count} frames that it declares can be decoded"
+            raise DatasetError(self.path, reason)
+
+    def _open(self) -> Any:
+        video = self._cv2.VideoCapture(str(self.path))
+        if not video.isOpened():
+            raise DatasetError(self.path, "is no video that can be decoded")
+        video.set(self._cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        return video
+
+    def _next(self, video: Any) -> GreyImage | None:
+        readable, image = video.read()
+        if not readable:
+            return None
+        grey = image if image.ndim == 2 else self._cv2.cvtColor(image, self._cv2.COLOR_BGR2GRAY)
+        return np.asarray(grey, dtype=np.uint8)
+
+
+def _is_picture(file: Path) -> bool:
+    # Some systems leave a hidden companion, ._name.png, beside each file.
+    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+
+
+def _natural_order(file: Path) -> tuple[list[tuple[int, str]], str]:
+    """Key by which image2 comes before image10."""
+    words = re.findall(r"[0-9]+|[^0-9]+", file.name)
+    return [(int(word), "") if word[0].isdecimal() else (-1, word) for word in words], file.name
+
+
+def _require_size(file: Path, shape: tuple[int, ...], first: tuple[int, ...], of: str) -> None:
+    if shape != first:
+        sizes = f"{shape[1]}×{shape[0]} pixels: must be {first[1]}×{first[0]}"
+        raise DatasetError(file, f"has {sizes} as {of}")
+
+
+def _unreadable(path: Path, error: OSError) -> DatasetError:
+    return DatasetError(path, (error.strerror or str(error)).lower())

@@ -1,0 +1,272 @@
+"""Tracks of corners through images.
+
+Corners are those whose structure tensor has a large smaller eigenvalue (Shi and Tomasi, "Good features to
+track", CVPR 1994), or a large determinant beside its trace (Harris and Stephens, "A combined corner and edge
+detector", Alvey 1988), some in each cell of a grid so that they cover the image. They are followed from each
+frame to the next by the pyramidal method of Lucas and Kanade (Bouguet, Intel 2000), and back again: those
+that do not come back to where they started are dropped (Kalal, Mikolajczyk and Matas, "Forward-backward
+error", ICPR 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.sources.vision._opencv import load_cv2
+from sfmcpp.sources.vision.frames import GreyImage
+from sfmcpp.sources.vision.klt_settings import KltSettings
+
+Corners = NDArray[np.float32]
+
+# Harris and Stephens' k in det − k tr².
+_HARRIS_K = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFeatures:
+    """What one frame sees.
+
+    Attributes
+    ----------
+    tracks : (n,) int32
+        Tracks, ascending.
+    pixels : (n, 2) float64
+        Where, the centre of the first pixel being (0, 0) [px].
+    """
+
+    tracks: IndexArray
+    pixels: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTracks:
+    """M observations of tracks in the frames of one camera.
+
+    Attributes
+    ----------
+    num_frames : int
+        Frames looked at.
+    width, height : int
+        Size of each [px].
+    frame_index, track_index : (M,) int32
+        Frame and track of each observation, by frame and then by track; a track sees consecutive frames.
+    pixels : (M, 2) float64
+        Where, the centre of the first pixel being (0, 0) [px].
+    """
+
+    num_frames: int
+    width: int
+    height: int
+    frame_index: IndexArray
+    track_index: IndexArray
+    pixels: FloatArray
+
+
+def follow_features(
+    frames: Iterable[GreyImage], settings: KltSettings | None = None
+) -> Iterator[FrameFeatures]:
+    """Follow corners through images as they come; the same images give the same tracks.
+
+    Only the last image and its corners are kept.
+
+    Parameters
+    ----------
+    frames : iterable of (height, width) uint8
+        Images of one size; each is looked at when its features are asked for.
+    settings : KltSettings, optional
+        Default: that of a car's camera.
+
+    Yields
+    ------
+    FrameFeatures
+        Of each frame. Each new corner has a new track, numbered from 0; a track sees consecutive frames.
+
+    Raises
+    ------
+    InvalidArgument
+        If a frame is not of uint8 numbers (height, width), or of another size than the first.
+    ModuleNotFoundError
+        If OpenCV is not installed.
+    """
+    tracker: _Tracker | None = None
+    for number, image in enumerate(frames):
+        _require_grey(number, image, tracker)
+        tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
+        yield tracker.look_at(image)
+
+
+def track_features(
+    frames: Iterable[GreyImage],
+    settings: KltSettings | None = None,
+    *,
+    callback: Callable[[int], None] | None = None,
+) -> FeatureTracks:
+    """Follow corners through all images: :func:`follow_features`, collected.
+
+    Parameters
+    ----------
+    frames : iterable of (height, width) uint8
+        Images of one size; looked at once, two at a time.
+    settings : KltSettings, optional
+        Default: that of a car's camera.
+    callback : callable, optional
+        Called with the number of each frame when it has been looked at.
+
+    Returns
+    -------
+    FeatureTracks
+        Each new corner has a new track, numbered from 0.
+
+    Raises
+    ------
+    InvalidArgument
+        If a frame is not of uint8 numbers (height, width), or of another size than the first.
+    ModuleNotFoundError
+        If OpenCV is not installed.
+    """
+    shape, seen = (0, 0), []
+
+    def with_shape_noted() -> Iterator[GreyImage]:
+        nonlocal shape
+        for image in frames:
+            shape = image.shape
+            yield image
+
+    for number, features in enumerate(follow_features(with_shape_noted(), settings)):
+        seen.append(features)
+        if callback is not None:
+            callback(number)
+    return _joined(shape, seen)
+
+
+@dataclass(eq=False)
+class _Tracker:
+    """The last image, and the corners followed in it."""
+
+    cv2: ModuleType
+    settings: KltSettings
+    shape: tuple[int, int]
+    corners: Corners = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    tracks: IndexArray = field(default_factory=lambda: np.empty(0, np.int32))
+    image: GreyImage | None = None
+    next_track: int = 0
+
+    def look_at(self, image: GreyImage) -> FrameFeatures:
+        """Follow the corners into `image`, and fill up its cells."""
+        if self.image is not None and len(self.corners):
+            moved, good = self._followed(self.image, image)
+            self.corners, self.tracks = moved[good], self.tracks[good]
+        self.image = image
+        self._add(self._new_corners(image))
+        return FrameFeatures(self.tracks, self.corners.astype(np.float64))
+
+    def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
+        moved, found, residual = self._flow(before, image, self.corners)
+        back, found_back, _ = self._flow(image, before, moved)
+        distance = np.linalg.norm(back - self.corners, axis=1)
+        good = found & found_back & (distance <= self.settings.forward_backward_px)
+        return moved, good & (residual <= self.settings.max_residual) & self._inside(moved)
+
+    def _flow(
+        self, a: GreyImage, b: GreyImage, corners: Corners
+    ) -> tuple[Corners, BoolArray, NDArray[np.float32]]:
+        window = (self.settings.window_px,) * 2
+        stop = (self.cv2.TERM_CRITERIA_EPS | self.cv2.TERM_CRITERIA_COUNT, 30, 0.005)
+        levels = self.settings.levels
+        moved, found, residual = self.cv2.calcOpticalFlowPyrLK(
+            a, b, corners, None, winSize=window, maxLevel=levels, criteria=stop
+        )
+        return moved, found[:, 0].astype(np.bool_), residual[:, 0]
+
+    @property
+    def _border_px(self) -> int:
+        return self.settings.window_px // 2
+
+    def _inside(self, corners: Corners) -> BoolArray:
+        """Those whose square lies in the image."""
+        height, width = self.shape
+        last = np.array([width, height]) - 1 - self._border_px
+        return np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
+
+    def _new_corners(self, image: GreyImage) -> Corners:
+        """The strongest where cells lack some."""
+        wanted = self.settings.per_cell - self._cell_counts()
+        mask = self._free_pixels()
+        if not (wanted > 0).any() or not mask.any():
+            return np.empty((0, 2), np.float32)
+        harris, quality = self.settings.corners == "harris", self.settings.quality
+        found = self.cv2.goodFeaturesToTrack(
+            image,
+            0,
+            quality**2 if harris else quality,
+            self.settings.min_distance_px,
+            mask=mask,
+            blockSize=5,
+            useHarrisDetector=harris,
+            k=_HARRIS_K,
+        )
+        if found is None:
+            return np.empty((0, 2), np.float32)
+        corners: Corners = found.reshape(-1, 2)
+        cells = self._cells(corners)
+        return corners[_rank_within(cells) < wanted[cells]]
+
+    def _free_pixels(self) -> GreyImage:
+        """Where a new corner may be: away from the border and from the corners there are."""
+        free = np.zeros(self.shape, np.uint8)
+        edge = self._border_px
+        free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255
+        taken = np.full(self.shape, 255, np.uint8)
+        columns, rows = np.round(self.corners).astype(np.int64).T
+        taken[rows, columns] = 0
+        size = 2 * self.settings.min_distance_px + 1
+        return np.asarray(free & self.cv2.erode(taken, np.ones((size, size), np.uint8)))
+
+    def _cells(self, corners: Corners) -> NDArray[np.int64]:
+        height, width = self.shape
+        columns, rows = self.settings.columns, self.settings.rows
+        column = np.minimum(corners[:, 0] * columns / width, columns - 1).astype(np.int64)
+        row = np.minimum(corners[:, 1] * rows / height, rows - 1).astype(np.int64)
+        return np.asarray(row * columns + column)
+
+    def _cell_counts(self) -> NDArray[np.int64]:
+        return np.bincount(self._cells(self.corners), minlength=self.settings.columns * self.settings.rows)
+
+    def _add(self, corners: Corners) -> None:
+        numbers = np.arange(self.next_track, self.next_track + len(corners), dtype=np.int32)
+        self.next_track += len(corners)
+        self.corners = np.concatenate([self.corners, corners])
+        self.tracks = np.concatenate([self.tracks, numbers])
+
+
+def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of the same group come before each."""
+    order = np.argsort(groups, kind="stable")
+    ordered = groups[order]
+    ranks = np.empty(len(groups), dtype=np.int64)
+    ranks[order] = np.arange(len(groups)) - np.searchsorted(ordered, ordered)
+    return ranks
+
+
+def _joined(shape: tuple[int, ...], seen: list[FrameFeatures]) -> FeatureTracks:
+    height, width = shape
+    frames = np.repeat(np.arange(len(seen), dtype=np.int32), [len(features.tracks) for features in seen])
+    tracks = np.concatenate([np.empty(0, np.int32), *(features.tracks for features in seen)])
+    pixels = np.concatenate([np.empty((0, 2)), *(features.pixels for features in seen)])
+    return FeatureTracks(len(seen), width, height, frames, tracks, pixels)
+
+
+def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
+    if image.dtype != np.uint8 or image.ndim != 2:
+        found = f"{image.dtype} {image.shape}"
+        raise InvalidArgument(f"frames[{number}] is {found}: must be uint8 (height, width)")
+    if tracker is not None and image.shape != tracker.shape:
+        rule = f"must be {tracker.shape} as the first"
+        raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")

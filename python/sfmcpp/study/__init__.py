@@ -1,0 +1,1 @@
+"""What came out: trajectories measured against the truth (`evaluation`), and pictures (`plotting`)."""

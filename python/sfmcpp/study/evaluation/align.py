@@ -1,0 +1,156 @@
+"""Bringing an estimated trajectory into the frame of the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
+from sfmcpp.model import Trajectory
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.study.evaluation.associate import Matched
+
+ALIGN_BY = ("positions", "poses")
+# Positions thinner than this, across over along, hardly tell the rotation about their line.
+STRAIGHT = 0.05
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class AlignmentRule:
+    """Which pairs an alignment is fitted to.
+
+    Attributes
+    ----------
+    mode : str
+        ``"first"``, ``"all"`` or ``"none"``.
+    amount : float
+        For ``"first"``: a share of the pairs if below 1, else their number.
+    """
+
+    mode: str
+    amount: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> AlignmentRule:
+        """Understand ``"all"``, ``"none"``, ``"first:0.1"`` (the first tenth) or ``"first:20"``.
+
+        Raises
+        ------
+        InvalidArgument
+            If `text` is none of these.
+        """
+        if text in ("all", "none"):
+            return cls(text)
+        mode, _, amount = text.partition(":")
+        try:
+            value = float(amount)
+        except ValueError:
+            value = math.nan
+        if mode != "first" or not (0 < value < 1 or (value >= _FEWEST and value.is_integer())):
+            raise InvalidArgument(
+                f"align = {text!r}: must be all, none, first:SHARE with a share below 1, or first:COUNT with "
+                f"a count of {_FEWEST} or more"
+            )
+        return cls(mode, value)
+
+    def count(self, pairs: int) -> int:
+        """How many of the first `pairs` are used; a share is rounded up, and three are the fewest."""
+        if self.mode != "first":
+            return pairs if self.mode == "all" else 0
+        wanted = math.ceil(self.amount * pairs) if self.amount < 1 else int(self.amount)
+        return min(pairs, max(wanted, _FEWEST))
+
+    def __str__(self) -> str:
+        return f"first:{self.amount:g}" if self.mode == "first" else self.mode
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A similarity truth_from_estimate, and what it was fitted to.
+
+    Attributes
+    ----------
+    rule : AlignmentRule
+        What was asked for.
+    by : str
+        ``"positions"`` or ``"poses"``.
+    with_scale : bool
+        Whether the scale was fitted too.
+    similarity : Similarity
+        What was applied.
+    count : int
+        Number of pairs it was fitted to.
+    thinness : float
+        Extent of these positions across their main direction over that along it: 0 on a straight line.
+    """
+
+    rule: AlignmentRule
+    by: str
+    with_scale: bool
+    similarity: Similarity
+    count: int
+    thinness: float
+
+    @property
+    def warning(self) -> str:
+        """What makes the alignment doubtful, or nothing."""
+        if not self.count or self.by == "poses" or self.thinness >= STRAIGHT:
+            return ""
+        return (
+            f"the {self.count} positions aligned run straight to within {100 * self.thinness:.2g} % of their "
+            "length: the rotation about their line is hardly determined; align by poses, or all"
+        )
+
+
+def align(
+    pairs: Matched, rule: AlignmentRule, with_scale: bool = True, by: str = "positions"
+) -> tuple[Trajectory, Alignment]:
+    """Move an estimated trajectory to where it fits the truth best.
+
+    Parameters
+    ----------
+    pairs : Matched
+        Estimated and true poses.
+    rule : AlignmentRule
+        Which pairs to fit: the thesis (§5.4.1) takes the first five, evo all.
+    with_scale : bool
+        A similarity if true, else a rigid motion.
+    by : str
+        ``"positions"``: least squares over the positions, as the thesis and evo do. ``"poses"``: the
+        orientations too, which also holds on a straight line (see :func:`fit_pose_similarity`).
+
+    Returns
+    -------
+    aligned : Trajectory
+        All estimated poses, in the frame of the truth.
+    alignment : Alignment
+        How they got there.
+
+    Raises
+    ------
+    InvalidArgument
+        If `by` is unknown, there are too few pairs, or their positions do not determine the alignment.
+    """
+    if by not in ALIGN_BY:
+        raise InvalidArgument(f"by = {by!r}: must be one of {', '.join(ALIGN_BY)}")
+    count = rule.count(len(pairs))
+    similarity = _fitted(pairs, count, with_scale, by) if count else Similarity.identity()
+    thinness = min(_thinness(t.centres[:count]) for t in (pairs.estimate, pairs.truth)) if count else 0.0
+    aligned = pairs.estimate.with_poses(similarity.apply_to_poses(pairs.estimate.poses))
+    return aligned, Alignment(rule, by, with_scale and count > 0, similarity, count, thinness)
+
+
+def _fitted(pairs: Matched, count: int, with_scale: bool, by: str) -> Similarity:
+    source, target = pairs.estimate.poses[:count], pairs.truth.poses[:count]
+    if by == "poses":
+        return fit_pose_similarity(source, target, with_scale=with_scale)
+    return fit_similarity(source[:, :, 3], target[:, :, 3], with_scale=with_scale)
+
+
+def _thinness(positions: FloatArray) -> float:
+    extents = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
+    return float(extents[1] / extents[0]) if len(extents) > 1 and extents[0] > 0 else 0.0

@@ -1,0 +1,147 @@
+"""Which true pose belongs to which estimated one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import Trajectory
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors import interpolate_poses
+
+# As evo's default.
+NEAREST_WITHIN_S = 0.01
+INTERPOLATED_WITHIN_S = 0.5
+MATCHES = ("nearest", "interpolate")
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Pairs of poses: row i of one belongs to row i of the other.
+
+    Attributes
+    ----------
+    estimate, truth : Trajectory
+        As many poses each.
+    """
+
+    estimate: Trajectory
+    truth: Trajectory
+
+    def __len__(self) -> int:
+        return len(self.estimate)
+
+
+def associate(
+    estimate: Trajectory, truth: Trajectory, match: str = "nearest", max_difference_s: float | None = None
+) -> Matched:
+    """Pair the poses of two trajectories by time; by order, if one of them has no times.
+
+    Parameters
+    ----------
+    estimate, truth : Trajectory
+        The two.
+    match : str
+        ``"nearest"``: each pose of the shorter one with the pose nearest in time of the longer one, as evo
+        does. ``"interpolate"``: the truth interpolated to the time of each estimated pose, as the thesis does
+        (§5.4.1).
+    max_difference_s : float, optional
+        How far in time the nearest pose may be [s]. Default: 0.01 for ``"nearest"``, 0.5 for
+        ``"interpolate"``.
+
+    Returns
+    -------
+    Matched
+
+    Raises
+    ------
+    InvalidArgument
+        If nothing matches; one has no times and the other not as many poses; or an option breaks its rule.
+    """
+    if match not in MATCHES:
+        raise InvalidArgument(f"match = {match!r}: must be one of {', '.join(MATCHES)}")
+    if not (estimate.stamped and truth.stamped):
+        return _by_order(estimate, truth)
+    if match == "interpolate":
+        return _interpolated(estimate, truth, _limit(max_difference_s, INTERPOLATED_WITHIN_S))
+    return _nearest(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
+
+
+def nearest_rows(t_s: FloatArray, times_s: FloatArray) -> Rows:
+    """Row of the stamp nearest to each of several times.
+
+    Parameters
+    ----------
+    t_s : (n,) float64
+        Stamps [s], increasing, n ≥ 1.
+    times_s : (m,) float64
+        Times [s].
+
+    Returns
+    -------
+    (m,) int64
+    """
+    after = np.clip(np.searchsorted(t_s, times_s), 1, max(len(t_s) - 1, 1))
+    before = after - 1
+    if len(t_s) == 1:
+        return np.zeros(len(times_s), dtype=np.int64)
+    return np.where(times_s - t_s[before] <= t_s[after] - times_s, before, after)
+
+
+def _limit(given: float | None, default: float) -> float:
+    limit = default if given is None else given
+    if not (np.isfinite(limit) and limit >= 0):
+        raise InvalidArgument(f"max_difference_s = {limit}: must be finite and not negative")
+    return limit
+
+
+def _by_order(estimate: Trajectory, truth: Trajectory) -> Matched:
+    if len(estimate) != len(truth):
+        raise InvalidArgument(
+            f"truth: has {len(truth)} poses and the estimate {len(estimate)}: must be as many, since one of "
+            "them has no times to match by"
+        )
+    return Matched(estimate, truth)
+
+
+def _nearest(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
+    swap = len(estimate) > len(truth)
+    short, long = (truth, estimate) if swap else (estimate, truth)
+    rows = nearest_rows(long.t_s, short.t_s)
+    difference = np.abs(long.t_s[rows] - short.t_s)
+    kept = _closest_of_each(rows, difference, limit_s)
+    _require_some(kept, estimate, truth, limit_s)
+    one, other = short.at(kept), long.at(rows[kept])
+    return Matched(other, one) if swap else Matched(one, other)
+
+
+def _closest_of_each(rows: Rows, difference: FloatArray, limit_s: float) -> Rows:
+    """Of all that chose the same row, the one nearest to it; none beyond the limit."""
+    order = np.lexsort((difference, rows))
+    first = np.concatenate([[True], np.diff(rows[order]) > 0])
+    chosen = np.sort(order[first])
+    return np.asarray(chosen[difference[chosen] <= limit_s])
+
+
+def _interpolated(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
+    times = estimate.t_s
+    inside = (times >= truth.t_s[0]) & (times <= truth.t_s[-1])
+    near = np.abs(truth.t_s[nearest_rows(truth.t_s, times)] - times) <= limit_s
+    kept = np.flatnonzero(inside & near)
+    _require_some(kept, estimate, truth, limit_s)
+    poses = interpolate_poses(truth.t_s, truth.poses, times[kept])
+    return Matched(estimate.at(kept), Trajectory(times[kept], poses))
+
+
+def _require_some(kept: Rows, estimate: Trajectory, truth: Trajectory, limit_s: float) -> None:
+    if not len(kept):
+        raise InvalidArgument(
+            f"truth: no pose within {limit_s} s of any of the estimate: times go from {truth.t_s[0]:.6f} to "
+            f"{truth.t_s[-1]:.6f} s, those of the estimate from {estimate.t_s[0]:.6f} to "
+            f"{estimate.t_s[-1]:.6f} s"
+        )

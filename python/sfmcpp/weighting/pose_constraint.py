@@ -1,0 +1,150 @@
+"""What a second sensor says of one pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.checks import require_positive
+
+
+@dataclass(frozen=True)
+class ConstraintUnit:
+    """How the mean squared error of a kind relates to errors in the unit of the sensor.
+
+    Attributes
+    ----------
+    name : str
+        The unit.
+    spread : float
+        An error vector d in that unit has the mean squared error ``‖d‖² / spread``, to first order.
+    """
+
+    name: str
+    spread: float
+
+
+# A small rotation φ has ‖RᵀR̂ − I‖² = 2‖φ‖². Poses mix metres and radians: theirs is the metre's.
+CONSTRAINT_UNITS: dict[str, ConstraintUnit] = {
+    "pose": ConstraintUnit("m", 12.0),
+    "position": ConstraintUnit("m", 3.0),
+    "orientation": ConstraintUnit("rad", 4.5),
+    "orientation-reprojections": ConstraintUnit("px", math.nan),  # the number of its points
+    "displacement-pose": ConstraintUnit("m", 12.0),
+    "displacement-translation": ConstraintUnit("m", 3.0),
+    "displacement-rotation": ConstraintUnit("rad", 4.5),
+    "displacement-rotation-log": ConstraintUnit("rad", 3.0),
+    "scale": ConstraintUnit("m", 1.0),
+    "smoothing": ConstraintUnit("m", 12.0),
+    "smoothing-reprojections": ConstraintUnit("px", math.nan),
+}
+_RELATIVE = ("displacement-", "scale", "smoothing")
+
+
+@dataclass(frozen=True)
+class PoseConstraint:
+    """One row of thesis table 5.1 for one pose, the earlier pose held fixed.
+
+    Each kind reads its part of the measurement. The frames of displacements: translations are in the world
+    (thesis dt), rotations and poses in the earlier camera.
+
+    =============================  ============================================================
+    kind                           reads
+    =============================  ============================================================
+    ``pose``                       `rotation`, `translation`: the pose, world_from_camera
+    ``position``                   `translation`: the centre
+    ``orientation``                `rotation`, world_from_camera
+    ``orientation-reprojections``  `rotation`; `points`, `intrinsics` turn it into pixels
+    ``displacement-pose``          `rotation`, `translation`: previous_from_camera; `previous`
+    ``displacement-translation``   `translation`, in the world; `previous`
+    ``displacement-rotation``      `rotation`, previous_from_camera; `previous`
+    ``displacement-rotation-log``  the same; the error is an angle instead of a matrix
+    ``scale``                      `distance` between the two centres; `previous`
+    ``smoothing``                  `previous`: the projection matrices should not differ
+    ``smoothing-reprojections``    `previous`, `points`, `intrinsics`
+    =============================  ============================================================
+
+    Parameters
+    ----------
+    kind : str
+        One of `CONSTRAINT_UNITS`.
+    rotation : (3, 3) float64
+        Measured rotation.
+    translation : (3,) float64
+        Measured centre or displacement [m].
+    distance : float
+        Measured distance [m], not negative.
+    previous : (3, 4) float64
+        The earlier pose, world_from_camera.
+    points : (N, 3) float64
+        World points at which reprojections are compared, in front of both cameras.
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)`` of these reprojections.
+    sensor_sigma : float, optional
+        Declared standard deviation of the sensor, in the unit of the kind; None: unknown.
+    name : str
+        What reports call it; empty: its kind.
+
+    Raises
+    ------
+    InvalidArgument
+        If the kind is unknown or a part has the wrong shape or is not finite.
+    """
+
+    kind: str
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    translation: FloatArray = field(default_factory=lambda: np.zeros(3))
+    distance: float = 0.0
+    previous: FloatArray | None = None
+    points: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    intrinsics: FloatArray = field(default_factory=lambda: np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
+    sensor_sigma: float | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in CONSTRAINT_UNITS:
+            raise InvalidArgument(f"kind = {self.kind!r}: must be one of {', '.join(CONSTRAINT_UNITS)}")
+        if self.kind.startswith(_RELATIVE) and self.previous is None:
+            raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
+        if self.sensor_sigma is not None:
+            require_positive("sensor_sigma", self.sensor_sigma)
+        self._freeze("rotation", self.rotation, (3, 3))
+        self._freeze("translation", self.translation, (3,))
+        self._freeze("points", self.points, (ANY, 3))
+        self._freeze("intrinsics", self.intrinsics, (5,))
+        if self.previous is not None:
+            self._freeze("previous", self.previous, (3, 4))
+        if not self.name:
+            object.__setattr__(self, "name", self.kind)
+
+    def _freeze(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> None:
+        object.__setattr__(self, name, finite_array(name, value, shape))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the sensor's error."""
+        return CONSTRAINT_UNITS[self.kind].name
+
+    @property
+    def spread(self) -> float:
+        """Square of an error in `unit`, over the mean squared error it makes."""
+        spread = CONSTRAINT_UNITS[self.kind].spread
+        return float(len(self.points)) if math.isnan(spread) else spread
+
+    def arrays(self, weight: float) -> dict[str, object]:
+        """The constraint at a weight as the core takes it."""
+        return {
+            "kind": self.kind,
+            "rotation": self.rotation,
+            "translation": self.translation,
+            "distance": float(self.distance),
+            "previous": np.eye(3, 4) if self.previous is None else self.previous,
+            "points": self.points,
+            "intrinsics": self.intrinsics,
+            "weight": float(weight),
+        }

@@ -1,0 +1,266 @@
+"""Weights of sensor constraints, chosen from the data of one pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
+from sfmcpp.weighting.conflict import ConflictReport, conflict
+from sfmcpp.weighting.criteria import admissible_weights
+from sfmcpp.weighting.method import SelectionMethod, selection_method
+from sfmcpp.weighting.pose_constraint import PoseConstraint
+from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.sweep import Held, refine_pose, sweep_weights
+from sfmcpp.weighting.weights import weight_grid
+
+# Rounds over several sensors: each weight is chosen with the others in place, then once more.
+ROUNDS = 2
+# What stands in for a method in all rounds but the last: there a weight need not be
+# exact: the others are chosen beside something like it.
+_FIRST_ROUND = {"loo": "loo-approx"}
+
+
+@dataclass(frozen=True)
+class WeightSelection:
+    """A weight, and the whole curve it was chosen from.
+
+    Attributes
+    ----------
+    constraint : PoseConstraint
+        Whose weight it is.
+    method : str
+        How it was chosen.
+    weight : float
+        The chosen λ.
+    pose : (3, 4) float64
+        The pose fitted at that weight, world_from_camera.
+    weights : (W,) float64
+        The weights tried.
+    vision : (W,) float64
+        Mean squared reprojection error at each, in units of sigma_px².
+    constraint_error : (W,) float64
+        Mean squared error of the constraint at each.
+    score : (W,) float64
+        What the method minimises; infinite where it may not choose.
+    admissible : (W,) bool
+        Weights that keep at least 90 % of the inliers.
+    sensor_sigma : float
+        Standard deviation that the weight amounts to, in the constraint's unit: with it and with the noise
+        of the images, maximum likelihood has the same minimum. Infinite for λ = 0.
+    conflict : ConflictReport
+        Whether the sensor agrees with the images alone.
+    """
+
+    constraint: PoseConstraint
+    method: str
+    weight: float
+    pose: FloatArray
+    weights: FloatArray
+    vision: FloatArray
+    constraint_error: FloatArray
+    score: FloatArray
+    admissible: BoolArray
+    sensor_sigma: float
+    conflict: ConflictReport
+
+    def describe(self) -> str:
+        """What was chosen, and whether sensor and images agree, in one line."""
+        amounts = f"σ = {self.sensor_sigma:.3g} {self.constraint.unit}" if self.weight > 0 else "left out"
+        return f"λ = {self.weight:.3g} by {self.method} ({amounts}); {self.conflict.describe()}"
+
+
+def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixel_sigma: float) -> float:
+    """Standard deviation of a sensor that a weight amounts to.
+
+    ``1/n Σ‖r‖² + λ² ‖d‖²/spread`` is, up to a factor, the log-likelihood
+    ``Σ‖r‖²/σ_px² + ‖d‖²/σ²`` with ``σ = σ_px √(spread / n) / λ``.
+
+    Parameters
+    ----------
+    constraint : PoseConstraint
+        The constraint.
+    weight : float
+        Its weight λ.
+    count : int
+        Number n of observations.
+    pixel_sigma : float
+        Standard deviation of the images, in the units of their errors.
+
+    Returns
+    -------
+    float
+        Standard deviation of each component, in the constraint's unit; infinite for λ = 0.
+    """
+    if weight == 0:
+        return float("inf")
+    return float(pixel_sigma * np.sqrt(constraint.spread / count) / weight)
+
+
+def select_weight(
+    view: PoseView,
+    constraint: PoseConstraint,
+    start: ArrayLike,
+    method: str = "loo",
+    *,
+    weights: ArrayLike | None = None,
+    held: Sequence[Held] = (),
+    threads: int = 1,
+) -> WeightSelection:
+    """Choose the weight of one constraint (thesis §5.2.3).
+
+    Parameters
+    ----------
+    view : PoseView
+        What the camera sees: the inliers of the pose, on points that are known already.
+    constraint : PoseConstraint
+        What the sensor says.
+    start : (3, 4) float64
+        Pose from which fits start, world_from_camera: that of the images alone.
+    method : str
+        ``"loo"``, ``"loo-approx"``, ``"l-curve"``, ``"l-curve-scaled"``, ``"ltn"``, ``"fixed:λ"`` or
+        ``"none"``.
+    weights : (W,) float64, optional
+        Weights to try, increasing, the first zero; None: :func:`weight_grid`. Not read by ``"fixed:λ"`` and
+        ``"none"``.
+    held : sequence of (PoseConstraint, float)
+        Further constraints, each with the weight it keeps.
+    threads : int
+        Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
+
+    Returns
+    -------
+    WeightSelection
+        The weight, the curve, the standard deviation it amounts to and the conflict report.
+
+    Raises
+    ------
+    InvalidArgument
+        If the method is unknown or an argument breaks a rule; there must be at least 4 observations.
+    """
+    alone = refine_pose(view, [], start)
+    images = _Images(view, alone.pose, threads)
+    return _select(images, constraint, selection_method(method), weights, held)
+
+
+def select_weights(
+    view: PoseView,
+    constraints: Sequence[PoseConstraint],
+    start: ArrayLike,
+    method: str | Sequence[str] = "loo",
+    *,
+    weights: ArrayLike | None = None,
+    threads: int = 1,
+) -> list[WeightSelection]:
+    """Choose the weights of several constraints, one after the other, twice round.
+
+    Beyond the thesis, coordinate-wise: all start at zero; each is chosen with the others held at what they
+    have, in the first round by the closed form where cross-validation is asked for. Sensors of different
+    directions do not notice each other; of two that say the same, the first takes what it needs and the
+    second what is left. The poses of the result are fitted at all final weights.
+
+    Parameters
+    ----------
+    view : PoseView
+        What the camera sees.
+    constraints : sequence of PoseConstraint
+        What each sensor says.
+    start : (3, 4) float64
+        Pose from which fits start, world_from_camera.
+    method : str or sequence of str
+        One of those of :func:`select_weight`, for all or for each.
+    weights : (W,) float64, optional
+        Weights to try, increasing, the first zero; None: :func:`weight_grid`.
+    threads : int
+        Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
+
+    Returns
+    -------
+    list of WeightSelection
+        One for each constraint, in their order; its curve is that of the last round.
+
+    Raises
+    ------
+    InvalidArgument
+        As :func:`select_weight`, or if methods and constraints differ in number.
+    """
+    methods = [method] * len(constraints) if isinstance(method, str) else list(method)
+    if len(methods) != len(constraints):
+        raise InvalidArgument(
+            f"method: {len(methods)}, must be one for each of {len(constraints)} constraints"
+        )
+    exact = [selection_method(m) for m in methods]
+    early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
+    rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
+    images = _Images(view, refine_pose(view, [], start).pose, threads)
+    chosen = np.zeros(len(constraints))
+    selections: list[WeightSelection] = []
+    for parsed in [*rounds, exact]:
+        selections = []
+        for k, constraint in enumerate(constraints):
+            others = [(c, w) for j, (c, w) in enumerate(zip(constraints, chosen, strict=True)) if j != k]
+            selections.append(_select(images, constraint, parsed[k], weights, others))
+            chosen[k] = selections[-1].weight
+    final = refine_pose(view, list(zip(constraints, chosen, strict=True)), images.pose).pose
+    return [replace(selection, pose=final) for selection in selections]
+
+
+@dataclass(frozen=True)
+class _Images:
+    """What a camera sees, the pose that the images alone say, and threads to look at it."""
+
+    view: PoseView
+    pose: FloatArray
+    threads: int
+
+
+def _select(
+    images: _Images,
+    constraint: PoseConstraint,
+    method: SelectionMethod,
+    weights: ArrayLike | None,
+    held: Sequence[Held],
+) -> WeightSelection:
+    grid = method.grid if method.grid is not None else _checked_grid(weights)
+    sweep = sweep_weights(
+        images.view,
+        constraint,
+        grid,
+        images.pose,
+        held=held,
+        leave_one_out=method.name == "loo",
+        approximate_leave_one_out=method.name == "loo-approx",
+        threads=images.threads,
+    )
+    alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
+    admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))
+    score = method.score(sweep)
+    index = method.choose(score, admissible)
+    pixel_sigma = images.view.pixel_sigma(float(alone.vision[0]))
+    weight = float(grid[index])
+    return WeightSelection(
+        constraint=constraint,
+        method=method.name,
+        weight=weight,
+        pose=sweep.poses[index],
+        weights=grid,
+        vision=sweep.vision,
+        constraint_error=sweep.constraint,
+        score=score,
+        admissible=admissible,
+        sensor_sigma=equivalent_sigma(constraint, weight, images.view.count, pixel_sigma),
+        conflict=conflict(images.view, constraint, images.pose),
+    )
+
+
+def _checked_grid(weights: ArrayLike | None) -> FloatArray:
+    if weights is None:
+        return weight_grid()
+    grid = finite_array("weights", weights, (ANY,))
+    if len(grid) < 2 or grid[0] != 0 or not (np.diff(grid) > 0).all():
+        raise InvalidArgument("weights: must begin with zero and increase strictly, at least two")
+    return grid

@@ -1,0 +1,241 @@
+"""The ways to choose the weight of a group from a whole problem, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.weighting import criteria
+from sfmcpp.weighting.whole.fits import WeightFit, WeightFits
+from sfmcpp.weighting.whole.statistics import fit_statistics
+
+# The sweep: half a decade a step, four decades each way from where images and constraint balance; a method
+# that finds a lowest score tries four more weights around it.
+_COARSE = 10.0 ** (np.arange(-8, 9) / 2)
+_FINE = 10.0 ** (np.array([-2, -1, 1, 2]) / 6)
+_MEDIAN_WIDTH = 3
+FOLDS = 4
+FOLD_STEPS = 8
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Optima over weights of one group.
+
+    Attributes
+    ----------
+    weights : (W,) float64
+        The weights, increasing.
+    fits : list of WeightFit
+        The optimum of each.
+    score : (W,) float64
+        What the method minimises.
+    admissible : (W,) bool
+        Weights that keep at least 90 % of the inliers of the images alone.
+    index : int
+        The chosen one.
+    """
+
+    weights: FloatArray
+    fits: Sequence[WeightFit]
+    score: FloatArray
+    admissible: BoolArray
+    index: int
+
+
+@dataclass(frozen=True)
+class SweepMethod:
+    """A way to choose from a sweep over weights.
+
+    Attributes
+    ----------
+    score : callable
+        (W,) scores of the weights of group k, given as (W, groups), and their optima.
+    choose : callable
+        Index of the weight to take, from scores and which weights are admissible.
+    refines : bool
+        Whether more weights around the first choice make sense.
+    """
+
+    score: Callable[[WeightFits, int, FloatArray, Sequence[WeightFit]], FloatArray]
+    choose: Callable[[FloatArray, BoolArray], int]
+    refines: bool
+
+
+def admissible(fits: WeightFits, tried: Sequence[WeightFit]) -> BoolArray:
+    """Which fits keep enough inliers of the images alone (thesis §5.2.3.2)."""
+    return criteria.admissible_weights(np.array([fit.inliers for fit in tried]), fits.alone.inliers)
+
+
+def balanced(fits: WeightFits, weights: FloatArray, chosen: Sequence[int]) -> tuple[FloatArray, WeightFit]:
+    """Weights at which images and constraints balance, as if the fit used up no redundancy.
+
+    ``w = s² n / Σ m ε`` with n numbers measured and s the noise of the images alone; twice, because the
+    images alone are free to drift away from the sensor.
+
+    Parameters
+    ----------
+    fits : WeightFits
+        Problem and groups.
+    weights : (k,) float64
+        Weights of the groups that keep theirs.
+    chosen : sequence of int
+        The others.
+
+    Returns
+    -------
+    weights : (k,) float64
+        All weights.
+    fit : WeightFit
+        The optimum there.
+    """
+    found, fit = weights.copy(), fits.alone
+    for _ in range(2):
+        for k in chosen:
+            error = max(fit.errors[k], np.finfo(float).tiny)
+            found[k] = fits.bounded(k, fits.noise**2 * fits.measurements(k) / error)
+        fit = fits.fit(found, fit.problem)
+    return found, fit
+
+
+def sweep(fits: WeightFits, k: int, weights: FloatArray, start: WeightFit, method: SweepMethod) -> Trials:
+    """Choose the weight of one group from a logarithmic grid, the other groups held.
+
+    Parameters
+    ----------
+    fits : WeightFits
+        Problem and groups.
+    k : int
+        Number of the group.
+    weights : (k,) float64
+        Present weights; that of the group is the middle of the grid.
+    start : WeightFit
+        The optimum at these weights. Each fit starts at that of its neighbour nearer to it.
+    method : SweepMethod
+        How to score and choose.
+
+    Returns
+    -------
+    Trials
+        All optima and the choice.
+    """
+    grid = np.unique([fits.bounded(k, weights[k] * factor) for factor in _COARSE])
+    trials = _trials(fits, k, weights, _fits_outwards(fits, k, weights, grid, start), method)
+    if not method.refines:
+        return trials
+    here = trials.weights[trials.index]
+    known = dict(zip(trials.weights.tolist(), trials.fits, strict=True))
+    for factor in _FINE:
+        weight = fits.bounded(k, here * factor)
+        known[weight] = fits.fit(_with(weights, k, weight), trials.fits[trials.index].problem)
+    return _trials(fits, k, weights, known, method)
+
+
+def _fits_outwards(
+    fits: WeightFits, k: int, weights: FloatArray, grid: FloatArray, start: WeightFit
+) -> dict[float, WeightFit]:
+    middle = int(np.searchsorted(grid, weights[k]))
+    found: dict[float, WeightFit] = {}
+    for part in (grid[middle:], grid[:middle][::-1]):
+        fit = start
+        for weight in part:
+            fit = found[float(weight)] = fits.fit(_with(weights, k, weight), fit.problem)
+    return found
+
+
+def _trials(
+    fits: WeightFits, k: int, weights: FloatArray, found: dict[float, WeightFit], method: SweepMethod
+) -> Trials:
+    tried = np.array(sorted(found))
+    optima = [found[float(weight)] for weight in tried]
+    score = method.score(fits, k, np.array([_with(weights, k, w) for w in tried]), optima)
+    allowed = admissible(fits, optima)
+    return Trials(tried, optima, score, allowed, method.choose(score, allowed))
+
+
+def _with(weights: FloatArray, k: int, weight: float) -> FloatArray:
+    changed: FloatArray = weights.copy()
+    changed[k] = weight
+    return changed
+
+
+def _left_out(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+    return np.array(
+        [fit_statistics(fits, fit, w).left_out_error() for w, fit in zip(weights, optima, strict=True)]
+    )
+
+
+def _folds(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+    """Mean loss of left-out observations: a fold leaves out one of each point with `FOLDS` views or more."""
+    fold = fold_of_observation(fits.alone.problem.point_index)
+    if (fold < 0).all():
+        raise InvalidArgument(
+            f"weight = 'k-fold': no point has {FOLDS} observations, one to leave out of each"
+        )
+    total = np.zeros(len(optima))
+    for i, (fit, w) in enumerate(zip(optima, weights, strict=True)):
+        for left_out in (fold == f for f in range(FOLDS)):
+            state = fits.fit_subset(w, fit.problem, ~left_out, FOLD_STEPS)
+            residuals = np.asarray(_core.residuals(core_arrays(state)))[left_out]
+            total[i] += fits.left_out_loss((residuals**2).sum(axis=1)).sum()
+    return np.asarray(total / np.count_nonzero(fold >= 0))
+
+
+def fold_of_observation(point_index: IndexArray) -> NDArray[np.int64]:
+    """The fold that leaves each observation out; −1: none.
+
+    The places of a point's observations, in their order, are split evenly over the folds, from another place
+    for each point: a fold leaves out at most one of them, and of points with fewer than `FOLDS` none.
+
+    Parameters
+    ----------
+    point_index : (M,) int32
+        Point of each observation.
+
+    Returns
+    -------
+    (M,) int
+        Folds.
+    """
+    count = len(point_index)
+    order = np.argsort(point_index, kind="stable")
+    ordered = point_index[order]
+    first = np.searchsorted(ordered, ordered)
+    views = np.searchsorted(ordered, ordered, side="right") - first
+    place = (np.arange(count) - first + ordered) % views
+    before, here = (place * FOLDS + views - 1) // views, ((place + 1) * FOLDS + views - 1) // views
+    fold = np.empty(count, dtype=np.int64)
+    fold[order] = np.where((views >= FOLDS) & (here > before), before, -1)
+    return fold
+
+
+def _trade_off(
+    scores: Callable[[FloatArray, FloatArray, FloatArray, FloatArray | None], FloatArray],
+) -> SweepMethod:
+    """A criterion of one pose in its own terms: means ρ and ν, and λ² with ``M (ρ + λ² ν)`` the cost."""
+
+    def score(fits: WeightFits, k: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+        count, members = fits.alone.problem.num_observations, fits.groups[k].member_weights.sum()
+        errors = np.array([fit.errors for fit in optima])
+        others = np.delete(weights * errors, k, axis=1).sum(axis=1)
+        rest = (np.array([fit.images for fit in optima]) + others) / count
+        lambdas = np.sqrt(weights[:, k] * members / count)
+        return criteria.running_median(scores(lambdas, rest, errors[:, k] / members, None), _MEDIAN_WIDTH)
+
+    return SweepMethod(score, criteria.lowest_valley, refines=False)
+
+
+SWEEPS: dict[str, SweepMethod] = {
+    "loo-approx": SweepMethod(_left_out, criteria.lowest, refines=True),
+    "k-fold": SweepMethod(_folds, criteria.lowest, refines=True),
+    "l-curve": _trade_off(criteria.l_curve_scores),
+    "l-curve-scaled": _trade_off(criteria.scaled_l_curve_scores),
+    "ltn": _trade_off(criteria.ltn_scores),
+}

@@ -1,0 +1,197 @@
+"""NPZ: nothing lost, and every kind of damage refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from io_helpers import (
+    PROPERTY,
+    assert_same_metadata,
+    assert_same_problem,
+    assert_valid_or_refused,
+    mutated,
+    no_warnings,
+    random_problem,
+    refusal,
+)
+from sfmcpp import CAMERA_MODELS, DatasetError, Problem
+from sfmcpp.sources.io import read, write
+
+
+def full_problem(seed: int, model: str = "perspective") -> Problem:
+    """Random problem with every optional array and all kinds of metadata set."""
+    rng = np.random.default_rng(seed)
+    varying = dict.fromkeys(CAMERA_MODELS[model].intrinsics, 0.5)
+    problem = random_problem(seed, model, varying, least=2, shared=True)
+    for name in ("fixed_cameras", "fixed_points", "fixed_intrinsics"):
+        mask = getattr(problem, name)
+        setattr(problem, name, rng.random(mask.shape) < 0.5)
+    problem.sigma_px = rng.uniform(0.1, 9, problem.num_observations)
+    metadata = problem.metadata
+    metadata.source_format = "elsewhere"
+    metadata.image_names = [f"bild ä {i}" for i in range(problem.num_cameras)]
+    metadata.image_sizes = rng.integers(1, 999, (problem.num_cameras, 2))
+    metadata.extra = {"keys": rng.integers(0, 9, 4), "names": ["a", "b\0"], "deep": {"x": [1, None, 0.1]}}
+    return problem
+
+
+@PROPERTY
+@given(st.integers(0, 2**32), st.sampled_from(sorted(CAMERA_MODELS)))
+def test_every_bit_survives_writing_and_reading(seed: int, model: str) -> None:
+    problem = full_problem(seed, model)
+    with tempfile.TemporaryDirectory() as folder, no_warnings():
+        write(problem, Path(folder) / "x.npz")
+        again = read(Path(folder) / "x.npz")
+    assert_same_problem(again, problem)
+    for name in ("cameras", "fixed_cameras", "fixed_points", "sigma_px"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(problem, name))
+    assert_same_metadata(again, problem)
+
+
+def test_numpy_reads_the_arrays_without_pickle(tmp_path: Path) -> None:
+    problem = full_problem(2)
+    write(problem, tmp_path / "x.npz")
+    with np.load(tmp_path / "x.npz", allow_pickle=False) as archive:
+        np.testing.assert_array_equal(archive["points"], problem.points)
+        assert json.loads(archive["metadata"].tobytes())["camera_model"] == "perspective"
+
+
+def rewritten(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """Write a problem with NumPy's own writer after `change` has edited its arrays."""
+    write(full_problem(3), folder / "x.npz")
+    with np.load(folder / "x.npz") as archive:
+        arrays = dict(archive)
+    change(arrays)
+    np.savez(folder / "x.npz", **arrays)
+    return folder / "x.npz"
+
+
+def with_header(**changed: object) -> Callable[[dict[str, Any]], object]:
+    """Make a change of the JSON header."""
+
+    def change(arrays: dict[str, Any]) -> None:
+        text = json.dumps(json.loads(arrays["metadata"].tobytes()) | changed)
+        arrays["metadata"] = np.frombuffer(text.encode(), np.uint8)
+
+    return change
+
+
+def with_value(name: str, value: float) -> Callable[[dict[str, Any]], object]:
+    """Make a change of the first element of an array."""
+    return lambda arrays: arrays[name].flat.__setitem__(0, value)
+
+
+def with_array(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    """Make a replacement of a whole array."""
+    return lambda arrays: arrays.__setitem__(name, np.asarray(value))
+
+
+def with_the_first_observation_twice(arrays: dict[str, Any]) -> None:
+    """Give the second observation the camera and point of the first."""
+    for name in ("camera_index", "point_index"):
+        arrays[name][1] = arrays[name][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda arrays: arrays.pop("points"), "it lacks points"),
+        (lambda arrays: arrays.pop("metadata"), "it lacks metadata"),
+        (with_header(sfmcpp_problem=2), "no sfmcpp problem of version 1"),
+        (with_header(camera_model="fisheye"), "must be one of calibrated"),
+        (with_header(camera_model=7), "'camera_model' must be a str"),
+        (with_header(image_names=[1, 2]), "'image_names' must be a list of str"),
+        (with_header(image_names=["a"] * 99), "image_names has 99 entries"),
+        (with_array("metadata", np.zeros(3, np.uint8)), "metadata is not JSON"),
+        (with_array("metadata", np.full(9999, ord("["), np.uint8)), "metadata is not JSON"),
+        (with_array("points", np.zeros((4, 2))), r"points: shape \(4, 2\)"),
+        (with_array("points", np.zeros((4, 3), complex)), "points: dtype complex128"),
+        (with_array("point_colors", np.zeros((1, 3))), "point_colors is float64"),
+        (with_value("points", np.nan), r"points\[0, 0\] is nan: must be finite"),
+        (with_value("pixels", np.inf), "must be finite"),
+        (with_value("camera_index", 99), r"camera_index\[0\] is 99"),
+        (with_value("point_index", -1), r"point_index\[0\] is -1"),
+        (with_value("intrinsics_index", 99), r"intrinsics_index\[0\] is 99"),
+        (with_value("sigma_px", 0), r"sigma_px\[0\] is 0.0: must be positive"),
+        (with_value("cameras", 2), r"cameras\[0\]: its first three columns are not a rotation"),
+        (with_the_first_observation_twice, "observations 0 and 1 are of the same"),
+    ],
+)
+def test_impossible_contents_are_refused(
+    tmp_path: Path, change: Callable[[dict[str, Any]], object], reason: str
+) -> None:
+    error = refusal(rewritten(tmp_path, change))
+    with pytest.raises(DatasetError, match=reason):
+        raise error
+
+
+def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
+    path = rewritten(tmp_path, with_array("points", np.array([{"a": 1}], dtype=object)))
+    assert "not a valid .npz archive" in str(refusal(path))
+
+
+def test_declared_sizes_are_checked_before_memory_is_taken(tmp_path: Path) -> None:
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**15, 3)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    rewritten(tmp_path, lambda arrays: arrays.pop("points"))
+    with zipfile.ZipFile(tmp_path / "x.npz", "a") as archive:
+        archive.writestr("points.npy", header.getvalue())
+    assert "0 bytes are not (1000000000000000, 3) of float64" in str(refusal(tmp_path / "x.npz"))
+
+
+def test_headers_that_numpy_warns_about_are_refused_without_a_warning(tmp_path: Path) -> None:
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (0L, 3L), }\n"
+    rewritten(tmp_path, lambda arrays: arrays.pop("points"))
+    with zipfile.ZipFile(tmp_path / "x.npz", "a") as archive:
+        archive.writestr("points.npy", b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header)
+    assert "not a valid .npz archive (UserWarning" in str(refusal(tmp_path / "x.npz"))
+
+
+def test_zip_bombs_are_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "x.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("points.npy", bytes(30_000_000))
+    assert "claim 30000000 bytes" in str(refusal(tmp_path / "x.npz"))
+
+
+@pytest.mark.parametrize("content", [b"garbage", b"\x93NUMPY\1\0", b"PK", b"PK\3\4" + bytes(50)])
+def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x.npz").write_bytes(content)
+    reason = "not a valid .npz archive" if content.startswith(b"PK") else "wrong magic"
+    assert reason in str(refusal(tmp_path / "x.npz"))
+
+
+@pytest.mark.parametrize("value", [object(), np.array([None]), float("nan"), {1, 2}])
+def test_metadata_that_needs_pickle_is_refused(tmp_path: Path, value: object) -> None:
+    problem = full_problem(4)
+    problem.metadata.extra["odd"] = value
+    with pytest.raises(DatasetError, match="metadata"):
+        write(problem, tmp_path / "x.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+@PROPERTY
+@given(st.integers(0, 2**32))
+def test_members_damaged_behind_a_right_checksum_are_read_or_refused(seed: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.npz"
+        write(full_problem(5), path)
+        with zipfile.ZipFile(path) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        victim = sorted(members)[seed % len(members)]
+        members[victim] = mutated(members[victim], seed)
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in members.items():
+                archive.writestr(name, content)
+        assert_valid_or_refused(path)

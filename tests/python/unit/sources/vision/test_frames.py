@@ -1,0 +1,101 @@
+"""Folders of images and videos become grey frames in order, or an error that names the file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.vision import open_frames
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
+
+
+def write_grey(path: Path, grey: int, size: tuple[int, int] = (48, 64)) -> None:
+    assert cv2.imwrite(str(path), np.full(size, grey, np.uint8))
+
+
+def write_video(path: Path, greys: list[int], fps: float = 25.0) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, (64, 48))
+    assert writer.isOpened()
+    for grey in greys:
+        writer.write(np.full((48, 64, 3), grey, np.uint8))
+    writer.release()
+
+
+def levels(path: Path) -> list[int]:
+    return [round(float(image.mean())) for image in open_frames(path)]
+
+
+def test_images_come_by_name_with_numbers_by_value_and_other_files_are_left_alone(tmp_path: Path) -> None:
+    for name, grey in [("f10.png", 30), ("f2.pgm", 20), ("f1.PNG", 10), ("g0.bmp", 40)]:
+        write_grey(tmp_path / name, grey)
+    (tmp_path / "notes.txt").write_text("no image")
+    (tmp_path / "._f1.png").write_bytes(b"a companion file")
+    assert levels(tmp_path) == [10, 20, 30, 40]
+    assert len(open_frames(tmp_path)) == 4
+
+
+def test_a_colour_image_becomes_its_luma(tmp_path: Path) -> None:
+    blue_green_red = np.array([200, 100, 50])
+    assert cv2.imwrite(str(tmp_path / "a.png"), np.tile(blue_green_red, (8, 8, 1)).astype(np.uint8))
+    (image,) = open_frames(tmp_path)
+    assert (image.shape, image.dtype) == ((8, 8), np.uint8)
+    # ITU-R BT.601.
+    assert abs(image.astype(float) - blue_green_red @ [0.114, 0.587, 0.299]).max() <= 1
+
+
+def test_a_video_gives_its_frames_and_its_rate_as_often_as_asked(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.avi", [40, 80, 120], fps=12.5)
+    frames = open_frames(tmp_path / "a.avi")
+    assert (len(frames), frames.fps) == (3, 12.5)
+    for _ in range(2):
+        np.testing.assert_allclose([image.mean() for image in frames], [40, 80, 120], atol=2)
+
+
+def test_an_image_that_cannot_be_decoded_is_named(tmp_path: Path) -> None:
+    write_grey(tmp_path / "a.png", 10)
+    for name, content in [
+        ("b.png", b"text"),
+        ("c.png", b""),
+        ("d.png", (tmp_path / "a.png").read_bytes()[:30]),
+    ]:
+        path = tmp_path / name
+        path.write_bytes(content)
+        with pytest.raises(DatasetError, match=rf"{name}: is no image that can be decoded"):
+            list(open_frames(tmp_path))
+        path.unlink()
+
+
+def test_an_image_of_another_size_is_named_with_both_sizes(tmp_path: Path) -> None:
+    write_grey(tmp_path / "a.png", 10)
+    write_grey(tmp_path / "b.png", 10, (48, 65))
+    with pytest.raises(DatasetError, match=r"b\.png: has 65×48 pixels: must be 64×48 as a\.png"):
+        list(open_frames(tmp_path))
+
+
+def test_an_empty_folder_and_an_absent_one_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="holds no image"):
+        open_frames(tmp_path)
+    with pytest.raises(DatasetError, match="no such file"):
+        open_frames(tmp_path / "absent")
+
+
+def test_a_video_without_frames_or_of_other_bytes_is_refused(tmp_path: Path) -> None:
+    write_video(tmp_path / "none.avi", [])
+    with pytest.raises(DatasetError, match=r"none\.avi: (the video has no frame|is no video)"):
+        open_frames(tmp_path / "none.avi")
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(DatasetError, match=r"text\.mp4: is no video that can be decoded"):
+        open_frames(tmp_path / "text.mp4")
+
+
+def test_without_opencv_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(DatasetError, match=r"images need cv2: pip install 'sfmcpp\[vision\]'"):
+        open_frames(tmp_path)

@@ -1,0 +1,204 @@
+"""Tracks follow a texture that is moved by a known amount, cover the image, and are the same every time."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.sources.vision import CORNERS, FeatureTracks, KltSettings, follow_features, track_features
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
+
+WIDTH, HEIGHT = 320, 200
+SETTINGS = KltSettings(columns=6, rows=4, per_cell=4)
+# Spread over the frequencies that an image of this size holds well below its sampling limit.
+NUM_WAVES, LONGEST_PX, SHORTEST_PX = 300, 60.0, 6.0
+
+
+def texture(shift_px: tuple[float, float], seed: int = 1) -> np.ndarray:
+    """Waves in all directions, sampled where the image is after it moved: exact at any part of a pixel."""
+    rng = np.random.default_rng(seed)
+    direction, phase = rng.uniform(0, 2 * np.pi, (2, NUM_WAVES))
+    frequency = 2 * np.pi / rng.uniform(SHORTEST_PX, LONGEST_PX, NUM_WAVES)
+    x, y = np.arange(WIDTH) - shift_px[0], np.arange(HEIGHT) - shift_px[1]
+    along_x = np.exp(1j * (np.outer(x, frequency * np.cos(direction)) + phase))
+    along_y = np.exp(1j * np.outer(y, frequency * np.sin(direction)))
+    grey = (along_y @ along_x.T).real
+    return np.clip(128 + 40 * grey / grey.std(), 0, 255).round().astype(np.uint8)
+
+
+def moved(step_px: tuple[float, float], count: int) -> list[np.ndarray]:
+    return [texture((k * step_px[0], k * step_px[1])) for k in range(count)]
+
+
+def track(tracks: FeatureTracks, number: int) -> tuple[np.ndarray, np.ndarray]:
+    mask = tracks.track_index == number
+    return tracks.frame_index[mask], tracks.pixels[mask]
+
+
+@pytest.mark.parametrize("corners", CORNERS)
+@pytest.mark.parametrize("step_px", [(0.3, -0.45), (2.7, 1.15), (-11.6, 7.2), (0.0, 0.0)])
+def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(
+    step_px: tuple[float, float], corners: str
+) -> None:
+    found = track_features(moved(step_px, 4), replace(SETTINGS, corners=corners))
+    errors = []
+    for number in range(found.track_index.max() + 1):
+        frames, pixels = track(found, number)
+        errors.append((pixels - pixels[0]) - np.outer(frames - frames[0], step_px))
+    distance = np.linalg.norm(np.concatenate(errors), axis=1)
+    assert np.percentile(distance, 99) < 0.1
+    in_all = np.bincount(found.track_index) == 4
+    assert in_all.sum() > 0.5 * SETTINGS.columns * SETTINGS.rows * SETTINGS.per_cell
+
+
+@pytest.mark.parametrize("corners", CORNERS)
+def test_corners_are_the_strongest_around_by_their_own_measure(corners: str) -> None:
+    settings = replace(SETTINGS, corners=corners, quality=0.2)
+    image = texture((0, 0))
+    response = corner_responses(image)[corners]
+    columns, rows = track_features([image], settings).pixels.astype(int).T
+    border = settings.window_px // 2
+    inner = response[border:-border, border:-border]
+    least = {"shi-tomasi": 0.2, "harris": 0.2**2}[corners] * inner.max()
+    assert len(rows) > 10
+    assert response[rows, columns].min() >= least * (1 - 1e-5)
+    strongest_beside = ndimage.maximum_filter(response, 3)[rows, columns]
+    np.testing.assert_allclose(response[rows, columns], strongest_beside, rtol=1e-5)
+
+
+def corner_responses(image: np.ndarray) -> dict[str, np.ndarray]:
+    """Both measures of a corner, from the structure tensor over squares of five pixels."""
+    gradients = [ndimage.sobel(image.astype(np.float64), axis, mode="mirror") for axis in (1, 0)]
+    xx, xy, yy = (ndimage.uniform_filter(gradients[a] * gradients[b], 5) for a, b in ((0, 0), (0, 1), (1, 1)))
+    trace, determinant = xx + yy, xx * yy - xy**2
+    smaller = trace / 2 - np.sqrt(np.maximum((trace / 2) ** 2 - determinant, 0))
+    return {"shi-tomasi": smaller, "harris": determinant - 0.04 * trace**2}
+
+
+def test_the_two_kinds_of_corners_differ() -> None:
+    one, other = (track_features([texture((0, 0))], replace(SETTINGS, corners=c)).pixels for c in CORNERS)
+    assert len(one) != len(other) or (one != other).any()
+
+
+def test_features_come_frame_by_frame_and_no_older_image_is_kept() -> None:
+    images: list[weakref.ref[np.ndarray]] = []
+
+    def taken() -> Iterator[np.ndarray]:
+        for k in range(4):
+            image = texture((3.0 * k, 0.0))
+            images.append(weakref.ref(image))
+            yield image
+            del image
+
+    stream = follow_features(taken(), SETTINGS)
+    for number, features in enumerate(stream):
+        assert len(images) == number + 1
+        assert [image() is not None for image in images[:-2]] == [False] * (number - 1)
+        assert (np.diff(features.tracks) > 0).all()
+        assert features.pixels.shape == (len(features.tracks), 2)
+
+
+def test_collected_features_are_those_of_each_frame() -> None:
+    images = moved((3.0, 1.0), 4)
+    found = track_features(images, SETTINGS)
+    for number, features in enumerate(follow_features(images, SETTINGS)):
+        here = found.frame_index == number
+        np.testing.assert_array_equal(found.track_index[here], features.tracks)
+        np.testing.assert_array_equal(found.pixels[here], features.pixels)
+
+
+def test_a_track_ends_where_its_square_leaves_the_image() -> None:
+    found = track_features(moved((-15.0, 0.0), 8), SETTINGS)
+    border = SETTINGS.window_px // 2
+    assert found.pixels[:, 0].min() >= border
+    assert found.pixels[:, 0].max() <= WIDTH - 1 - border
+    for number in found.track_index[found.frame_index == 0]:
+        frames, pixels = track(found, number)
+        if frames[-1] < 7:
+            assert pixels[-1, 0] - 15 < border + 0.5
+
+
+def test_every_cell_is_filled_in_every_frame_and_no_more_than_asked_for_at_the_start() -> None:
+    settings = replace(SETTINGS, min_distance_px=6, quality=1e-3)
+    found = track_features(moved((3.0, 1.0), 6), settings)
+    cells = np.floor(found.pixels / [WIDTH, HEIGHT] * [settings.columns, settings.rows]).astype(int)
+    counts = np.zeros((6, settings.columns, settings.rows), dtype=int)
+    np.add.at(counts, (found.frame_index, cells[:, 0], cells[:, 1]), 1)
+    assert counts.min() >= settings.per_cell
+    assert counts[0].max() == settings.per_cell
+
+
+def test_new_corners_keep_their_distance_from_all_others() -> None:
+    found = track_features([texture((0, 0))], SETTINGS)
+    difference = np.linalg.norm(found.pixels[:, None] - found.pixels[None], axis=2)
+    np.fill_diagonal(difference, np.inf)
+    assert difference.min() >= SETTINGS.min_distance_px
+
+
+def test_a_track_sees_consecutive_frames_and_its_number_is_never_used_again() -> None:
+    scenes = [*moved((-6.0, 4.0), 4), *(texture((0, 0), seed=2) for _ in range(3))]
+    found = track_features(scenes, SETTINGS)
+    for number in range(found.track_index.max() + 1):
+        frames, _ = track(found, number)
+        np.testing.assert_array_equal(frames, np.arange(frames[0], frames[0] + len(frames)))
+
+
+def test_another_picture_ends_nearly_all_tracks() -> None:
+    found = track_features([texture((0, 0)), texture((0, 0), seed=2)], SETTINGS)
+    first, second = (found.track_index[found.frame_index == k] for k in range(2))
+    assert len(np.intersect1d(first, second)) < 0.1 * len(first)
+
+
+def test_a_blank_image_has_no_tracks_and_those_after_it_are_new() -> None:
+    blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    found = track_features([texture((0, 0)), blank, texture((0, 0))], SETTINGS)
+    first, none, last = (found.track_index[found.frame_index == k] for k in range(3))
+    assert len(none) == 0
+    assert last.min() > first.max()
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_the_same_images_give_the_same_tracks_whatever_the_threads(threads: int) -> None:
+    images, before = moved((4.3, -2.2), 4), cv2.getNumThreads()
+    reference = track_features(images, SETTINGS)
+    try:
+        cv2.setNumThreads(threads)
+        again = track_features(images, SETTINGS)
+    finally:
+        cv2.setNumThreads(before)
+    for name in ("frame_index", "track_index", "pixels"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(reference, name))
+
+
+def test_no_frame_and_frames_smaller_than_the_window_have_no_tracks() -> None:
+    assert track_features([]).num_frames == 0
+    tiny = track_features([np.eye(9, dtype=np.uint8) * 255] * 2, SETTINGS)
+    assert (tiny.num_frames, len(tiny.pixels)) == (2, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("columns", 0), ("window_px", 20), ("levels", -1), ("forward_backward_px", 0.0), ("quality", 1.0)],
+)
+def test_settings_that_cannot_be_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(InvalidArgument, match=rf"^{name} = {value}: must be"):
+        KltSettings(**{name: value})
+
+
+def test_unknown_corners_are_refused_by_name() -> None:
+    with pytest.raises(InvalidArgument, match=r"^corners = 'fast': must be one of shi-tomasi, harris"):
+        KltSettings(corners="fast")
+
+
+def test_frames_of_another_kind_or_size_are_refused() -> None:
+    with pytest.raises(InvalidArgument, match=r"frames\[0\] is float64"):
+        track_features([np.zeros((20, 30))])
+    with pytest.raises(InvalidArgument, match=r"frames\[1\] has shape \(20, 31\)"):
+        track_features([np.zeros((20, 30), np.uint8), np.zeros((20, 31), np.uint8)])

@@ -1,0 +1,111 @@
+"""The convergence figure shows the history it is given, and leaves the rest of the process alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sfmcpp import InvalidArgument, Iteration, Summary, solve
+from sfmcpp.sources.synthetic import circle_scene, perturb
+from sfmcpp.study.plotting import plot_convergence
+
+
+def history(costs: list[float], accepted: list[bool]) -> list[Iteration]:
+    return [
+        Iteration(k, cost, 0.5 * k, taken, 1e-3, 1.0, 1.0, (1.0, 1.0), 0)
+        for k, (cost, taken) in enumerate(zip(costs, accepted, strict=True))
+    ]
+
+
+RUN = history([100.0, 10.0, 10.0, 2.0], [True, True, False, True])
+
+
+def points_of(axes: Axes, marker: str) -> list[tuple[float, float]]:
+    """All points drawn on the axes with that marker; "None" is the curve itself."""
+    lines = [np.asarray(line.get_xydata(), dtype=float) for line in axes.lines if line.get_marker() == marker]
+    return [(x, y) for line in lines for x, y in line.tolist()]
+
+
+def legend_of(figure: Figure) -> list[str]:
+    legend = figure.axes[0].get_legend()
+    return [] if legend is None else [text.get_text() for text in legend.get_texts()]
+
+
+def test_cost_is_drawn_against_iterations_and_against_seconds() -> None:
+    by_iteration, by_seconds = plot_convergence(RUN).axes
+    assert points_of(by_iteration, "None") == [(0, 100), (1, 10), (2, 10), (3, 2)]
+    assert points_of(by_seconds, "None") == [(0, 100), (0.5, 10), (1.0, 10), (1.5, 2)]
+    assert (by_iteration.get_xlabel(), by_seconds.get_xlabel()) == ("iteration", "seconds")
+    assert by_iteration.get_yscale() == by_seconds.get_yscale() == "log"
+
+
+def test_accepted_steps_are_dots_and_rejected_ones_crosses() -> None:
+    figure = plot_convergence(RUN)
+    assert points_of(figure.axes[0], "o") == [(0, 100), (1, 10), (3, 2)]
+    assert points_of(figure.axes[0], "x") == [(2, 10)]
+    assert legend_of(figure) == ["accepted step", "rejected step"]
+
+
+def test_several_runs_are_named_and_told_apart_by_colour() -> None:
+    figure = plot_convergence({"first": RUN, "second": history([50.0, 1.0], [True, True])})
+    assert legend_of(figure)[:2] == ["first", "second"]
+    curves = [line for line in figure.axes[0].lines if line.get_marker() == "None"]
+    assert [np.asarray(curve.get_xydata()).shape for curve in curves] == [(4, 2), (2, 2)]
+    assert curves[0].get_color() != curves[1].get_color()
+
+
+def test_a_summary_is_drawn_as_its_iterations() -> None:
+    summary: Summary = solve(perturb(circle_scene(5, 40), point_sigma_m=0.1, seed=0))
+    drawn = points_of(plot_convergence(summary).axes[1], "None")
+    assert drawn == [(i.seconds, i.cost) for i in summary.iterations]
+
+
+def test_with_a_best_cost_the_relative_distance_to_it_is_drawn() -> None:
+    figure = plot_convergence(RUN, best_cost=2.0)
+    heights = [y for _, y in points_of(figure.axes[0], "None")]
+    np.testing.assert_allclose(heights, [49.0, 4.0, 4.0, 1e-9])
+
+
+def test_costs_that_are_not_finite_leave_gaps() -> None:
+    figure = plot_convergence(history([4.0, float("inf"), float("nan"), 1.0], [True] * 4))
+    heights = [y for _, y in points_of(figure.axes[0], "None")]
+    np.testing.assert_array_equal(heights, [4.0, np.nan, np.nan, 1.0])
+
+
+def test_costs_of_zero_are_drawn_on_a_linear_scale() -> None:
+    figure = plot_convergence(history([0.0, 0.0], [True, True]))
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_yscale() == "linear"
+
+
+def test_no_global_state_of_matplotlib_is_touched() -> None:
+    # Reading the backend's setting would choose a backend, hence leave it out.
+    code = """
+import io, sys, matplotlib
+settings = lambda: {name: matplotlib.rcParams[name] for name in matplotlib.rcParams if name != "backend"}
+before = settings()
+from sfmcpp import Iteration
+from sfmcpp.study.plotting import plot_convergence
+plot_convergence([Iteration(0, 1.0, 0.0, True, 0, 0, 0, (1, 1), 0)]).savefig(io.BytesIO())
+assert "matplotlib.pyplot" not in sys.modules
+assert settings() == before
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("best_cost", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_best_cost_without_a_logarithm_is_refused(best_cost: float) -> None:
+    with pytest.raises(InvalidArgument, match=f"best_cost = {best_cost}"):
+        plot_convergence(RUN, best_cost=best_cost)
+
+
+def test_nothing_to_draw_is_refused_by_name() -> None:
+    with pytest.raises(InvalidArgument, match="at least one run"):
+        plot_convergence({})
+    with pytest.raises(InvalidArgument, match=r"runs\['empty'\]"):
+        plot_convergence({"full": RUN, "empty": []})

@@ -1,0 +1,121 @@
+"""The page holds the scene it is given, as it is, and a browser draws it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from browser_helpers import screenshot
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.study.plotting.scene_page import Scene, save_scene_page, scene_page
+
+DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
+
+
+def street(points: int = 400, turned: Rotation | None = None, **options: Any) -> Scene:
+    """A camera that drives ten metres along z past two rows of points; all of it turned as one may like."""
+    turn = (turned or Rotation.identity()).as_matrix()
+    rng = np.random.default_rng(0)
+    sides = rng.choice([-3.0, 3.0], points)
+    cloud = np.stack([sides, rng.uniform(-4, 1, points), rng.uniform(0, 14, points)], axis=1)
+    path = np.stack([np.zeros(21), np.zeros(21), np.linspace(0, 10, 21)], axis=1)
+    cameras = np.tile(np.eye(3, 4), (5, 1, 1))
+    cameras[:, :, 3] = path[::5]
+    return Scene("a street", cloud @ turn.T, path @ turn.T, turn @ cameras, **options)
+
+
+def data_of(page: str) -> dict[str, Any]:
+    """The scene that a page holds, with its arrays decoded."""
+    match = DATA.search(page)
+    assert match is not None
+    content: dict[str, Any] = json.loads(match[1])
+    for name, width in {"points": 3, "path": 3, "truth": 3, "cameras": 12}.items():
+        content[name] = np.frombuffer(base64.b64decode(content[name]), "<f4").reshape(-1, width)
+    return content
+
+
+def test_the_page_holds_the_scene_with_x_right_y_ahead_and_z_up() -> None:
+    scene = street()
+    data = data_of(scene_page(scene))
+    ahead_up = scene.points[:, [0, 2, 1]] * [1, 1, -1] - [0, 5, 0]
+    np.testing.assert_allclose(data["points"], ahead_up, atol=1e-6)
+    np.testing.assert_allclose(data["path"][[0, -1]], [[0, -5, 0], [0, 5, 0]], atol=1e-6)
+    np.testing.assert_allclose(data["cameras"][0].reshape(3, 4)[:, 3], [0, -5, 0], atol=1e-6)
+    np.testing.assert_allclose(data["cameras"][0].reshape(3, 4)[:, 2], [0, 1, 0], atol=1e-6)
+
+
+def test_the_page_shows_the_same_however_the_world_is_turned() -> None:
+    one = data_of(scene_page(street()))
+    other = data_of(scene_page(street(turned=Rotation.from_rotvec([0.7, -1.1, 2.0]))))
+    for name in ("points", "path", "cameras"):
+        np.testing.assert_allclose(other[name], one[name], atol=1e-5)
+
+
+def test_a_camera_that_looks_straight_down_is_shown_too() -> None:
+    down = np.zeros((2, 3, 4))
+    down[:, :, :3] = np.diag([1.0, -1.0, -1.0])
+    down[1, 0, 3] = 1.0
+    data = data_of(scene_page(Scene("down", np.ones((1, 3)), down[:, :, 3], down)))
+    axes = data["cameras"][0].reshape(3, 4)[:, :3]
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.det(axes), 1.0, atol=1e-6)
+
+
+def test_heights_are_counted_from_the_first_centre() -> None:
+    scene = street()
+    scene.path[-1, 1] = -2.0  # two metres up
+    data = data_of(scene_page(scene))
+    heights = data["points"][:, 2] + data["originHeight"]
+    np.testing.assert_allclose(heights, -scene.points[:, 1], atol=1e-6)
+
+
+def test_the_same_scene_gives_the_same_text_and_nothing_is_fetched() -> None:
+    page = scene_page(street())
+    assert page == scene_page(street())
+    assert not re.search(r"https?://|src=|@import|url\(", page)
+
+
+def test_titles_and_facts_cannot_break_out_of_the_page() -> None:
+    evil = "</script><script>alert(1)</script>"
+    page = scene_page(
+        Scene(evil, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 4)), facts={evil: evil})
+    )
+    assert evil not in page
+    assert data_of(page)["facts"] == [[evil, evil]]
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(InvalidArgument, match=r"points\[0, 1\] = nan"):
+        Scene("bad", np.array([[0.0, np.nan, 0.0]]), np.empty((0, 3)), np.empty((0, 3, 4)))
+
+
+def test_a_browser_draws_path_and_points_in_their_colours(tmp_path: Path) -> None:
+    truth = street().path + np.array([0.5, 0.0, 0.0])
+    save_scene_page(street(truth=truth, truth_name="truth"), tmp_path / "view.html")
+    picture = screenshot(tmp_path / "view.html", tmp_path / "view.png")
+    drawing = picture[:560, 300:]  # beside and above the panels
+    assert drawing.std() > 0.03
+    assert count_near(drawing, (255, 122, 89)) > 500  # the path, a line across most of the window
+    assert count_near(drawing, (242, 193, 78)) > 100  # the truth, dashed
+    saturated = (drawing.max(axis=2) - drawing.min(axis=2)) > 0.25
+    assert saturated.sum() > 1500
+
+
+def test_a_browser_draws_an_empty_scene_without_failing(tmp_path: Path) -> None:
+    empty = Scene("empty", np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 4)))
+    save_scene_page(empty, tmp_path / "view.html")
+    picture = screenshot(tmp_path / "view.html", tmp_path / "view.png")
+    panel = picture[640:690, 300:700]
+    assert panel.std() > 0.02  # the text of the lower panel
+
+
+def count_near(picture: np.ndarray, color: tuple[int, int, int]) -> int:
+    """Number of pixels of nearly that colour."""
+    return int((np.abs(picture - np.array(color) / 255).max(axis=2) < 0.06).sum())
