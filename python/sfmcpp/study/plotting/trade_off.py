@@ -17,6 +17,8 @@ from sfmcpp.weighting import WeightSelection
 SHOWN = 6
 # Relative increases of the images' error below this are rounding, and drawn here.
 SMALLEST_INCREASE = 1e-5
+# So are errors of the constraint below this share of the largest; a logarithmic axis has no place for zero.
+_SMALLEST_ERROR = 1e-12
 
 Chosen = tuple[float, WeightSelection]
 
@@ -91,11 +93,12 @@ def _spread(chosen: Sequence[Chosen]) -> list[Chosen]:
 def _draw_errors(axes: Axes, chosen: Chosen, color: str) -> None:
     seconds, selection = chosen
     increase = np.maximum(selection.vision / selection.vision[0] - 1, SMALLEST_INCREASE)
-    axes.plot(selection.constraint_error, increase, color=color, linewidth=1.2)
+    error = np.maximum(selection.constraint_error, _SMALLEST_ERROR * selection.constraint_error.max())
+    axes.plot(error, increase, color=color, linewidth=1.2)
     at = selection.weights == selection.weight
     label = f"{seconds:.4g} s: λ = {selection.weight:.3g}"
     axes.plot(
-        selection.constraint_error[at],
+        error[at],
         increase[at],
         "o",
         color=color,
