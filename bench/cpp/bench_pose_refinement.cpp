@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kObservations = 40;
 constexpr int kWeights = 100;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 
 // A camera that looks along z from the origin at points 4 to 40 m away, one pixel of noise, and a
 // gyro or odometer that is a little wrong.

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'PoseSweepOptions', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CONSTRAINT_KINDS', 'ConstraintKind', 'CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'PoseSweepOptions', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOptions:
     """
     Options of a solve, with the defaults of the core.
@@ -363,6 +363,67 @@ class PoseSweepOptions:
     @threads.setter
     def threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
+class ConstraintKind:
+    """
+    What is known of a kind of constraint.
+    
+    Attributes
+    ----------
+    name : str
+        Name of the kind.
+    values : tuple of int or None
+        Shape of one measurement; None: the kind has none.
+    cameras : tuple of int
+        How many cameras a member may name.
+    on_poses : bool
+        Whether it is on poses; else on intrinsics.
+    compares_images : bool
+        Whether it needs frozen points to compare the images of.
+    freedom : int
+        Independent numbers in one measurement: nine entries of a rotation are three.
+    unit : str
+        Unit of an error d of the sensor.
+    spread : float or None
+        ``‖d‖² / ε`` to first order, ε the mean squared error; None: the number of its points.
+    error : str
+        What is squared, before the division by its number of entries.
+    frame : str
+        Frame of the measurement.
+    """
+    def __reduce__(self) -> tuple[typing.Any, tuple[str]]:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def cameras(self) -> tuple:
+        ...
+    @property
+    def compares_images(self) -> bool:
+        ...
+    @property
+    def error(self) -> str:
+        ...
+    @property
+    def frame(self) -> str:
+        ...
+    @property
+    def freedom(self) -> int:
+        ...
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def on_poses(self) -> bool:
+        ...
+    @property
+    def spread(self) -> float | None:
+        ...
+    @property
+    def unit(self) -> str:
+        ...
+    @property
+    def values(self) -> tuple | None:
+        ...
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.
@@ -403,6 +464,7 @@ def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (M, 2) pixels as a lens without distortion would have seen them.
     """
+CONSTRAINT_KINDS: tuple
 GAUGES: tuple = ('auto', 'free', 'fixed')
 INSTRUCTION_SET: str
 LINEAR_SOLVERS: tuple = ('auto', 'dense', 'sparse', 'iterative')

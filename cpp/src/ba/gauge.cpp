@@ -109,7 +109,7 @@ class GaugeChooser {
   void add_constraints(Eigen::Matrix<double, 7, 7>& held) const {
     if (problem_.constraints == nullptr) return;
     for (const residuals::ConstraintGroup& group : problem_.constraints->groups()) {
-      if (!std::holds_alternative<residuals::PoseConstraintKind>(group.kind)) continue;
+      if (!facts_of(group.kind).is_on_poses()) continue;
       for (const residuals::ConstraintMember& member : group.members) {
         if (!residuals::is_active(group, member)) continue;
         const Motions rows = response_of_constraint(member);

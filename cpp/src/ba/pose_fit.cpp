@@ -59,7 +59,7 @@ int largest_residual(std::span<const WeightedConstraint> constraints) {
 
 // Its points, each with its share of the mean. Nothing is observed: both images are computed.
 residuals::PointViews frozen_points(const residuals::PoseConstraint& c) {
-  if (!residuals::compares_images(c.kind)) return {{}, {}, {}};
+  if (!facts_of(c.kind).compares_images()) return {{}, {}, {}};
   const std::size_t count = c.points.size() / 3;
   const std::vector<double> nowhere(2 * count), sigma(count, std::sqrt(static_cast<double>(count)));
   return {c.points, nowhere, sigma};
@@ -100,7 +100,7 @@ void PoseFit::linearize(const double* inverse_sigma, LinearizedPose& at) {
 
 void PoseFit::add_constraint(int k, const double* pose, double factor, PoseSums& sums) {
   const WeightedConstraint& c = constraints_[k];
-  if (residuals::compares_images(c.constraint.kind))
+  if (facts_of(c.constraint.kind).compares_images())
     return add_reprojections(k, pose, factor, sums);
   residuals::evaluate(c.constraint, pose, c.previous.data(), {residual_.data(), jacobian_.data()});
   add_rows(
@@ -110,7 +110,7 @@ void PoseFit::add_constraint(int k, const double* pose, double factor, PoseSums&
 // What evaluate() computes point by point, by the vector kernels.
 void PoseFit::add_reprojections(int k, const double* pose, double factor, PoseSums& sums) const {
   const WeightedConstraint& c = constraints_[k];
-  const bool same_centre = !residuals::relates_two_poses(c.constraint.kind);
+  const bool same_centre = !facts_of(c.constraint.kind).relates_two_poses();
   std::array<double, 12> other = c.previous;
   for (int row = 0; row < 3 && same_centre; ++row) {
     for (int column = 0; column < 3; ++column)

@@ -83,7 +83,7 @@ void check_constraints(std::span<const WeightedConstraint> constraints) {
     const std::string name = "constraints[" + std::to_string(k) + "]";
     residuals::validate(constraints[k].constraint, name);
     require_weight(constraints[k].weight, "weight of constraints", k);
-    if (residuals::relates_two_poses(constraints[k].constraint.kind))
+    if (facts_of(constraints[k].constraint.kind).relates_two_poses())
       check_pose(constraints[k].previous.data(), (name + ".previous").c_str());
   }
 }

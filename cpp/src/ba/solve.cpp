@@ -40,7 +40,7 @@ void describe_start(Workspace& work,
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
   summary.loss_scale_px = work.loss.scale;
-  summary.solves_linear_system = solves_linear_system(options.minimizer.method);
+  summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
 }
 

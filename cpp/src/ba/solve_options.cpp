@@ -4,17 +4,11 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/options_check.hpp"
-#include "workspace.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
 using optim::Method;
-
-bool has_damping(Method method) {
-  return method == Method::kLevenbergMarquardt || method == Method::kLevenbergMarquardtNielsen ||
-         method == Method::kAlternation;
-}
 
 void check_line_search(const optim::MinimizerOptions& minimizer, OptionsCheck& check) {
   const optim::LineSearchOptions& search = minimizer.line_search;
@@ -33,13 +27,13 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
   const optim::MinimizerOptions& minimizer = options.minimizer;
   const Method method = minimizer.method;
   const optim::LineSearchOptions& search = minimizer.line_search;
-  if (minimizer.initial_damping && !has_damping(method))
+  if (minimizer.initial_damping && !facts_of(method).has_damping)
     refuse("initial_damping", method, "it has no damping");
-  if (minimizer.initial_radius && method != Method::kDogLeg)
+  if (minimizer.initial_radius && !facts_of(method).has_radius)
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
-  if (search.damping_threshold && !has_damping(method))
+  if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
-  if (!solves_linear_system(method) &&
+  if (!facts_of(method).solves_linear_system &&
       options.linear_solver.kind != linear::LinearSolverKind::kAuto) {
     refuse("linear_solver = '" + std::string(enum_name(options.linear_solver.kind)) + "'",
            method,

@@ -10,7 +10,7 @@ namespace sfmcpp::ba {
 namespace {
 
 bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
-  const bool undamped = options.minimizer.method == optim::Method::kGaussNewton;
+  const bool undamped = facts_of(options.minimizer.method).needs_fixed_gauge();
   if (options.gauge == Gauge::kFree && undamped) {
     throw InvalidArgument(
         "gauge = 'free' with method = 'gauss-newton': without damping the gauge must be 'fixed'");
@@ -52,7 +52,7 @@ const Problem& checked(const Problem& problem,
 }
 
 linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptions& options) {
-  if (!solves_linear_system(options.minimizer.method)) {
+  if (!facts_of(options.minimizer.method).solves_linear_system) {
     return {linear::LinearSolverKind::kIterative, "the method solves no system of all cameras"};
   }
   return linear::choose_linear_solver(work.graph,
@@ -72,12 +72,6 @@ void restore(std::span<const std::uint8_t> fixed,
 }
 
 }  // namespace
-
-bool solves_linear_system(optim::Method method) {
-  using optim::Method;
-  return method != Method::kGradientDescent && method != Method::kConjugateGradient &&
-         method != Method::kAlternation;
-}
 
 Workspace::Workspace(const Problem& problem, const SolveOptions& options, const optim::State& start)
     : graph(graph_of(checked(problem, options, start))),

@@ -29,9 +29,6 @@ struct Workspace {
   std::unique_ptr<linear::LinearSolver> solver;
 };
 
-// Whether a method solves the normal equations as a whole.
-bool solves_linear_system(optim::Method method);
-
 // While it lives, the state of a projective problem is in the frame of ba/world_frame.hpp. What is
 // fixed comes back with the same bits.
 class ScopedFrame {

@@ -5,34 +5,68 @@
 #include <string>
 
 #include <Eigen/Core>
+#include <pybind11/stl.h>
 
 #include "arrays.hpp"
+#include "options.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
 
+using residuals::CamerasOfMember;
 using residuals::ConstraintGroup;
+using residuals::ConstraintKindFacts;
 using residuals::ConstraintMember;
+using residuals::kNoPrevious;
+using residuals::Measurement;
 
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RotationMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-// The number of values tells what they are: 3×4 poses, 3×3 rotations, positions, …
-void set_measurement(residuals::ConstraintKind kind,
+void set_measurement(const ConstraintKindFacts& kind,
                      std::span<const double> values,
                      ConstraintMember& member) {
-  if (values.size() == 12) {
+  if (!kind.is_on_poses()) {
+    std::copy(values.begin(), values.end(), member.intrinsics.begin());
+  } else if (kind.measurement == Measurement::kPose) {
     const Eigen::Map<const PoseMatrix> pose(values.data());
     member.pose.rotation = pose.leftCols<3>();
     member.pose.translation = pose.col(3);
-  } else if (values.size() == 9) {
+  } else if (kind.measurement == Measurement::kRotation) {
     member.pose.rotation = Eigen::Map<const RotationMatrix>(values.data());
-  } else if (values.size() == 3) {
+  } else if (kind.measurement == Measurement::kVector) {
     member.pose.translation = Eigen::Map<const Eigen::Vector3d>(values.data());
-  } else if (std::holds_alternative<residuals::PoseConstraintKind>(kind)) {
-    if (!values.empty()) member.pose.distance = values[0];
-  } else {
-    std::copy(values.begin(), values.end(), member.intrinsics.begin());
+  } else if (kind.measurement == Measurement::kScalar) {
+    member.pose.distance = values[0];
+  }
+}
+
+// Intrinsics that are compared with those of another camera are not measured.
+int measured_numbers(const ConstraintKindFacts& kind, int previous) {
+  const bool compared = !kind.is_on_poses() && previous != kNoPrevious;
+  return compared ? 0 : size_of(kind.measurement);
+}
+
+void require_size(const ConstraintGroup& group,
+                  const std::string& field,
+                  std::size_t size,
+                  std::size_t wanted,
+                  std::size_t members) {
+  if (size == wanted) return;
+  throw InvalidArgument("constraints['" + group.name + "']." + field + ": " + std::to_string(size) +
+                        " numbers, must be " + std::to_string(wanted) + " for " +
+                        std::to_string(members) + " members");
+}
+
+void require_ranges(const ConstraintGroup& group,
+                    std::span<const int> begin,
+                    std::size_t points,
+                    std::size_t members) {
+  require_size(group, "points_begin", begin.size(), members + 1, members);
+  if (begin.front() != 0 || !std::is_sorted(begin.begin(), begin.end()) ||
+      static_cast<std::size_t>(begin.back()) * 3 != points) {
+    throw InvalidArgument("constraints['" + group.name +
+                          "'].points: must be one array (any, 3) for each member");
   }
 }
 
@@ -55,20 +89,29 @@ std::array<double, 5> pinhole_of(const ba::Problem& problem, int camera) {
 ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
   ConstraintGroup group;
   group.name = arrays["name"].cast<std::string>();
-  group.kind = residuals::parse_constraint_kind(arrays["kind"].cast<std::string>());
+  group.kind = parse_enum<residuals::ConstraintKind>(arrays["kind"].cast<std::string>());
   group.weight = arrays["weight"].cast<double>();
+  const ConstraintKindFacts& kind = facts_of(group.kind);
   const auto cameras = view<const int>(arrays, "cameras");  // previous, this
-  const auto values = view<const double>(arrays, "values");
+  auto values = view<const double>(arrays, "values");
   const auto weights = view<const double>(arrays, "member_weights");
   const auto points = view<const double>(arrays, "points");
   const auto points_begin = view<const int>(arrays, "points_begin");
-  const std::size_t count = weights.size(), width = count == 0 ? 0 : values.size() / count;
+  const std::size_t count = cameras.size() / 2;
+  std::size_t measured = 0;
+  for (std::size_t k = 0; k < count; ++k) measured += measured_numbers(kind, cameras[2 * k]);
+  require_size(group, "cameras", cameras.size(), 2 * count, count);
+  require_size(group, "values", values.size(), measured, count);
+  require_size(group, "member_weights", weights.size(), count, count);
+  require_ranges(group, points_begin, points.size(), count);
   for (std::size_t k = 0; k < count; ++k) {
     ConstraintMember member;
     member.previous = cameras[2 * k];
     member.camera = cameras[2 * k + 1];
     member.weight = weights[k];
-    set_measurement(group.kind, values.subspan(width * k, width), member);
+    const std::size_t size = measured_numbers(kind, member.previous);
+    if (size > 0) set_measurement(kind, values.first(size), member);
+    values = values.subspan(size);
     member.pose.intrinsics = pinhole_of(problem, member.camera);
     member.points.assign(points.begin() + 3L * points_begin[k],
                          points.begin() + 3L * points_begin[k + 1]);
@@ -77,7 +120,84 @@ ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
   return group;
 }
 
+py::object shape_of(Measurement measurement) {
+  switch (measurement) {
+    case Measurement::kNone:
+      return py::none();
+    case Measurement::kScalar:
+      return py::tuple();
+    case Measurement::kPair:
+      return py::make_tuple(2);
+    case Measurement::kVector:
+      return py::make_tuple(3);
+    case Measurement::kRotation:
+      return py::make_tuple(3, 3);
+    case Measurement::kPose:
+      break;
+  }
+  return py::make_tuple(3, 4);
+}
+
+py::tuple numbers_of(CamerasOfMember cameras) {
+  if (cameras == CamerasOfMember::kOneOrTwo) return py::make_tuple(1, 2);
+  return py::make_tuple(cameras == CamerasOfMember::kOne ? 1 : 2);
+}
+
+constexpr const char* kKindDoc = R"(What is known of a kind of constraint.
+
+Attributes
+----------
+name : str
+    Name of the kind.
+values : tuple of int or None
+    Shape of one measurement; None: the kind has none.
+cameras : tuple of int
+    How many cameras a member may name.
+on_poses : bool
+    Whether it is on poses; else on intrinsics.
+compares_images : bool
+    Whether it needs frozen points to compare the images of.
+freedom : int
+    Independent numbers in one measurement: nine entries of a rotation are three.
+unit : str
+    Unit of an error d of the sensor.
+spread : float or None
+    ``‖d‖² / ε`` to first order, ε the mean squared error; None: the number of its points.
+error : str
+    What is squared, before the division by its number of entries.
+frame : str
+    Frame of the measurement.
+)";
+
 }  // namespace
+
+void bind_constraint_kinds(py::module_& m) {
+  using F = ConstraintKindFacts;
+  py::class_<F>(m, "ConstraintKind", kKindDoc)
+      .def_property_readonly("name", [](const F& f) { return f.name; })
+      .def_property_readonly(
+          "values",
+          [](const F& f) -> py::typing::Optional<py::tuple> { return shape_of(f.measurement); })
+      .def_property_readonly("cameras", [](const F& f) { return numbers_of(f.cameras); })
+      .def_property_readonly("on_poses", &F::is_on_poses)
+      .def_property_readonly("compares_images", &F::compares_images)
+      .def_readonly("freedom", &F::freedom)
+      .def_property_readonly("unit", [](const F& f) { return f.unit; })
+      .def_property_readonly(
+          "spread",
+          [](const F& f) { return f.compares_images() ? std::nullopt : std::optional(f.spread); })
+      .def_property_readonly("error", [](const F& f) { return f.error; })
+      .def_property_readonly("frame", [](const F& f) { return f.frame; })
+      .def("__repr__", [](const F& f) { return "ConstraintKind('" + std::string(f.name) + "')"; })
+      .def("__reduce__", [](const F& f) {
+        const py::object find = py::module_::import("sfmcpp.model").attr("constraint_kind");
+        return py::make_tuple(find, py::make_tuple(f.name));
+      });
+  py::list kinds;
+  for (const F& facts : EnumTraits<residuals::ConstraintKind>::kTable)
+    kinds.append(py::cast(facts));
+  m.attr("CONSTRAINT_KINDS") = py::tuple(kinds);
+}
 
 residuals::ConstraintSet constraints_of(const py::dict& arrays, const ba::Problem& problem) {
   residuals::ConstraintSet set;

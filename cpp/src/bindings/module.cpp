@@ -37,4 +37,5 @@ PYBIND11_MODULE(_core, m) {
   sfmcpp::bindings::bind_solve(m);
   sfmcpp::bindings::bind_check(m);
   sfmcpp::bindings::bind_pose(m);
+  sfmcpp::bindings::bind_constraint_kinds(m);
 }

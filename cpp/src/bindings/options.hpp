@@ -13,5 +13,6 @@ void bind_summary(py::module_& m);
 void bind_solve(py::module_& m);
 void bind_check(py::module_& m);
 void bind_pose(py::module_& m);
+void bind_constraint_kinds(py::module_& m);
 
 }  // namespace sfmcpp::bindings

@@ -37,7 +37,7 @@ PoseView view_of(const py::dict& arrays) {
 WeightedConstraint constraint_of(const py::dict& arrays) {
   WeightedConstraint result;
   residuals::PoseConstraint& c = result.constraint;
-  c.kind = parse_enum<residuals::PoseConstraintKind>(arrays["kind"].cast<std::string>());
+  c.kind = parse_enum<residuals::ConstraintKind>(arrays["kind"].cast<std::string>());
   c.rotation =
       Eigen::Matrix<double, 3, 3, Eigen::RowMajor>::Map(sized(arrays, "rotation", 9).data());
   c.translation = Eigen::Vector3d::Map(sized(arrays, "translation", 3).data());

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "sfmcpp/optim/line_searches.hpp"
+#include "sfmcpp/optim/line_search.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -98,11 +98,11 @@ class AlgebraicSearch final : public LineSearch {
 
 }  // namespace
 
-std::unique_ptr<LineSearch> make_global_algebraic_search() {
+std::unique_ptr<LineSearch> make_global_algebraic_search(const LineSearchOptions&) {
   return std::make_unique<AlgebraicSearch>(common_lengths);
 }
 
-std::unique_ptr<LineSearch> make_two_way_algebraic_search() {
+std::unique_ptr<LineSearch> make_two_way_algebraic_search(const LineSearchOptions&) {
   return std::make_unique<AlgebraicSearch>(separate_lengths);
 }
 

@@ -2,7 +2,7 @@
 
 #include "sfmcpp/linear/block_jacobi.hpp"
 #include "sfmcpp/optim/damping_rule.hpp"
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {

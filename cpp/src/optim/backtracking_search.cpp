@@ -1,7 +1,7 @@
 #include <limits>
 
 #include "sampled_line.hpp"
-#include "sfmcpp/optim/line_searches.hpp"
+#include "sfmcpp/optim/line_search.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -100,8 +100,8 @@ Test test_of(BacktrackingTest test) {
 
 }  // namespace
 
-std::unique_ptr<LineSearch> make_backtracking_search(BacktrackingTest test) {
-  return std::make_unique<BacktrackingSearch>(test_of(test));
+std::unique_ptr<LineSearch> make_backtracking_search(const LineSearchOptions& options) {
+  return std::make_unique<BacktrackingSearch>(test_of(options.backtracking_test));
 }
 
 }  // namespace sfmcpp::optim

@@ -7,7 +7,7 @@
 
 #include "sfmcpp/linear/block_jacobi.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {

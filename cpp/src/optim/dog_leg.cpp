@@ -3,7 +3,7 @@
 #include <optional>
 
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {

@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "sampled_line.hpp"
-#include "sfmcpp/optim/line_searches.hpp"
+#include "sfmcpp/optim/line_search.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -103,12 +103,12 @@ class FrandsenSearch final : public LineSearch {
 
 }  // namespace
 
-std::unique_ptr<LineSearch> make_exact_search() {
+std::unique_ptr<LineSearch> make_exact_search(const LineSearchOptions&) {
   return std::make_unique<FrandsenSearch>(
       Precision{.steepest_descent = 1e-3, .steepest_ascent = -1e-3, .bracket = 1e-3});
 }
 
-std::unique_ptr<LineSearch> make_soft_search() {
+std::unique_ptr<LineSearch> make_soft_search(const LineSearchOptions&) {
   constexpr double kAny = -std::numeric_limits<double>::infinity();
   return std::make_unique<FrandsenSearch>(
       Precision{.steepest_descent = 0.99, .steepest_ascent = kAny});

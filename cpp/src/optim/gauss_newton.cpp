@@ -1,4 +1,4 @@
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -18,11 +18,12 @@ class GaussNewton final : public StepStrategy {
   void accepted(double) override {}
   void rejected() override {}
   bool can_retry() const override { return false; }
-  bool shortens() const override { return false; }
 };
 
 }  // namespace
 
-std::unique_ptr<StepStrategy> make_gauss_newton() { return std::make_unique<GaussNewton>(); }
+std::unique_ptr<StepStrategy> make_gauss_newton(const MinimizerOptions&) {
+  return std::make_unique<GaussNewton>();
+}
 
 }  // namespace sfmcpp::optim

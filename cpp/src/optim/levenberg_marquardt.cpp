@@ -1,5 +1,5 @@
 #include "sfmcpp/optim/damping_rule.hpp"
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {

@@ -161,7 +161,7 @@ class Minimizer {
       return;
     } else if (!result_.valid) {
       finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
-    } else if (!strategy_->shortens()) {
+    } else if (!facts_of(options_.method).shortens) {
       finish(progressed() ? Termination::kConverged : Termination::kNumericalFailure,
              "the step does not decrease the cost, and the method has no damping to shorten it");
     } else {

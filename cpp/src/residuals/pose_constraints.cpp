@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "sfmcpp/cameras/calibrated.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -11,13 +12,12 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using Kind = PoseConstraintKind;
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 constexpr int kRotationColumn = 0;
 constexpr int kCentreColumn = 3;
 constexpr int kRotationEntries = 9;
-constexpr int kPoseEntries = 12;
+constexpr double kRotationTolerance = 1e-6;
 
 struct Pose {
   explicit Pose(const double* p)
@@ -32,8 +32,9 @@ struct Pose {
 // Three rows of e and of its Jacobians at a time, already divided by the root of the dimension.
 class Rows {
  public:
-  Rows(const ConstraintOutput& out, int size, double dimension)
-      : out_(out), factor_(1.0 / std::sqrt(dimension)) {
+  Rows(const PoseConstraint& constraint, const ConstraintOutput& out) : out_(out) {
+    const int size = facts_of(constraint.kind).entries;
+    factor_ = 1.0 / std::sqrt(size);
     for (double* jacobian : {out.by_pose, out.by_previous}) {
       if (jacobian != nullptr) std::fill_n(jacobian, size * 6, 0.0);
     }
@@ -76,7 +77,7 @@ Target relative(const PoseConstraint& c, const Pose& previous) {
 
 // RᵀR̂ − I, column by column: a column v moves by −δ × v = [v]× δ. By the previous pose's δ, with
 // G = Rᵀ R_P and d the column of dR̂: G (δ × d) = −G [d]× δ.
-void orientation_rows(const Pose& pose, const Target& target, const Pose* previous, Rows rows) {
+void put_orientation(const Pose& pose, const Target& target, const Pose* previous, Rows rows) {
   const Matrix3d error = pose.rotation.transpose() * target.world.rotation;
   for (int c = 0; c < 3; ++c) {
     rows.residual(3 * c, error.col(c) - Vector3d::Unit(c));
@@ -89,10 +90,10 @@ void orientation_rows(const Pose& pose, const Target& target, const Pose* previo
 }
 
 // Rᵀ (t̂ − t), below the orientation.
-void position_in_camera_rows(const Pose& pose,
-                             const Target& target,
-                             const Pose* previous,
-                             Rows rows) {
+void put_position_in_camera(const Pose& pose,
+                            const Target& target,
+                            const Pose* previous,
+                            Rows rows) {
   const auto camera_from_world = pose.rotation.transpose();
   const Vector3d error = camera_from_world * (target.world.centre - pose.centre);
   rows.residual(kRotationEntries, error);
@@ -104,35 +105,9 @@ void position_in_camera_rows(const Pose& pose,
   rows.by_previous(kRotationEntries, kCentreColumn, camera_from_world);
 }
 
-void pose_rows(const Pose& pose, const Target& target, const Pose* previous, Rows rows) {
-  orientation_rows(pose, target, previous, rows);
-  position_in_camera_rows(pose, target, previous, rows);
-}
-
-void rotation_log_rows(const PoseConstraint& c, const Pose& pose, const Pose& previous, Rows rows) {
-  const Matrix3d motion = previous.rotation.transpose() * pose.rotation;
-  const Vector3d error = log_so3(c.rotation.transpose() * motion);
-  const Matrix3d by_rotation = inverse_right_jacobian_so3(error);
-  rows.residual(0, error);
-  rows.by_pose(0, kRotationColumn, by_rotation);
-  rows.by_previous(0, kRotationColumn, -by_rotation * motion.transpose());
-}
-
-void translation_rows(const Vector3d& error, Rows rows) {
-  rows.residual(0, error);
-  rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
-  rows.by_previous(0, kCentreColumn, -Matrix3d::Identity());
-}
-
-void scale_row(double distance, const Vector3d& moved, const ConstraintOutput& out) {
-  const double length = moved.norm();
-  const Vector3d direction = length > 0.0 ? Vector3d(moved / length) : Vector3d::Zero();
-  *out.residual = length - distance;
-  for (auto [jacobian, sign] : {std::pair(out.by_pose, 1.0), std::pair(out.by_previous, -1.0)}) {
-    if (jacobian == nullptr) continue;
-    Eigen::Map<Vector3d>(jacobian + kRotationColumn).setZero();
-    Eigen::Map<Vector3d>(jacobian + kCentreColumn) = sign * direction;
-  }
+void put_pose(const Pose& pose, const Target& target, const Pose* previous, Rows rows) {
+  put_orientation(pose, target, previous, rows);
+  put_position_in_camera(pose, target, previous, rows);
 }
 
 // Columns of [Rᵀ | −Rᵀt]: each moves by [v]× δR, the last one by −Rᵀ δt, too.
@@ -140,17 +115,6 @@ Eigen::Matrix<double, 3, 4> projection_matrix(const Pose& pose) {
   Eigen::Matrix<double, 3, 4> p;
   p << pose.rotation.transpose(), -pose.rotation.transpose() * pose.centre;
   return p;
-}
-
-void smoothing_rows(const Pose& pose, const Pose& previous, Rows rows) {
-  const Eigen::Matrix<double, 3, 4> p = projection_matrix(pose), q = projection_matrix(previous);
-  for (int c = 0; c < 4; ++c) {
-    rows.residual(3 * c, p.col(c) - q.col(c));
-    rows.by_pose(3 * c, kRotationColumn, skew(p.col(c)));
-    rows.by_previous(3 * c, kRotationColumn, -skew(q.col(c)));
-  }
-  rows.by_pose(kRotationEntries, kCentreColumn, -pose.rotation.transpose());
-  rows.by_previous(kRotationEntries, kCentreColumn, previous.rotation.transpose());
 }
 
 using Projected = LinearizedImagePoint<double, 6, 0>;
@@ -164,10 +128,10 @@ Projected projected(const PoseConstraint& c, const double* pose, int point) {
 int num_points(const PoseConstraint& c) { return static_cast<int>(c.points.size()) / 3; }
 
 // π(pose) − π(other); each Jacobian is that of its own camera.
-void reprojection_rows(const PoseConstraint& c,
-                       const double* pose,
-                       const double* other,
-                       const ConstraintOutput& out) {
+void put_images(const PoseConstraint& c,
+                const double* pose,
+                const double* other,
+                const ConstraintOutput& out) {
   const double factor = 1.0 / std::sqrt(num_points(c));
   for (int j = 0; j < num_points(c); ++j) {
     const Projected here = projected(c, pose, j), there = projected(c, other, j);
@@ -182,13 +146,51 @@ void reprojection_rows(const PoseConstraint& c,
   }
 }
 
+[[noreturn]] void refuse(const std::string& name, const std::string& rule) {
+  throw InvalidArgument(name + ": " + rule);
+}
+
+void require_points(std::span<const double> points, const std::string& name) {
+  if (points.empty() || points.size() % 3 != 0)
+    refuse(name, "must have three numbers for each of at least one point");
+  for (double x : points) {
+    if (!std::isfinite(x)) refuse(name, "must be finite");
+  }
+}
+
+}  // namespace
+
+void pose_equation(const PoseConstraint& c,
+                   const double* pose,
+                   const double*,
+                   const ConstraintOutput& out) {
+  put_pose(Pose(pose), absolute(c), nullptr, Rows(c, out));
+}
+
+void position_equation(const PoseConstraint& c,
+                       const double* pose,
+                       const double*,
+                       const ConstraintOutput& out) {
+  const Rows rows(c, out);
+  rows.residual(0, Pose(pose).centre - c.translation);
+  rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
+}
+
+void orientation_equation(const PoseConstraint& c,
+                          const double* pose,
+                          const double*,
+                          const ConstraintOutput& out) {
+  put_orientation(Pose(pose), absolute(c), nullptr, Rows(c, out));
+}
+
 // The other camera has the measured rotation but the same centre, and moves with it.
-void orientation_reprojection_rows(const PoseConstraint& c,
-                                   const double* pose,
-                                   const ConstraintOutput& out) {
+void orientation_reprojections_equation(const PoseConstraint& c,
+                                        const double* pose,
+                                        const double*,
+                                        const ConstraintOutput& out) {
   PoseMatrix turned = Eigen::Map<const PoseMatrix>(pose);
   turned.leftCols<3>() = c.rotation;
-  reprojection_rows(c, pose, turned.data(), {out.residual, out.by_pose});
+  put_images(c, pose, turned.data(), {out.residual, out.by_pose});
   if (out.by_previous != nullptr) std::fill_n(out.by_previous, 12L * num_points(c), 0.0);
   if (out.by_pose == nullptr) return;
   const double factor = 1.0 / std::sqrt(num_points(c));
@@ -201,68 +203,121 @@ void orientation_reprojection_rows(const PoseConstraint& c,
   }
 }
 
-}  // namespace
-
-bool compares_images(Kind kind) {
-  return kind == Kind::kOrientationReprojections || kind == Kind::kSmoothingReprojections;
+void displacement_pose_equation(const PoseConstraint& c,
+                                const double* pose,
+                                const double* previous,
+                                const ConstraintOutput& out) {
+  const Pose before(previous);
+  put_pose(Pose(pose), relative(c, before), &before, Rows(c, out));
 }
 
-bool relates_two_poses(Kind kind) { return kind >= Kind::kDisplacementPose; }
+void displacement_translation_equation(const PoseConstraint& c,
+                                       const double* pose,
+                                       const double* previous,
+                                       const ConstraintOutput& out) {
+  const Rows rows(c, out);
+  rows.residual(0, (Pose(pose).centre - Pose(previous).centre) - c.translation);
+  rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
+  rows.by_previous(0, kCentreColumn, -Matrix3d::Identity());
+}
+
+void displacement_rotation_equation(const PoseConstraint& c,
+                                    const double* pose,
+                                    const double* previous,
+                                    const ConstraintOutput& out) {
+  const Pose before(previous);
+  put_orientation(Pose(pose), relative(c, before), &before, Rows(c, out));
+}
+
+void displacement_rotation_log_equation(const PoseConstraint& c,
+                                        const double* pose,
+                                        const double* previous,
+                                        const ConstraintOutput& out) {
+  const Rows rows(c, out);
+  const Matrix3d motion = Pose(previous).rotation.transpose() * Pose(pose).rotation;
+  const Vector3d error = log_so3(c.rotation.transpose() * motion);
+  const Matrix3d by_rotation = inverse_right_jacobian_so3(error);
+  rows.residual(0, error);
+  rows.by_pose(0, kRotationColumn, by_rotation);
+  rows.by_previous(0, kRotationColumn, -by_rotation * motion.transpose());
+}
+
+void scale_equation(const PoseConstraint& c,
+                    const double* pose,
+                    const double* previous,
+                    const ConstraintOutput& out) {
+  const Vector3d moved = Pose(pose).centre - Pose(previous).centre;
+  const double length = moved.norm();
+  const Vector3d direction = length > 0.0 ? Vector3d(moved / length) : Vector3d::Zero();
+  *out.residual = length - c.distance;
+  for (auto [jacobian, sign] : {std::pair(out.by_pose, 1.0), std::pair(out.by_previous, -1.0)}) {
+    if (jacobian == nullptr) continue;
+    Eigen::Map<Vector3d>(jacobian + kRotationColumn).setZero();
+    Eigen::Map<Vector3d>(jacobian + kCentreColumn) = sign * direction;
+  }
+}
+
+void smoothing_equation(const PoseConstraint& c,
+                        const double* pose_numbers,
+                        const double* previous_numbers,
+                        const ConstraintOutput& out) {
+  const Pose pose(pose_numbers), previous(previous_numbers);
+  const Rows rows(c, out);
+  const Eigen::Matrix<double, 3, 4> p = projection_matrix(pose), q = projection_matrix(previous);
+  for (int column = 0; column < 4; ++column) {
+    rows.residual(3 * column, p.col(column) - q.col(column));
+    rows.by_pose(3 * column, kRotationColumn, skew(p.col(column)));
+    rows.by_previous(3 * column, kRotationColumn, -skew(q.col(column)));
+  }
+  rows.by_pose(kRotationEntries, kCentreColumn, -pose.rotation.transpose());
+  rows.by_previous(kRotationEntries, kCentreColumn, previous.rotation.transpose());
+}
+
+void smoothing_reprojections_equation(const PoseConstraint& c,
+                                      const double* pose,
+                                      const double* previous,
+                                      const ConstraintOutput& out) {
+  put_images(c, pose, previous, out);
+}
+
+IntrinsicsResidual focal_equation(const double* values, const double* reference) {
+  return {{std::log(*reference / *values), 0.0}, -1.0 / *values, 1.0 / *reference};
+}
+
+IntrinsicsResidual principal_point_equation(const double* values, const double* reference) {
+  const double factor = 1.0 / std::numbers::sqrt2;
+  return {
+      {factor * (values[0] - reference[0]), factor * (values[1] - reference[1])}, factor, -factor};
+}
 
 int residual_size(const PoseConstraint& c) {
-  switch (c.kind) {
-    case Kind::kPose:
-    case Kind::kDisplacementPose:
-    case Kind::kSmoothing:
-      return kPoseEntries;
-    case Kind::kOrientation:
-    case Kind::kDisplacementRotation:
-      return kRotationEntries;
-    case Kind::kScale:
-      return 1;
-    case Kind::kOrientationReprojections:
-    case Kind::kSmoothingReprojections:
-      return 2 * num_points(c);
-    case Kind::kPosition:
-    case Kind::kDisplacementTranslation:
-    case Kind::kDisplacementRotationLog:
-      break;
-  }
-  return 3;
+  const ConstraintKindFacts& facts = facts_of(c.kind);
+  return facts.compares_images() ? 2 * num_points(c) : facts.entries;
 }
 
 void evaluate(const PoseConstraint& c,
-              const double* pose_numbers,
-              const double* previous_numbers,
+              const double* pose,
+              const double* previous,
               const ConstraintOutput& out) {
-  if (c.kind == Kind::kOrientationReprojections)
-    return orientation_reprojection_rows(c, pose_numbers, out);
-  if (c.kind == Kind::kSmoothingReprojections)
-    return reprojection_rows(c, pose_numbers, previous_numbers, out);
-  const Pose pose(pose_numbers);
-  const Pose previous(relates_two_poses(c.kind) ? previous_numbers : pose_numbers);
-  const Vector3d moved = pose.centre - previous.centre;
-  if (c.kind == Kind::kScale) return scale_row(c.distance, moved, out);
-  const int size = residual_size(c);
-  const Rows rows(out, size, size);
-  switch (c.kind) {
-    case Kind::kPose:
-      return pose_rows(pose, absolute(c), nullptr, rows);
-    case Kind::kOrientation:
-      return orientation_rows(pose, absolute(c), nullptr, rows);
-    case Kind::kDisplacementPose:
-      return pose_rows(pose, relative(c, previous), &previous, rows);
-    case Kind::kDisplacementRotation:
-      return orientation_rows(pose, relative(c, previous), &previous, rows);
-    case Kind::kDisplacementRotationLog:
-      return rotation_log_rows(c, pose, previous, rows);
-    case Kind::kSmoothing:
-      return smoothing_rows(pose, previous, rows);
-    case Kind::kDisplacementTranslation:
-      return translation_rows(moved - c.translation, rows);
-    default:
-      rows.residual(0, pose.centre - c.translation);
-      rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
+  facts_of(c.kind).equation(c, pose, previous, out);
+}
+
+IntrinsicsResidual evaluate(ConstraintKind kind, const double* values, const double* reference) {
+  return facts_of(kind).intrinsics_equation(values, reference);
+}
+
+void validate(const PoseConstraint& c, const std::string& name) {
+  const ConstraintKindFacts& facts = facts_of(c.kind);
+  if (!facts.is_on_poses())
+    refuse(name + ".kind = '" + std::string(facts.name) + "'", "must be a constraint on poses");
+  const bool on_rotation =
+      facts.measurement == Measurement::kRotation || facts.measurement == Measurement::kPose;
+  if (on_rotation && !is_rotation(c.rotation, kRotationTolerance))
+    refuse(name + ".rotation", "must be a rotation matrix, orthonormal to 1e-6 and right-handed");
+  if (facts.compares_images()) require_points(c.points, name + ".points");
+  if (!c.translation.allFinite()) refuse(name + ".translation", "must be finite");
+  if (!(std::isfinite(c.distance) && c.distance >= 0.0)) {
+    refuse(name + ".distance = " + std::to_string(c.distance), "must be finite and not negative");
   }
 }
 

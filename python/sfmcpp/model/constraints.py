@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from unicodedata import combining
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import looked_up
@@ -15,48 +17,9 @@ from sfmcpp.model.checks import looked_up
 NO_CAMERA = -1
 
 
-@dataclass(frozen=True)
-class ConstraintKind:
-    """What a kind of constraint measures.
+ConstraintKind = _core.ConstraintKind
 
-    Attributes
-    ----------
-    name : str
-        Name of the kind.
-    values : tuple of int or None
-        Shape of one measurement; None: the kind has none.
-    cameras : tuple of int
-        How many cameras a member may name.
-    compares_images : bool
-        Whether it needs frozen points to compare the images of.
-    """
-
-    name: str
-    values: tuple[int, ...] | None
-    cameras: tuple[int, ...] = (1,)
-    compares_images: bool = False
-
-
-_POSE, _ROTATION, _VECTOR = (3, 4), (3, 3), (3,)
-
-CONSTRAINT_KINDS: dict[str, ConstraintKind] = {
-    kind.name: kind
-    for kind in (
-        ConstraintKind("pose", _POSE),
-        ConstraintKind("position", _VECTOR),
-        ConstraintKind("orientation", _ROTATION),
-        ConstraintKind("orientation-reprojections", _ROTATION, compares_images=True),
-        ConstraintKind("displacement-pose", _POSE, (2,)),
-        ConstraintKind("displacement-translation", _VECTOR, (2,)),
-        ConstraintKind("displacement-rotation", _ROTATION, (2,)),
-        ConstraintKind("displacement-rotation-log", _ROTATION, (2,)),
-        ConstraintKind("scale", (), (2,)),
-        ConstraintKind("smoothing", None, (2,)),
-        ConstraintKind("smoothing-reprojections", None, (2,), compares_images=True),
-        ConstraintKind("focal", (), (1, 2)),
-        ConstraintKind("principal-point", (2,), (1, 2)),
-    )
-}
+CONSTRAINT_KINDS: dict[str, ConstraintKind] = {kind.name: kind for kind in _core.CONSTRAINT_KINDS}
 
 
 @dataclass(eq=False)
@@ -72,23 +35,7 @@ class ConstraintGroup:
     With ``[R | t]`` the pose of a camera (rotation world_from_camera, centre in the world), hats for the
     values and "previous" for the first of two cameras:
 
-    =========================  =========  ===================================  ====================
-    kind                       values     error                                frame of the values
-    =========================  =========  ===================================  ====================
-    pose                       (n, 3, 4)  T⁻¹ T̂ − I                            world_from_camera
-    position                   (n, 3)     t − t̂                                world
-    orientation                (n, 3, 3)  Rᵀ R̂ − I                             world_from_camera
-    orientation-reprojections  (n, 3, 3)  images by R minus those by R̂ [px]    world_from_camera
-    displacement-pose          (n, 3, 4)  D⁻¹ D̂ − I, D = T_previous⁻¹ T        previous_from_camera
-    displacement-translation   (n, 3)     t − t_previous − t̂                   world
-    displacement-rotation      (n, 3, 3)  (R_previousᵀ R)ᵀ R̂ − I               previous_from_camera
-    displacement-rotation-log  (n, 3, 3)  log(R̂ᵀ R_previousᵀ R) [rad]          previous_from_camera
-    scale                      (n,)       ‖t − t_previous‖ − value             any
-    smoothing                  none       [Rᵀ | −Rᵀ t] minus the previous one  none
-    smoothing-reprojections    none       images minus the previous ones [px]  none
-    focal                      (n,) [px]  log(value / f)                       none
-    principal-point            (n, 2)     (cx, cy) − value [px]                pixels
-    =========================  =========  ===================================  ====================
+    {kinds}
 
     Lengths have the unit of the world. "focal" and "principal-point" may name two cameras instead of a
     value: the intrinsics of the previous one take its place.
@@ -166,6 +113,31 @@ class ConstraintGroup:
             )
         label = self._label("points")
         return [finite_array(f"{label}[{k}]", x, (ANY, 3)) for k, x in enumerate(self.points)]
+
+
+def _table_of_kinds() -> str:
+    """What the core knows of each kind, as a table of a docstring."""
+    rows = [("kind", "values", "error", "frame of the values")]
+    for kind in CONSTRAINT_KINDS.values():
+        shape = "none" if kind.values is None else "(n" + "".join(f", {k}" for k in kind.values) + ")"
+        rows.append((kind.name, shape.replace("(n)", "(n,)"), kind.error, kind.frame))
+    widths = [max(map(_width, column)) for column in zip(*rows, strict=True)]
+    ruler = ["=" * width for width in widths]
+    lines = [ruler, rows[0], ruler, *rows[1:], ruler]
+    return "\n    ".join("  ".join(map(_padded, line, widths)).rstrip() for line in lines)
+
+
+def _padded(text: str, width: int) -> str:
+    return text + " " * (width - _width(text))
+
+
+def _width(text: str) -> int:
+    """Columns that a text takes: hats have none of their own."""
+    return sum(not combining(character) for character in text)
+
+
+if ConstraintGroup.__doc__:  # not under python -OO
+    ConstraintGroup.__doc__ = ConstraintGroup.__doc__.replace("{kinds}", _table_of_kinds())
 
 
 def constraint_kind(name: str) -> ConstraintKind:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     Mounting,
@@ -20,9 +20,9 @@ from sfmcpp.sensors import (
 )
 
 # Kinds that mean something only in a map that is in metres, and in the sensor's world.
-METRIC_KINDS = ("scale", "position", "pose")
+METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
 # Kinds that constrain one keyframe, not the motion from the one before.
-PLACE_KINDS = ("position", "pose")
+PLACE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses and kind.cameras == (1,))
 
 
 @dataclass(frozen=True, eq=False)

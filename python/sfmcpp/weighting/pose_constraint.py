@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import CONSTRAINT_KINDS
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
 
@@ -22,28 +23,19 @@ class ConstraintUnit:
     name : str
         The unit.
     spread : float
-        An error vector d in that unit has the mean squared error ``‖d‖² / spread``, to first order.
+        An error vector d in that unit has the mean squared error ``‖d‖² / spread``, to first order; NaN: the
+        number of its points.
     """
 
     name: str
     spread: float
 
 
-# A small rotation φ has ‖RᵀR̂ − I‖² = 2‖φ‖². Poses mix metres and radians: theirs is the metre's.
 CONSTRAINT_UNITS: dict[str, ConstraintUnit] = {
-    "pose": ConstraintUnit("m", 12.0),
-    "position": ConstraintUnit("m", 3.0),
-    "orientation": ConstraintUnit("rad", 4.5),
-    "orientation-reprojections": ConstraintUnit("px", math.nan),  # the number of its points
-    "displacement-pose": ConstraintUnit("m", 12.0),
-    "displacement-translation": ConstraintUnit("m", 3.0),
-    "displacement-rotation": ConstraintUnit("rad", 4.5),
-    "displacement-rotation-log": ConstraintUnit("rad", 3.0),
-    "scale": ConstraintUnit("m", 1.0),
-    "smoothing": ConstraintUnit("m", 12.0),
-    "smoothing-reprojections": ConstraintUnit("px", math.nan),
+    kind.name: ConstraintUnit(kind.unit, math.nan if kind.spread is None else kind.spread)
+    for kind in CONSTRAINT_KINDS.values()
+    if kind.on_poses
 }
-_RELATIVE = ("displacement-", "scale", "smoothing")
 
 
 @dataclass(frozen=True)
@@ -109,7 +101,7 @@ class PoseConstraint:
     def __post_init__(self) -> None:
         if self.kind not in CONSTRAINT_UNITS:
             raise InvalidArgument(f"kind = {self.kind!r}: must be one of {', '.join(CONSTRAINT_UNITS)}")
-        if self.kind.startswith(_RELATIVE) and self.previous is None:
+        if CONSTRAINT_KINDS[self.kind].cameras == (2,) and self.previous is None:
             raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
         if self.sensor_sigma is not None:
             require_positive("sensor_sigma", self.sensor_sigma)

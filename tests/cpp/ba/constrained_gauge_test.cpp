@@ -11,9 +11,8 @@
 namespace sfmcpp::ba {
 namespace {
 
-using residuals::IntrinsicsConstraintKind;
 using support::OwnedProblem;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 
 OwnedProblem scene(bool on_a_line = false) {
   support::SceneOptions options = support::perturbed(CameraModelId::kPerspective);
@@ -86,7 +85,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"DisplacementRotation", Kind::kDisplacementRotation, kThree, 7},
                     Case{"DisplacementRotationLog", Kind::kDisplacementRotationLog, kThree, 7},
                     Case{"Scale", Kind::kScale, kThree, 6},
-                    Case{"Focal", IntrinsicsConstraintKind::kFocal, kThree, 7}),
+                    Case{"Focal", Kind::kFocal, kThree, 7}),
     [](const auto& test) { return std::string(test.param.name); });
 
 TEST(ConstrainedGauge, FixedCamerasAndConstraintsHoldTogether) {

@@ -19,7 +19,7 @@ using linear::LinearSolverKind;
 using optim::Method;
 using optim::State;
 using support::OwnedProblem;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 PoseMatrix pose(const State& state, int camera) {
@@ -241,7 +241,7 @@ TEST(ConstrainedDeterminism, StatesHaveTheSameBitsForEveryNumberOfThreads) {
   for (const residuals::ConstraintKind kind : support::pose_constraint_kinds())
     problem.constraints.add(random_group(problem, kind, {{0, 5}, {3, 9}, {1, 2}}));
   problem.constraints.add(
-      random_group(problem, residuals::IntrinsicsConstraintKind::kFocal, {{0, 1}, {0, 2}}));
+      random_group(problem, residuals::ConstraintKind::kFocal, {{0, 1}, {0, 2}}));
   for (LinearSolverKind solver : kSolvers) {
     const State reference = solved(problem, solver, 1);
     for (int threads : {2, 3, 5}) {

@@ -16,11 +16,10 @@ namespace {
 using Eigen::VectorXd;
 using linear::Step;
 using optim::State;
-using residuals::IntrinsicsConstraintKind;
 using support::expect_refused;
 using support::LinearizedProblem;
 using support::OwnedProblem;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 
 OwnedProblem scene() {
   support::SceneOptions options = support::perturbed(CameraModelId::kPerspective);
@@ -39,7 +38,7 @@ class ConstraintTermsOf : public testing::TestWithParam<residuals::ConstraintKin
     residuals::ConstraintGroup group =
         random_group(result, GetParam(), {{0, 1}, {1, 4}, {2, 3}, {5, 2}});
     // Relative to the intrinsics of another row (thesis table 5.1: f of the previous camera).
-    if (std::holds_alternative<IntrinsicsConstraintKind>(GetParam())) group.members[1].previous = 3;
+    if (!facts_of(GetParam()).is_on_poses()) group.members[1].previous = 3;
     group.weight = 1e6;
     result.constraints.add(group);
     return result;
@@ -160,7 +159,7 @@ TEST_F(RefusedProblem, CamerasOutOfRange) {
 }
 
 TEST_F(RefusedProblem, IntrinsicsThatAreFixed) {
-  constrain(IntrinsicsConstraintKind::kPrincipalPoint, {{0, 1}, {0, 2}});
+  constrain(Kind::kPrincipalPoint, {{0, 1}, {0, 2}});
   EXPECT_NO_THROW(solve_it());
   problem.fixed_intrinsics[2 * 12 + 3] = 1;  // cy of the row of camera 2
   expect_refused([&] { solve_it(); },

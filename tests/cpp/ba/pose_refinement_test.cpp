@@ -17,7 +17,7 @@ using support::distance;
 using support::Pose;
 using support::refitted_score;
 using support::stacked;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 using Scene = support::PoseScene;
 
 const std::vector<double> kWeights{0.0, 0.01, 0.3, 3.0, 30.0, 1000.0};

@@ -21,7 +21,7 @@ using support::Pose;
 using support::pose_of;
 using support::prediction_error;
 using support::stacked;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 using Scene = support::PoseScene;
 
 const std::vector<double> kWeights{0.0, 0.01, 0.3, 3.0, 30.0, 1000.0};

@@ -16,11 +16,10 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using residuals::IntrinsicsConstraintKind;
 using support::DenseSystem;
 using support::LinearizedProblem;
 using support::OwnedProblem;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 
 constexpr LinearSolverKind kSolvers[] = {
     LinearSolverKind::kDense, LinearSolverKind::kSparse, LinearSolverKind::kIterative};
@@ -51,9 +50,8 @@ OwnedProblem make_scene(const Case& c) {
   add(Kind::kDisplacementPose, {{0, 1}, {1, 5}, {7, 2}, {5, 2}});
   add(Kind::kScale, {{0, 4}, {2, 3}});
   add(Kind::kSmoothingReprojections, {{6, 3}});
-  if (has_free_intrinsics(c.model)) add(IntrinsicsConstraintKind::kFocal, {{0, 1}, {0, 2}});
-  if (c.model == CameraModelId::kPerspective)
-    add(IntrinsicsConstraintKind::kPrincipalPoint, {{0, 0}, {0, 1}, {0, 5}});
+  if (has_free_intrinsics(c.model)) add(Kind::kFocal, {{0, 1}, {0, 2}});
+  if (c.model == CameraModelId::kPerspective) add(Kind::kPrincipalPoint, {{0, 0}, {0, 1}, {0, 5}});
   return scene;
 }
 

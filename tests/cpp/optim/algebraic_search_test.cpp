@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/optim/line_searches.hpp"
+#include "sfmcpp/optim/line_search.hpp"
 #include "support/fake_line.hpp"
 
 namespace sfmcpp::optim {
@@ -23,7 +23,7 @@ Biquadratic with_stationary_pair(double a, double b) {
 }
 
 LineSearchResult search_one_length(FakeLine& line) {
-  return make_global_algebraic_search()->search(line);
+  return make_global_algebraic_search({})->search(line);
 }
 
 // Costs by the length proposed, around lengths −2, 0, 2 and the unit; slope −1 at the start.
@@ -126,7 +126,7 @@ TEST(AlgebraicSearch, EvaluatesTheUnitStepOnceIfItIsProposedWithOthers) {
 TEST(AlgebraicSearch, DoesNotEvaluateAProposalOfTheUnitLength) {
   FakeLine line([](double, double) { return 0.0; });
   line.algebraic = with_stationary_pair(1.0 + 3e-7, 1.0 - 3e-7);
-  for (const auto& search : {make_global_algebraic_search(), make_two_way_algebraic_search()}) {
+  for (const auto& search : {make_global_algebraic_search({}), make_two_way_algebraic_search({})}) {
     const LineSearchResult result = search->search(line);
     EXPECT_EQ(result.lengths.camera, 1.0);
     EXPECT_EQ(result.proposed.size(), 1U);
@@ -137,7 +137,7 @@ TEST(AlgebraicSearch, DoesNotEvaluateAProposalOfTheUnitLength) {
 TEST(TwoWaySearch, TakesTwoLengthsWhereTheyAreBetterThanTheUnitStep) {
   FakeLine line([](double x, double y) { return std::abs(x - 0.4) + std::abs(y - 3.0); });
   line.algebraic = with_stationary_pair(0.5, 2.8);
-  const LineSearchResult result = make_two_way_algebraic_search()->search(line);
+  const LineSearchResult result = make_two_way_algebraic_search({})->search(line);
   ASSERT_EQ(result.proposed.size(), 1U);
   EXPECT_NEAR(result.lengths.camera, 0.5, 1e-14);
   EXPECT_NEAR(result.lengths.point, 2.8, 1e-14);
@@ -151,7 +151,7 @@ TEST(TwoWaySearch, ChoosesAmongSeveralMinimaByTheTrueCost) {
     FakeLine line(
         [&](double x, double y) { return algebraic.value(x, y) - 0.1 * side * (x + 2.0 * y); });
     line.algebraic = algebraic;
-    const LineSearchResult result = make_two_way_algebraic_search()->search(line);
+    const LineSearchResult result = make_two_way_algebraic_search({})->search(line);
     EXPECT_EQ(result.proposed.size(), 3U);
     EXPECT_NEAR(result.lengths.camera, 2.0 * side, 1e-12);
     EXPECT_NEAR(result.lengths.point, 2.0 * side, 1e-12);
@@ -169,7 +169,7 @@ TEST(TwoWaySearch, TheWolfeConditionTakesEachLengthWithItsOwnSlope) {
   // ½ (x y − 4)² + ½ (4 x − y)²: minima at ±(1, 4), a saddle at the start.
   line.algebraic = Biquadratic{.aa = 16.0, .pp = 16.0, .qq = 1.0, .pq = -8.0, .cc = 1.0};
   // (1, 4) has to go below 10 − 1e-4 · 4e5 = −30, (−1, −4) below 50: only the second does.
-  EXPECT_NEAR(make_two_way_algebraic_search()->search(line).lengths.point, -4.0, 1e-12);
+  EXPECT_NEAR(make_two_way_algebraic_search({})->search(line).lengths.point, -4.0, 1e-12);
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 #include "support/random_least_squares.hpp"
 
 namespace sfmcpp::optim {

@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 #include <gtest/gtest.h>
 
-#include "sfmcpp/optim/strategies.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 #include "support/dense_reference.hpp"
 
 namespace sfmcpp::optim {

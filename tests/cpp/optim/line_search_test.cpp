@@ -1,3 +1,5 @@
+#include "sfmcpp/optim/line_search.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,7 +10,6 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/optim/line_searches.hpp"
 #include "support/fake_line.hpp"
 #include "support/line_functions.hpp"
 
@@ -46,14 +47,14 @@ class OnFunctions : public testing::TestWithParam<Function> {
 };
 
 TEST_P(OnFunctions, SoftSearchMeetsItsTwoConditions) {
-  const double a = length_by(*make_soft_search());
+  const double a = length_by(*make_soft_search({}));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-3));
   EXPECT_LE(slope_fraction(a), 0.99);
   expect_asked_once_and_at_most(10);
 }
 
 TEST_P(OnFunctions, ExactSearchEndsWhereTheSlopeIsAThousandthOfThatAtTheStartOrNextToAMinimum) {
-  const double a = length_by(*make_exact_search());
+  const double a = length_by(*make_exact_search({}));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-3));
   const bool flat = std::abs(slope_fraction(a)) <= 1e-3;
   const bool narrow = line.slope_of(a - 1e-3) * line.slope_of(a + 1e-3) < 0.0;
@@ -62,7 +63,8 @@ TEST_P(OnFunctions, ExactSearchEndsWhereTheSlopeIsAThousandthOfThatAtTheStartOrN
 }
 
 TEST_P(OnFunctions, ArmijoMeetsTheFirstWolfeCondition) {
-  const double a = length_by(*make_backtracking_search(BacktrackingTest::kArmijo));
+  const double a =
+      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo}));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-4));
   EXPECT_LE(a, 1.0);
   EXPECT_TRUE(line.slopes.empty());
@@ -70,7 +72,8 @@ TEST_P(OnFunctions, ArmijoMeetsTheFirstWolfeCondition) {
 }
 
 TEST_P(OnFunctions, StrongWolfeMeetsBothConditions) {
-  const double a = length_by(*make_backtracking_search(BacktrackingTest::kStrongWolfe));
+  const double a =
+      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kStrongWolfe}));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-4));
   EXPECT_LE(std::abs(slope_fraction(a)), 0.9);
   expect_asked_once_and_at_most(20);
@@ -82,7 +85,8 @@ bool has_hardly_a_slope(const Function& f) { return std::abs(f.slope(0.0)) < 1e-
 
 TEST_P(OnFunctions, GoldsteinIsBetweenItsTwoTangents) {
   if (has_hardly_a_slope(GetParam())) return;
-  const double a = length_by(*make_backtracking_search(BacktrackingTest::kGoldstein));
+  const double a =
+      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein}));
   EXPECT_LE(line.cost_of(a), tangent(a, 0.25));
   EXPECT_GE(line.cost_of(a), tangent(a, 0.75));
   EXPECT_TRUE(line.slopes.empty());
@@ -90,8 +94,8 @@ TEST_P(OnFunctions, GoldsteinIsBetweenItsTwoTangents) {
 }
 
 TEST_P(OnFunctions, ExactAndSoftSearchAreNotWorseThanTheUnitStep) {
-  EXPECT_LE(line.cost_of(length_by(*make_exact_search())), line.cost_of(1.0));
-  EXPECT_LE(line.cost_of(length_by(*make_soft_search())), line.cost_of(1.0));
+  EXPECT_LE(line.cost_of(length_by(*make_exact_search({}))), line.cost_of(1.0));
+  EXPECT_LE(line.cost_of(length_by(*make_soft_search({}))), line.cost_of(1.0));
 }
 
 INSTANTIATE_TEST_SUITE_P(LineSearch,
@@ -104,9 +108,10 @@ constexpr BacktrackingTest kTests[] = {
 
 std::vector<std::unique_ptr<LineSearch>> all_searches() {
   std::vector<std::unique_ptr<LineSearch>> searches;
-  searches.push_back(make_exact_search());
-  searches.push_back(make_soft_search());
-  for (BacktrackingTest test : kTests) searches.push_back(make_backtracking_search(test));
+  searches.push_back(make_exact_search({}));
+  searches.push_back(make_soft_search({}));
+  for (BacktrackingTest test : kTests)
+    searches.push_back(make_backtracking_search({.backtracking_test = test}));
   return searches;
 }
 
@@ -119,7 +124,7 @@ double least_cost_asked(const FakeLine& line) {
 
 TEST(Backtracking, TheBestLengthSeenIsTakenWhereNoneIsGoodInTwentyEvaluations) {
   FakeLine line(support::more_thuente_2, support::more_thuente_2_slope);
-  const auto search = make_backtracking_search(BacktrackingTest::kGoldstein);
+  const auto search = make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein});
   const double a = search->search(line).lengths.camera;
   EXPECT_EQ(line.costs.size(), 20U);
   EXPECT_EQ(line.cost_of(a), least_cost_asked(line));
@@ -129,7 +134,7 @@ TEST(Backtracking, TheBestLengthSeenIsTakenWhereNoneIsGoodInTwentyEvaluations) {
 // The first length is 1, and the minimum of the parabola through it is that of a quadratic.
 TEST(Backtracking, FindsTheMinimumOfAQuadraticInTwoEvaluations) {
   FakeLine line(support::third, support::third_slope);
-  const auto search = make_backtracking_search(BacktrackingTest::kArmijo);
+  const auto search = make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo});
   EXPECT_NEAR(search->search(line).lengths.camera, 1.0 / 3.0, 1e-15);
   EXPECT_EQ(line.costs.size(), 2U);
 }
@@ -148,9 +153,11 @@ double with_decrease(double fraction) { return 0.5 / (1.0 - fraction); }
 double with_slope(double fraction) { return 1.0 / (1.0 - fraction); }
 
 TEST(Backtracking, KeepsTheUnitStepWithinTheLimitsOfItsTest) {
-  const auto armijo = make_backtracking_search(BacktrackingTest::kArmijo);
-  const auto wolfe = make_backtracking_search(BacktrackingTest::kStrongWolfe);
-  const auto goldstein = make_backtracking_search(BacktrackingTest::kGoldstein);
+  const auto armijo = make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo});
+  const auto wolfe =
+      make_backtracking_search({.backtracking_test = BacktrackingTest::kStrongWolfe});
+  const auto goldstein =
+      make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein});
   EXPECT_FALSE(keeps_unit_step(*armijo, with_decrease(0.9e-4)));
   EXPECT_TRUE(keeps_unit_step(*armijo, with_decrease(1.1e-4)));
   EXPECT_TRUE(keeps_unit_step(*armijo, with_decrease(0.99)));
@@ -166,20 +173,20 @@ TEST(Backtracking, KeepsTheUnitStepWithinTheLimitsOfItsTest) {
 
 TEST(ExactSearch, FindsTheMinimumOfAQuadraticWithinItsLongestLength) {
   FakeLine line(support::fourfold, support::fourfold_slope);
-  EXPECT_NEAR(make_exact_search()->search(line).lengths.camera, 4.0, 5e-3);
+  EXPECT_NEAR(make_exact_search({})->search(line).lengths.camera, 4.0, 5e-3);
 }
 
 TEST(FrandsenSearch, GoesNoFurtherThanTenTimesTheStep) {
   FakeLine exact([](double a) { return -a; }, [](double) { return -1.0; });
   FakeLine soft = exact;
-  EXPECT_EQ(make_exact_search()->search(exact).lengths.camera, 10.0);
-  EXPECT_EQ(make_soft_search()->search(soft).lengths.camera, 10.0);
+  EXPECT_EQ(make_exact_search({})->search(exact).lengths.camera, 10.0);
+  EXPECT_EQ(make_soft_search({})->search(soft).lengths.camera, 10.0);
   EXPECT_EQ(exact.costs.size(), 5U);
   EXPECT_EQ(soft.costs.size(), 5U);
 }
 
 TEST(SoftSearch, KeepsTheUnitStepWithinTheLimitsOfItsConditions) {
-  const auto soft = make_soft_search();
+  const auto soft = make_soft_search({});
   EXPECT_FALSE(keeps_unit_step(*soft, with_decrease(0.9e-3)));
   EXPECT_TRUE(keeps_unit_step(*soft, with_decrease(1.1e-3)));
   EXPECT_TRUE(keeps_unit_step(*soft, with_slope(0.98)));
@@ -189,13 +196,13 @@ TEST(SoftSearch, KeepsTheUnitStepWithinTheLimitsOfItsConditions) {
 TEST(SoftSearch, TakesTheUnitStepWhereTheLengthThatItFindsIsWorse) {
   FakeLine line([](double a) { return a < 1.5 ? -a : -0.5; },
                 [](double a) { return a < 1.5 ? -1.0 : 0.0; });
-  EXPECT_EQ(make_soft_search()->search(line).lengths.camera, 1.0);
+  EXPECT_EQ(make_soft_search({})->search(line).lengths.camera, 1.0);
   EXPECT_EQ(line.costs.size(), 2U);
 }
 
 TEST(SoftSearch, GivesUpAfterTenEvaluations) {
   FakeLine line([](double a) { return 1.0 + a; }, [](double a) { return a > 0.0 ? 1.0 : -1.0; });
-  make_soft_search()->search(line);
+  make_soft_search({})->search(line);
   EXPECT_EQ(line.costs.size(), 10U);
 }
 
@@ -259,12 +266,12 @@ TEST(MakeLineSearch, MakesTheSearchThatItsOptionsName) {
     cases.emplace_back(LineSearchOptions{}, std::move(expected));
     cases.back().first.kind = kind;
   };
-  add(LineSearchKind::kGlobalAlgebraic, make_global_algebraic_search());
-  add(LineSearchKind::kTwoWayAlgebraic, make_two_way_algebraic_search());
-  add(LineSearchKind::kExact, make_exact_search());
-  add(LineSearchKind::kSoft, make_soft_search());
+  add(LineSearchKind::kGlobalAlgebraic, make_global_algebraic_search({}));
+  add(LineSearchKind::kTwoWayAlgebraic, make_two_way_algebraic_search({}));
+  add(LineSearchKind::kExact, make_exact_search({}));
+  add(LineSearchKind::kSoft, make_soft_search({}));
   for (BacktrackingTest test : kTests) {
-    add(LineSearchKind::kBacktracking, make_backtracking_search(test));
+    add(LineSearchKind::kBacktracking, make_backtracking_search({.backtracking_test = test}));
     cases.back().first.backtracking_test = test;
   }
   std::set<Outcome> outcomes;

@@ -15,7 +15,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-using residuals::IntrinsicsConstraintKind;
 using residuals::PoseConstraint;
 using support::analytic;
 using support::expect_close;
@@ -23,7 +22,7 @@ using support::Jacobians;
 using support::matrix_of;
 using support::numeric;
 using support::pose_of;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 using Setting = support::ConstraintSetting;
 
 TEST(ScaleConstraint, HasNoSlopeWhereTheCentresCoincide) {
@@ -77,7 +76,7 @@ TEST(RotationLogError, StaysFiniteAtHalfATurnAndDoesNotLeapWithTheMotion) {
 
 TEST(IntrinsicsConstraint, FocalIsTheLogOfTheRatio) {
   const double f = 700.0, reference = 500.0;
-  const auto at = residuals::evaluate(IntrinsicsConstraintKind::kFocal, &f, &reference);
+  const auto at = residuals::evaluate(Kind::kFocal, &f, &reference);
   EXPECT_DOUBLE_EQ(at.residual[0], std::log(reference / f));
   const auto by_f = [&](const VectorXd& d) {
     return VectorXd::Constant(1, std::log(reference / (f + d[0])));
@@ -88,13 +87,12 @@ TEST(IntrinsicsConstraint, FocalIsTheLogOfTheRatio) {
   const VectorXd step = VectorXd::Constant(1, 0.1);
   EXPECT_NEAR(at.by_values, numeric_jacobian(by_f, step)(0, 0), 1e-12);
   EXPECT_NEAR(at.by_reference, numeric_jacobian(by_reference, step)(0, 0), 1e-12);
-  EXPECT_EQ(residuals::residual_size(IntrinsicsConstraintKind::kFocal), 1);
+  EXPECT_EQ(facts_of(Kind::kFocal).entries, 1);
 }
 
 TEST(IntrinsicsConstraint, PrincipalPointIsAMeanSquareOfPixels) {
   const Vector2d c(320.0, 240.0), reference(317.0, 244.0);
-  const auto at =
-      residuals::evaluate(IntrinsicsConstraintKind::kPrincipalPoint, c.data(), reference.data());
+  const auto at = residuals::evaluate(Kind::kPrincipalPoint, c.data(), reference.data());
   EXPECT_DOUBLE_EQ(Vector2d(at.residual.data()).squaredNorm(), 25.0 / 2.0);
   EXPECT_DOUBLE_EQ(at.by_values, at.residual[0] / 3.0);
   EXPECT_DOUBLE_EQ(at.by_reference, -at.by_values);

@@ -16,7 +16,7 @@ namespace {
 
 using support::expect_refused;
 using support::OwnedProblem;
-using Kind = PoseConstraintKind;
+using Kind = ConstraintKind;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
@@ -61,17 +61,16 @@ TEST_P(ConstraintSetOf, CostIsHalfTheWeightedSumOfTheMembersMeanSquaredErrors) {
 TEST_P(ConstraintSetOf, ErrorIsThatOfTheSingleConstraint) {
   ConstraintGroup alone = group({{0, 1}});
   alone.weight = alone.members[0].weight = 1.0;
-  if (!std::holds_alternative<Kind>(GetParam())) {
-    const auto kind = std::get<IntrinsicsConstraintKind>(GetParam());
+  if (!facts_of(GetParam()).is_on_poses()) {
     const double* row = cameras().intrinsics_of(1);
-    const auto e = evaluate(
-        kind, row + (residual_size(kind) == 1 ? 0 : 2), alone.members[0].intrinsics.data());
+    const int first = GetParam() == Kind::kFocal ? 0 : 2;
+    const auto e = evaluate(GetParam(), row + first, alone.members[0].intrinsics.data());
     const double squared = e.residual[0] * e.residual[0] + e.residual[1] * e.residual[1];
     EXPECT_NEAR(2.0 * cost_of(alone) / squared, 1.0, 1e-12);
     return;
   }
   PoseConstraint constraint = alone.members[0].pose;
-  constraint.kind = std::get<Kind>(GetParam());
+  constraint.kind = GetParam();
   constraint.points = alone.members[0].points;
   Eigen::VectorXd e(residual_size(constraint));
   evaluate(constraint, cameras().pose(1), cameras().pose(0), {e.data()});
@@ -142,10 +141,10 @@ TEST_P(ConstraintSetOf, BrokenWeightsAreRefusedByName) {
 TEST_P(ConstraintSetOf, TheNumberOfCamerasGoesWithTheKind) {
   ConstraintGroup bad = group();
   const bool two = bad.members[0].previous != kNoPrevious;
-  if (!two && std::holds_alternative<IntrinsicsConstraintKind>(GetParam())) return;
+  if (!two && !facts_of(GetParam()).is_on_poses()) return;
   bad.members[0].previous = two ? kNoPrevious : 0;
   expect_refused([&] { cost_of(bad); },
-                 {"'" + std::string(constraint_kind_name(GetParam())) + "'",
+                 {"'" + std::string(enum_name(GetParam())) + "'",
                   two ? "two cameras, one is given" : "one camera, two are given"});
 }
 
@@ -187,16 +186,10 @@ TEST_F(RefusedConstraint, MeasurementsThatCannotBeOneAreNamed) {
   expect_refused(
       [&] { add(Kind::kSmoothingReprojections, [](auto& g) { g.members[0].points.clear(); }); },
       {"constraints['smoothing-reprojections'][0].points"});
+  expect_refused([&] { add(Kind::kFocal, [](auto& g) { g.members[0].intrinsics[0] = 0.0; }); },
+                 {"constraints['focal'][0] = 0.000000: a focal length must be positive"});
   expect_refused(
-      [&] {
-        add(IntrinsicsConstraintKind::kFocal, [](auto& g) { g.members[0].intrinsics[0] = 0.0; });
-      },
-      {"constraints['focal'][0] = 0.000000: a focal length must be positive"});
-  expect_refused(
-      [&] {
-        add(IntrinsicsConstraintKind::kPrincipalPoint,
-            [](auto& g) { g.members[1].intrinsics[1] = kNan; });
-      },
+      [&] { add(Kind::kPrincipalPoint, [](auto& g) { g.members[1].intrinsics[1] = kNan; }); },
       {"constraints['principal-point'][1]: must be finite"});
 }
 
@@ -216,7 +209,7 @@ TEST_F(RefusedConstraint, FrozenPointsMustBeInFrontOfTheCamera) {
 }
 
 TEST_F(RefusedConstraint, IntrinsicsThatTheCameraModelHasNotAreRefused) {
-  add(IntrinsicsConstraintKind::kPrincipalPoint, [](auto&) {});
+  add(Kind::kPrincipalPoint, [](auto&) {});
   for (CameraModelId model : {CameraModelId::kCalibrated, CameraModelId::kBal}) {
     problem = scene(model);
     expect_refused([&] { check(); }, {"'principal-point'", std::string(enum_name(model))});
@@ -224,23 +217,22 @@ TEST_F(RefusedConstraint, IntrinsicsThatTheCameraModelHasNotAreRefused) {
 }
 
 TEST_F(RefusedConstraint, TheLogarithmOfAFocalLengthNeedsAPositiveOne) {
-  add(IntrinsicsConstraintKind::kFocal, [](auto&) {});
+  add(Kind::kFocal, [](auto&) {});
   problem.intrinsics[12] = -800.0;
   expect_refused([&] { check(); }, {"camera 1 has f = -800"});
 }
 
 TEST_F(RefusedConstraint, SharedIntrinsicsAreNotComparedWithThemselves) {
-  add(IntrinsicsConstraintKind::kFocal, [](auto& g) { g.members[0].previous = 0; });
+  add(Kind::kFocal, [](auto& g) { g.members[0].previous = 0; });
   EXPECT_NO_THROW(check());
   problem.intrinsics_index[1] = 0;
   expect_refused([&] { check(); }, {"share their intrinsics"});
 }
 
 TEST(ConstraintKindNames, EveryNameIsParsedBackAndOthersAreRefusedWithTheList) {
-  EXPECT_EQ(constraint_kind_names().size(), 13u);
-  for (std::string_view name : constraint_kind_names())
-    EXPECT_EQ(constraint_kind_name(parse_constraint_kind(name)), name);
-  expect_refused([] { parse_constraint_kind("gps"); }, {"kind = 'gps'", "position", "focal"});
+  EXPECT_EQ(EnumNames<Kind>::kTable.size(), 13u);
+  for (const auto& [kind, name] : EnumNames<Kind>::kTable) EXPECT_EQ(parse_enum<Kind>(name), kind);
+  expect_refused([] { parse_enum<Kind>("gps"); }, {"kind = 'gps'", "position", "focal"});
 }
 
 }  // namespace

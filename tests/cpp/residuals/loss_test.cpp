@@ -29,6 +29,17 @@ TEST_P(EveryLoss, DerivativeIsTheNumericOneAwayFromTheKnee) {
   }
 }
 
+TEST_P(EveryLoss, InfluenceSlopeIsTheNumericOneAwayFromTheKnee) {
+  constexpr double kKnee = kScale * kScale;
+  const auto influence = [&](double s) { return s * loss().derivative(s); };
+  for (double s = 0.05; s < 12.0; s += 0.1) {
+    const double h = 1e-5;
+    if (std::abs(s - kKnee) < 2 * h) continue;
+    const double numeric = (influence(s + h) - influence(s - h)) / (2 * h);
+    EXPECT_NEAR(loss().influence_slope(s), numeric, 1e-9) << "at s = " << s;
+  }
+}
+
 TEST_P(EveryLoss, NeverFallsAndBendsDown) {
   double before = loss().derivative(0.0);
   for (double s = 0.0; s < 50.0; s += 0.25) {

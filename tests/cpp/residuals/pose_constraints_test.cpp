@@ -25,7 +25,7 @@ using support::matrix_of;
 using support::numeric;
 using support::pose_of;
 using support::PoseNumbers;
-using Kind = residuals::PoseConstraintKind;
+using Kind = residuals::ConstraintKind;
 using Setting = support::ConstraintSetting;
 
 constexpr std::array<Kind, 11> kKinds{Kind::kPose,
@@ -90,6 +90,8 @@ double expected_error(const Setting& s) {
       return (t.inverse() - p.inverse()).squaredNorm() / 12;
     case Kind::kSmoothingReprojections:
       return mean_image_distance(c, t, p);
+    default:
+      break;
   }
   return -1.0;
 }
@@ -111,14 +113,14 @@ TEST_P(EveryConstraint, JacobiansAreTheNumericOnes) {
     const Jacobians a = analytic(s), n = numeric(s);
     expect_close(a.by_pose, n.by_pose, 1e-8);
     expect_close(a.by_previous, n.by_previous, 1e-8);
-    EXPECT_EQ(residuals::relates_two_poses(GetParam()), n.by_previous.norm() > 0.0);
+    EXPECT_EQ(facts_of(GetParam()).relates_two_poses(), n.by_previous.norm() > 0.0);
   }
 }
 
 TEST_P(EveryConstraint, VanishesWhereTheMeasurementIsRight) {
   Setting s(GetParam());
   const Matrix4d t = matrix_of(s.pose), p = matrix_of(s.previous), d = p.inverse() * t;
-  if (!residuals::relates_two_poses(GetParam())) {
+  if (!facts_of(GetParam()).relates_two_poses()) {
     s.constraint.rotation = t.topLeftCorner<3, 3>();
     s.constraint.translation = t.topRightCorner<3, 1>();
   } else {

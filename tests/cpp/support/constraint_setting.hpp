@@ -34,7 +34,7 @@ inline PoseNumbers pose_of(const Eigen::Matrix3d& rotation, const Eigen::Vector3
 
 // Two poses that look along z, a measurement that fits neither, and points before all cameras.
 struct ConstraintSetting {
-  explicit ConstraintSetting(residuals::PoseConstraintKind kind, unsigned seed = 1) : random(seed) {
+  explicit ConstraintSetting(residuals::ConstraintKind kind, unsigned seed = 1) : random(seed) {
     pose = pose_of(exp_so3(vector(0.3)), vector(1.0));
     previous = pose_of(exp_so3(vector(0.3)), vector(1.0));
     for (int j = 0; j < 7; ++j) {

@@ -16,7 +16,7 @@
 
 namespace sfmcpp::support {
 
-using ConstraintKind = residuals::PoseConstraintKind;
+using ConstraintKind = residuals::ConstraintKind;
 using Pose = std::array<double, 12>;
 
 inline Pose pose_of(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& centre) {

@@ -14,9 +14,7 @@ using Eigen::Vector3d;
 using residuals::ConstraintGroup;
 using residuals::ConstraintKind;
 using residuals::ConstraintMember;
-using residuals::IntrinsicsConstraintKind;
 using residuals::kNoPrevious;
-using Kind = residuals::PoseConstraintKind;
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>;
 
@@ -29,9 +27,9 @@ class Measurer {
     ConstraintMember member;
     member.camera = camera;
     member.weight = std::uniform_real_distribution<double>(0.5, 2.0)(random_);
-    if (const auto* kind = std::get_if<Kind>(&kind_)) {
-      if (relates_two_poses(*kind)) member.previous = previous;
-      measure_pose(*kind, previous, member);
+    if (facts_of(kind_).is_on_poses()) {
+      if (facts_of(kind_).relates_two_poses()) member.previous = previous;
+      measure_pose(previous, member);
     } else {
       measure_intrinsics(member);
     }
@@ -46,23 +44,23 @@ class Measurer {
     return Eigen::Map<const PoseMatrix>(scene_.truth.cameras.data() + 12L * i);
   }
 
-  void measure_pose(Kind kind, int previous, ConstraintMember& member) {
+  void measure_pose(int previous, ConstraintMember& member) {
     const Matrix3d r = pose(member.camera).leftCols<3>(), rp = pose(previous).leftCols<3>();
     const Vector3d t = pose(member.camera).col(3), moved = t - pose(previous).col(3);
-    const bool two = relates_two_poses(kind);
+    const bool two = facts_of(kind_).relates_two_poses();
     member.pose.rotation = (two ? Matrix3d(rp.transpose() * r) : r) * exp_so3(error());
     member.pose.translation = (two ? moved : t) + error();
-    if (kind == Kind::kDisplacementPose) member.pose.translation = rp.transpose() * moved + error();
+    if (kind_ == ConstraintKind::kDisplacementPose)
+      member.pose.translation = rp.transpose() * moved + error();
     member.pose.distance = moved.norm() + error()[0];
-    if (compares_images(kind)) {
+    if (facts_of(kind_).compares_images()) {
       member.points.assign(scene_.points.begin(), scene_.points.begin() + 15);
       member.pose.intrinsics = {8.0, 1.02, 3.0, 2.0, 0.1};
     }
   }
 
   void measure_intrinsics(ConstraintMember& member) {
-    const auto kind = std::get<IntrinsicsConstraintKind>(kind_);
-    const auto indices = residuals::constrained_intrinsics(kind, scene_.camera_model);
+    const auto indices = residuals::constrained_intrinsics(kind_, scene_.camera_model);
     const int row = scene_.intrinsics_index[member.camera] * scene_.view().num_intrinsics();
     for (std::size_t k = 0; k < indices.size(); ++k)
       member.intrinsics[k] = scene_.truth.intrinsics[row + indices[k]] * (1.0 + 0.1 * error()[0]);
@@ -82,10 +80,10 @@ class RowAppender {
 
   void append(const ConstraintGroup& group, const ConstraintMember& member) {
     weight_ = std::sqrt(group.weight * member.weight);
-    if (const auto* kind = std::get_if<IntrinsicsConstraintKind>(&group.kind)) {
-      append_intrinsics(*kind, member);
-    } else {
+    if (facts_of(group.kind).is_on_poses()) {
       append_pose(member);
+    } else {
+      append_intrinsics(group.kind, member);
     }
   }
 
@@ -123,7 +121,7 @@ class RowAppender {
     }
   }
 
-  void append_intrinsics(IntrinsicsConstraintKind kind, const ConstraintMember& member) {
+  void append_intrinsics(ConstraintKind kind, const ConstraintMember& member) {
     const auto indices = residuals::constrained_intrinsics(kind, in_.problem.camera_model);
     const long row = static_cast<long>(in_.problem.intrinsics_index[member.camera]) *
                      in_.problem.num_intrinsics();
@@ -132,7 +130,7 @@ class RowAppender {
       values[k] = in_.state.intrinsics[row + indices[k]];
     const auto e = evaluate(kind, values.data(), member.intrinsics.data());
     const long first =
-        grow(Eigen::Map<const Eigen::VectorXd>(e.residual.data(), residual_size(kind)));
+        grow(Eigen::Map<const Eigen::VectorXd>(e.residual.data(), facts_of(kind).entries));
     for (std::size_t k = 0; k < indices.size(); ++k) {
       const auto& free = in_.free_intrinsics;
       const auto found = std::find(free.begin(), free.end(), indices[k]);
@@ -157,20 +155,19 @@ class RowAppender {
 }  // namespace
 
 std::vector<ConstraintKind> pose_constraint_kinds() {
-  std::vector<ConstraintKind> kinds;
-  for (const auto& [kind, name] : EnumNames<Kind>::kTable) kinds.emplace_back(kind);
+  std::vector<ConstraintKind> kinds = all_constraint_kinds();
+  std::erase_if(kinds, [](ConstraintKind kind) { return !facts_of(kind).is_on_poses(); });
   return kinds;
 }
 
 std::vector<ConstraintKind> all_constraint_kinds() {
-  std::vector<ConstraintKind> kinds = pose_constraint_kinds();
-  for (const auto& [kind, name] : EnumNames<IntrinsicsConstraintKind>::kTable)
-    kinds.emplace_back(kind);
+  std::vector<ConstraintKind> kinds;
+  for (const auto& [kind, name] : EnumNames<ConstraintKind>::kTable) kinds.push_back(kind);
   return kinds;
 }
 
 std::string identifier_of(ConstraintKind kind) {
-  std::string name(residuals::constraint_kind_name(kind));
+  std::string name(enum_name(kind));
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
 }
@@ -182,7 +179,7 @@ ConstraintGroup random_group(const OwnedProblem& scene,
                              unsigned seed) {
   Measurer measurer(scene, kind, noise, seed);
   ConstraintGroup group;
-  group.name = residuals::constraint_kind_name(kind);
+  group.name = enum_name(kind);
   group.kind = kind;
   group.weight = 3e4;
   for (const auto& [previous, camera] : cameras)

@@ -9,7 +9,8 @@ import pytest
 
 import sfmcpp
 from constrained import random_group, scene
-from sfmcpp import ConstraintGroup, InvalidArgument
+from sfmcpp import ConstraintGroup, InvalidArgument, _core
+from sfmcpp.weighting import PoseConstraint
 
 
 @pytest.mark.parametrize(
@@ -92,3 +93,39 @@ def test_cameras_that_have_no_pose_or_no_free_focal_length_are_refused() -> None
         sfmcpp.solve(scene("calibrated"), constraints=[focal])
     with pytest.raises(InvalidArgument, match=r"constraints\['focal'\]\[0\]: camera 0 keeps its f fixed"):
         sfmcpp.solve(scene().set_free_intrinsics("k1"), constraints=[focal])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("values", np.ones((5, 1000)), r"\['gps'\].values: 5000 numbers, must be 9 for 3 members"),
+        ("values", None, r"\['gps'\].values: 0 numbers, must be 9 for 3 members"),
+        ("member_weights", np.ones(4), r"\['gps'\].member_weights: 4 numbers, must be 3 for 3 members"),
+        ("cameras", np.array([1]), r"\['gps'\].values: 9 numbers, must be 3 for 1 members"),
+        ("points", [np.zeros((2, 3))], r"\['gps'\].points_begin: 2 numbers, must be 4 for 3 members"),
+    ],
+)
+def test_fields_that_no_longer_fit_each_other_are_refused_by_the_solve(
+    field: str, value: Any, message: str
+) -> None:
+    problem = scene()
+    group = random_group(problem, "position", name="gps")
+    setattr(group, field, value)
+    with pytest.raises(InvalidArgument, match=message):
+        sfmcpp.solve(problem, constraints=[group])
+
+
+def test_points_of_three_numbers_each_are_wanted_by_the_solve() -> None:
+    problem = scene()
+    group = random_group(problem, "orientation-reprojections", name="gyro")
+    group.points = [*group.points[:2], np.zeros((2, 4))]
+    with pytest.raises((InvalidArgument, ValueError)):
+        sfmcpp.solve(problem, constraints=[group])
+
+
+def test_a_constraint_on_intrinsics_is_none_on_one_pose() -> None:
+    arrays = PoseConstraint("position").arrays(1.0) | {"kind": "focal"}
+    view = {"camera_model": "calibrated", "intrinsics": np.array([1.0, 1, 0, 0, 0]), "sigma_px": None}
+    view |= {"points": np.tile([0.0, 0, 5], (4, 1)), "pixels": np.zeros((4, 2))}
+    with pytest.raises(InvalidArgument, match=r"kind = 'focal': must be a constraint on poses"):
+        _core.refine_pose(view, [arrays], np.eye(3, 4), _core.PoseSweepOptions())

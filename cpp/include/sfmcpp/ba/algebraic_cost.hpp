@@ -24,11 +24,13 @@ enum class AlgebraicWeights { kUniform, kInverseDepth };
 }  // namespace ba
 
 template <>
-struct EnumNames<ba::AlgebraicWeights> {
+struct EnumTraits<ba::AlgebraicWeights> {
   static constexpr std::string_view kWhat = "algebraic_weights";
-  static constexpr std::array<std::pair<ba::AlgebraicWeights, std::string_view>, 2> kTable{
-      {{ba::AlgebraicWeights::kUniform, "uniform"},
-       {ba::AlgebraicWeights::kInverseDepth, "inverse-depth"}}};
+  static constexpr auto kTable = std::to_array<EnumRow<ba::AlgebraicWeights>>(
+      {{ba::AlgebraicWeights::kUniform, "uniform", "all alike (thesis eq. 4.8)"},
+       {ba::AlgebraicWeights::kInverseDepth,
+        "inverse-depth",
+        "by the inverse of their depth, so that the cost starts as the geometric one"}});
 };
 
 namespace ba {

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
@@ -21,10 +20,12 @@ enum class Gauge { kAuto, kFree, kFixed };
 }  // namespace ba
 
 template <>
-struct EnumNames<ba::Gauge> {
+struct EnumTraits<ba::Gauge> {
   static constexpr std::string_view kWhat = "gauge";
-  static constexpr std::array<std::pair<ba::Gauge, std::string_view>, 3> kTable{
-      {{ba::Gauge::kAuto, "auto"}, {ba::Gauge::kFree, "free"}, {ba::Gauge::kFixed, "fixed"}}};
+  static constexpr auto kTable = std::to_array<EnumRow<ba::Gauge>>(
+      {{ba::Gauge::kAuto, "auto", "fixed for a method without damping, else free"},
+       {ba::Gauge::kFree, "free", "damping holds the similarity freedom"},
+       {ba::Gauge::kFixed, "fixed", "the first pose and the scale stay as they are"}});
 };
 
 namespace ba {

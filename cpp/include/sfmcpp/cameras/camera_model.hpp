@@ -22,13 +22,13 @@ namespace sfmcpp {
 enum class CameraModelId { kCalibrated, kPerspective, kBal, kProjective };
 
 template <>
-struct EnumNames<CameraModelId> {
+struct EnumTraits<CameraModelId> {
   static constexpr std::string_view kWhat = "camera_model";
-  static constexpr std::array<std::pair<CameraModelId, std::string_view>, 4> kTable{
-      {{CameraModelId::kCalibrated, "calibrated"},
-       {CameraModelId::kPerspective, "perspective"},
-       {CameraModelId::kBal, "bal"},
-       {CameraModelId::kProjective, "projective"}}};
+  static constexpr auto kTable =
+      std::to_array<EnumRow<CameraModelId>>({{CameraModelId::kCalibrated, "calibrated"},
+                                             {CameraModelId::kPerspective, "perspective"},
+                                             {CameraModelId::kBal, "bal"},
+                                             {CameraModelId::kProjective, "projective"}});
 };
 
 inline constexpr int kCameraStorage = 12;     // numbers stored for a camera

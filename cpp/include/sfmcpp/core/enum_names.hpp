@@ -1,7 +1,9 @@
-// One table of names per enum serves messages, bindings and the command line.
+// One table per enum holds what is known of its values: their names, what they mean, and facts such
+// as "has a damping". Messages, bindings, the command line and the solver read it from there.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -10,10 +12,46 @@
 
 namespace sfmcpp {
 
-// Specialise with `static constexpr std::array<std::pair<E, std::string_view>, N> kTable` and
-// `static constexpr std::string_view kWhat` (what the enum chooses, for messages).
+// Specialise with `static constexpr std::string_view kWhat`, what the enum chooses, for messages,
+// and `static constexpr auto kTable`: std::to_array of rows in the order of the values, each with
+// at least `value` and `name`. Rows of what a user may choose have a `description` too.
 template <class E>
-struct EnumNames;
+struct EnumTraits;
+
+// A row of an enum without further facts.
+template <class E>
+struct EnumRow {
+  E value;
+  std::string_view name;
+  std::string_view description = {};
+};
+
+template <class E>
+constexpr bool is_in_order() {
+  for (std::size_t k = 0; k < EnumTraits<E>::kTable.size(); ++k) {
+    if (EnumTraits<E>::kTable[k].value != static_cast<E>(k)) return false;
+  }
+  return true;
+}
+
+// Pairs (value, name), to go through all values.
+template <class E>
+struct EnumNames {
+  static_assert(is_in_order<E>(), "the rows of a table are in the order of the enum");
+  static constexpr auto kTable = [] {
+    std::array<std::pair<E, std::string_view>, EnumTraits<E>::kTable.size()> pairs;
+    for (std::size_t k = 0; k < pairs.size(); ++k)
+      pairs[k] = {EnumTraits<E>::kTable[k].value, EnumTraits<E>::kTable[k].name};
+    return pairs;
+  }();
+};
+
+// All that is known of a value.
+template <class E>
+constexpr const auto& facts_of(E value) {
+  static_assert(is_in_order<E>(), "the rows of a table are in the order of the enum");
+  return EnumTraits<E>::kTable[static_cast<std::size_t>(value)];
+}
 
 template <class E>
 constexpr std::string_view enum_name(E value) {
@@ -28,10 +66,12 @@ E parse_enum(std::string_view text) {
   std::string known;
   for (const auto& [value, name] : EnumNames<E>::kTable) {
     if (name == text) return value;
-    known += (known.empty() ? "" : ", ") + std::string(name);
+    if (!known.empty()) known += ", ";
+    known += name;
   }
-  throw InvalidArgument(std::string(EnumNames<E>::kWhat) + " = '" + std::string(text) +
-                        "': must be one of " + known);
+  std::string message(EnumTraits<E>::kWhat);
+  message.append(" = '").append(text).append("': must be one of ").append(known);
+  throw InvalidArgument(message);
 }
 
 }  // namespace sfmcpp

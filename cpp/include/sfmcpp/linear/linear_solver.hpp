@@ -22,13 +22,15 @@ enum class LinearSolverKind { kAuto, kDense, kSparse, kIterative };
 }
 
 template <>
-struct EnumNames<linear::LinearSolverKind> {
+struct EnumTraits<linear::LinearSolverKind> {
   static constexpr std::string_view kWhat = "linear_solver";
-  static constexpr std::array<std::pair<linear::LinearSolverKind, std::string_view>, 4> kTable{
-      {{linear::LinearSolverKind::kAuto, "auto"},
-       {linear::LinearSolverKind::kDense, "dense"},
-       {linear::LinearSolverKind::kSparse, "sparse"},
-       {linear::LinearSolverKind::kIterative, "iterative"}}};
+  static constexpr auto kTable = std::to_array<EnumRow<linear::LinearSolverKind>>(
+      {{linear::LinearSolverKind::kAuto, "auto", "whichever is predicted to cost least"},
+       {linear::LinearSolverKind::kDense, "dense", "dense Cholesky of the Schur complement"},
+       {linear::LinearSolverKind::kSparse, "sparse", "sparse Cholesky of the Schur complement"},
+       {linear::LinearSolverKind::kIterative,
+        "iterative",
+        "preconditioned conjugate gradients, the Schur complement not formed"}});
 };
 
 namespace linear {

@@ -1,7 +1,4 @@
 // How far along a step to go.
-//
-// How to add a line search: a class in a file of its own under src/optim, its factory in
-// optim/line_searches.hpp, an entry of `LineSearchKind`, one line in make_line_search.
 #pragma once
 
 #include <memory>
@@ -41,6 +38,9 @@ class LineSearch {
 };
 
 // Null for LineSearchKind::kNone.
-std::unique_ptr<LineSearch> make_line_search(const LineSearchOptions& options);
+inline std::unique_ptr<LineSearch> make_line_search(const LineSearchOptions& options) {
+  LineSearchFactory* make = facts_of(options.kind).make;
+  return make == nullptr ? nullptr : make(options);
+}
 
 }  // namespace sfmcpp::optim

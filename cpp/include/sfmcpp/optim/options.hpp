@@ -4,80 +4,21 @@
 #include <limits>
 #include <optional>
 #include <string_view>
-#include <utility>
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/optim/line_searches.hpp"
+#include "sfmcpp/optim/methods.hpp"
 
 namespace sfmcpp {
 
-namespace optim {
-
-enum class Method {
-  kLevenbergMarquardt,
-  kLevenbergMarquardtNielsen,
-  kDogLeg,
-  kGaussNewton,
-  kGradientDescent,
-  kConjugateGradient,
-  kAlternation
-};
-
-enum class LineSearchKind {
-  kNone,
-  kGlobalAlgebraic,
-  kTwoWayAlgebraic,
-  kExact,
-  kSoft,
-  kBacktracking
-};
-
-// Sufficient decrease; with it the strong condition on the slope; or a decrease neither too small
-// nor too close to the tangent's.
-enum class BacktrackingTest { kArmijo, kStrongWolfe, kGoldstein };
-
-}  // namespace optim
-
 template <>
-struct EnumNames<optim::Method> {
-  static constexpr std::string_view kWhat = "method";
-  static constexpr std::array<std::pair<optim::Method, std::string_view>, 7> kTable{
-      {{optim::Method::kLevenbergMarquardt, "lm"},
-       {optim::Method::kLevenbergMarquardtNielsen, "lm-nielsen"},
-       {optim::Method::kDogLeg, "dog-leg"},
-       {optim::Method::kGaussNewton, "gauss-newton"},
-       {optim::Method::kGradientDescent, "gradient-descent"},
-       {optim::Method::kConjugateGradient, "conjugate-gradient"},
-       {optim::Method::kAlternation, "alternation"}}};
-};
-
-template <>
-struct EnumNames<optim::LineSearchKind> {
-  static constexpr std::string_view kWhat = "line_search";
-  static constexpr std::array<std::pair<optim::LineSearchKind, std::string_view>, 6> kTable{
-      {{optim::LineSearchKind::kNone, "none"},
-       {optim::LineSearchKind::kGlobalAlgebraic, "g-als"},
-       {optim::LineSearchKind::kTwoWayAlgebraic, "t-als"},
-       {optim::LineSearchKind::kExact, "exact"},
-       {optim::LineSearchKind::kSoft, "soft"},
-       {optim::LineSearchKind::kBacktracking, "backtracking"}}};
-};
-
-template <>
-struct EnumNames<optim::BacktrackingTest> {
-  static constexpr std::string_view kWhat = "backtracking_test";
-  static constexpr std::array<std::pair<optim::BacktrackingTest, std::string_view>, 3> kTable{
-      {{optim::BacktrackingTest::kArmijo, "armijo"},
-       {optim::BacktrackingTest::kStrongWolfe, "strong-wolfe"},
-       {optim::BacktrackingTest::kGoldstein, "goldstein"}}};
-};
-
-template <>
-struct EnumNames<linear::DampingMatrix> {
+struct EnumTraits<linear::DampingMatrix> {
+  using D = linear::DampingMatrix;
   static constexpr std::string_view kWhat = "damping_matrix";
-  static constexpr std::array<std::pair<linear::DampingMatrix, std::string_view>, 2> kTable{
-      {{linear::DampingMatrix::kDiagonal, "diagonal"},
-       {linear::DampingMatrix::kIdentity, "identity"}}};
+  static constexpr auto kTable =
+      std::to_array<EnumRow<D>>({{D::kIdentity, "identity", "the identity"},
+                                 {D::kDiagonal, "diagonal", "the diagonal of JᵀJ"}});
 };
 
 namespace optim {

@@ -1,9 +1,8 @@
 // How a step is computed from the normal equations, and how it learns from success and failure.
 //
-// How to add a method: a class in a file of its own under src/optim, its factory in
-// optim/strategies.hpp, an entry of `Method`, one line in make_step_strategy. The strategy is told
-// only whether its step was accepted and at what gain ratio (actual over predicted decrease), so
-// its rule can be tested without any problem.
+// A strategy learns only whether its step was accepted and at what gain ratio (actual over
+// predicted decrease), so its rule can be tested without any problem. How to add one:
+// optim/methods.hpp.
 #pragma once
 
 #include <functional>
@@ -31,14 +30,14 @@ class StepStrategy {
                              linear::Step& step) = 0;
   virtual void accepted(double gain_ratio) = 0;
   virtual void rejected() = 0;
-  // λ of the step; zero for methods without: Dog-Leg is held by its radius.
+  // λ of the step; zero for methods without: Dog-Leg is limited by its radius.
   virtual double damping() const { return 0.0; }
   // Whether another step from the same state can differ after a rejection.
   virtual bool can_retry() const = 0;
-  // Whether rejections make the steps of this method shorter and shorter.
-  virtual bool shortens() const { return true; }
 };
 
-std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options);
+inline std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options) {
+  return facts_of(options.method).make(options);
+}
 
 }  // namespace sfmcpp::optim

@@ -25,15 +25,15 @@ enum class Termination {
 }
 
 template <>
-struct EnumNames<optim::Termination> {
+struct EnumTraits<optim::Termination> {
   static constexpr std::string_view kWhat = "termination";
-  static constexpr std::array<std::pair<optim::Termination, std::string_view>, 6> kTable{
+  static constexpr auto kTable = std::to_array<EnumRow<optim::Termination>>(
       {{optim::Termination::kConverged, "converged"},
        {optim::Termination::kMaxIterations, "max_iterations"},
        {optim::Termination::kMaxSeconds, "max_seconds"},
        {optim::Termination::kInterrupted, "interrupted"},
        {optim::Termination::kStoppedByCallback, "stopped_by_callback"},
-       {optim::Termination::kNumericalFailure, "numerical_failure"}}};
+       {optim::Termination::kNumericalFailure, "numerical_failure"}});
 };
 
 namespace optim {

@@ -1,9 +1,9 @@
 // Constraints on cameras in named groups, one weight each: what a bundle adjustment minimises
 // beside the errors of its observations (thesis ch. 5, EQUATIONS §7).
 //
-// The cost of a group is ½ weight Σ member weight · ‖e‖², e of pose_constraints.hpp: a weighted
-// sum of MEAN squared errors. A group that measures with standard deviation σ, in the unit of e,
-// has the weight d/σ² with d the dimension of e, where observations are over theirs; a constraint
+// The cost of a group is ½ weight Σ member weight · ‖e‖², e of constraint_kinds.hpp: a weighted sum
+// of MEAN squared errors. A group that measures with standard deviation σ, in the unit of e, has
+// the weight d/σ² with d the dimension of e, where observations are over theirs; a constraint
 // chosen by λ beside N observations has the member weight λ² N (EQUATIONS §6).
 //
 // Changing a weight rebuilds nothing.
@@ -13,19 +13,12 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <variant>
 #include <vector>
 
 #include "sfmcpp/cameras/camera_model.hpp"
 #include "sfmcpp/residuals/pose_constraints.hpp"
 
 namespace sfmcpp::residuals {
-
-using ConstraintKind = std::variant<PoseConstraintKind, IntrinsicsConstraintKind>;
-
-std::string_view constraint_kind_name(ConstraintKind kind);
-ConstraintKind parse_constraint_kind(std::string_view name);
-std::vector<std::string_view> constraint_kind_names();
 
 inline constexpr int kNoPrevious = -1;
 
@@ -42,7 +35,7 @@ struct ConstraintMember {
 
 struct ConstraintGroup {
   std::string name;
-  ConstraintKind kind = PoseConstraintKind::kPosition;
+  ConstraintKind kind = ConstraintKind::kPosition;
   double weight = 1.0;
   std::vector<ConstraintMember> members;
 };
@@ -110,7 +103,7 @@ std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model
 // What the member measured, ready to be evaluated or validated; views its points.
 PoseConstraint measurement_of(const ConstraintMember& member);
 
-// Rank of the Jacobian at most: nine entries of a rotation are three equations.
+// Rank of the Jacobian at most.
 int num_equations(ConstraintKind kind, const ConstraintMember& member);
 
 // Without Jacobians if `columns` is null. Weights as in ConstraintResidual.

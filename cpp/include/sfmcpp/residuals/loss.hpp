@@ -1,10 +1,12 @@
 // Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3;
 // eq. 2.51 with σ and c set right, EQUATIONS §4). All behave like s near zero.
+//
+// How to add a loss: a struct like those here, an enumerator and its row in the table.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <string_view>
-#include <utility>
 
 #include "sfmcpp/core/enum_names.hpp"
 
@@ -12,26 +14,92 @@ namespace sfmcpp {
 
 enum class LossKind { kSquared, kHuber, kCauchy, kTukey };
 
+// Each: ρ; ρ′ = dρ/ds; d(s ρ′)/ds, with c the scale.
+struct SquaredLoss {
+  static double rho(double s, double) { return s; }
+  static double derivative(double, double) { return 1.0; }
+  static double influence_slope(double, double) { return 1.0; }
+};
+
+struct HuberLoss {
+  static double rho(double s, double c) { return s <= c * c ? s : 2.0 * c * std::sqrt(s) - c * c; }
+  static double derivative(double s, double c) { return s <= c * c ? 1.0 : c / std::sqrt(s); }
+  static double influence_slope(double s, double c) {
+    const double share = s / (c * c);
+    return share <= 1.0 ? 1.0 : 0.5 / std::sqrt(share);
+  }
+};
+
+struct CauchyLoss {
+  static double rho(double s, double c) { return c * c * std::log1p(s / (c * c)); }
+  static double derivative(double s, double c) { return 1.0 / (1.0 + s / (c * c)); }
+  static double influence_slope(double s, double c) {
+    const double share = s / (c * c);
+    return 1.0 / ((1.0 + share) * (1.0 + share));
+  }
+};
+
+struct TukeyLoss {
+  static double rho(double s, double c) {
+    const double rest = s < c * c ? 1.0 - s / (c * c) : 0.0;
+    return c * c / 3.0 * (1.0 - rest * rest * rest);
+  }
+  static double derivative(double s, double c) {
+    const double rest = s < c * c ? 1.0 - s / (c * c) : 0.0;
+    return rest * rest;
+  }
+  static double influence_slope(double s, double c) {
+    const double share = s / (c * c);
+    return share < 1.0 ? (1.0 - share) * (1.0 - 3.0 * share) : 0.0;
+  }
+};
+
+using LossFunction = double(double s, double c);
+
+struct LossFacts {
+  LossKind value;
+  std::string_view name;
+  std::string_view description;
+  double efficient_scale;  // c/σ of 95 % efficiency on normal residuals of standard deviation σ
+  LossFunction* rho;
+  LossFunction* derivative;
+  LossFunction* influence_slope;
+};
+
+template <class L>
+constexpr LossFacts loss_facts(LossKind kind,
+                               std::string_view name,
+                               std::string_view description,
+                               double efficient_scale) {
+  return {kind, name, description, efficient_scale, L::rho, L::derivative, L::influence_slope};
+}
+
 template <>
-struct EnumNames<LossKind> {
+struct EnumTraits<LossKind> {
   static constexpr std::string_view kWhat = "loss";
-  static constexpr std::array<std::pair<LossKind, std::string_view>, 4> kTable{
-      {{LossKind::kSquared, "squared"},
-       {LossKind::kHuber, "huber"},
-       {LossKind::kCauchy, "cauchy"},
-       {LossKind::kTukey, "tukey"}}};
+  static constexpr auto kTable = std::to_array({
+      loss_facts<SquaredLoss>(LossKind::kSquared, "squared", "least squares", 1.0),
+      loss_facts<HuberLoss>(LossKind::kHuber, "huber", "linear beyond the scale", 1.345),
+      loss_facts<CauchyLoss>(LossKind::kCauchy, "cauchy", "logarithmic", 2.3849),
+      loss_facts<TukeyLoss>(LossKind::kTukey, "tukey", "constant beyond the scale", 4.6851),
+  });
 };
 
 struct Loss {
   LossKind kind = LossKind::kSquared;
   double scale = 1.0;  // c: where the loss leaves the parabola, in units of the residual
 
-  double rho(double s) const;
-  double derivative(double s) const;  // dρ/ds: the weight of the observation
+  double rho(double s) const { return facts_of(kind).rho(s, scale); }
+  // dρ/ds: the weight of the observation.
+  double derivative(double s) const { return facts_of(kind).derivative(s, scale); }
+  // d(s ρ′)/ds: half the divergence of the influence ρ′ r of a residual of two entries.
+  double influence_slope(double s) const { return facts_of(kind).influence_slope(s, scale); }
 };
 
-// The scale with 95 % efficiency on normal residuals of standard deviation sigma: c = 1.345 σ
-// (Huber), 2.3849 σ (Cauchy), 4.6851 σ (Tukey); σ itself for the squared loss.
-double efficient_scale(LossKind kind, double sigma);
+// The scale with 95 % efficiency on normal residuals of standard deviation sigma; sigma itself for
+// the squared loss.
+inline double efficient_scale(LossKind kind, double sigma) {
+  return facts_of(kind).efficient_scale * sigma;
+}
 
 }  // namespace sfmcpp

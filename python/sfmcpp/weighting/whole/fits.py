@@ -14,9 +14,9 @@ from sfmcpp import _core
 from sfmcpp.ba.adjust import adjust
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import CONSTRAINT_KINDS, ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.weighting.pose_constraint import CONSTRAINT_UNITS, ConstraintUnit
+from sfmcpp.weighting.pose_constraint import ConstraintUnit
 from sfmcpp.weighting.whole.constraint_rows import squared_error
 from sfmcpp.weighting.whole.robust_loss import influence_slope, rho, rho_slope, tukey
 
@@ -40,29 +40,6 @@ _LEAST_NOISE = 1e-6
 
 # Best and worst sensor, as a share of the extent of what it measures.
 _RANGE = 1e6
-
-# Constraints on intrinsics are no constraints on one pose.
-_UNITS = {
-    **CONSTRAINT_UNITS,
-    "focal": ConstraintUnit("of f", 1.0),
-    "principal-point": ConstraintUnit("px", 2.0),
-}
-# Independent numbers in one measurement: nine entries of a rotation are three.
-_FREEDOM = {
-    "pose": 6,
-    "position": 3,
-    "orientation": 3,
-    "orientation-reprojections": 3,
-    "displacement-pose": 6,
-    "displacement-translation": 3,
-    "displacement-rotation": 3,
-    "displacement-rotation-log": 3,
-    "scale": 1,
-    "smoothing": 6,
-    "smoothing-reprojections": 6,
-    "focal": 1,
-    "principal-point": 2,
-}
 
 
 @dataclass(frozen=True)
@@ -183,14 +160,14 @@ class WeightFits:
 
     def unit(self, k: int) -> ConstraintUnit:
         """Unit and spread of group k; a comparison of images has the mean number of its points as spread."""
-        unit = _UNITS[self.groups[k].kind]
-        if not math.isnan(unit.spread):
-            return unit
-        return ConstraintUnit(unit.name, float(np.mean([len(x) for x in self.groups[k].points])))
+        kind = CONSTRAINT_KINDS[self.groups[k].kind]
+        if kind.spread is not None:
+            return ConstraintUnit(kind.unit, kind.spread)
+        return ConstraintUnit(kind.unit, float(np.mean([len(x) for x in self.groups[k].points])))
 
     def freedom(self, k: int) -> int:
         """Independent numbers in one measurement of group k."""
-        return _FREEDOM[self.groups[k].kind]
+        return CONSTRAINT_KINDS[self.groups[k].kind].freedom
 
     def measurements(self, k: int) -> int:
         """Independent numbers measured by group k."""
@@ -287,6 +264,6 @@ def _without_unmoved(group: ConstraintGroup, problem: Problem) -> ConstraintGrou
     if not ((pairs >= 0) & (pairs < problem.num_cameras)).all():
         return group  # the core says which
     seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
-    poses_matter = group.kind not in ("focal", "principal-point")
+    poses_matter = CONSTRAINT_KINDS[group.kind].on_poses
     moved = (seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1)
     return dataclasses.replace(group, member_weights=np.where(moved, group.member_weights, 0.0))
