@@ -14,7 +14,7 @@ from experiments.pictures import grouped_bars
 from experiments.report import Report
 from experiments.starts import noisy_scene, true_scene
 from sfmcpp import ConstraintGroup, Problem, Summary
-from sfmcpp.geometry import align_similarity
+from sfmcpp.geometry import fit_similarity
 from sfmcpp.geometry.so3 import exp
 from sfmcpp.study.plotting.style import new_figure, style_axes
 
@@ -70,10 +70,15 @@ def _measured(
     summary = sfmcpp.solve(problem, constraints=groups, weight=method, **options)
     return {
         "seconds": time.perf_counter() - begin,
-        "error": align_similarity(problem.centres, truth.centres).rms,
+        "error": _centre_rms(problem, truth),
         "ratios": _ratios(summary, sensors),
         "disagrees": any(not chosen.agrees for chosen in summary.group_weights),
     }
+
+
+def _centre_rms(problem: Problem, truth: Problem) -> float:
+    moved = fit_similarity(problem.centres, truth.centres).apply(problem.centres)
+    return float(np.sqrt(np.mean(np.sum((moved - truth.centres) ** 2, axis=1))))
 
 
 def _ratios(summary: Summary, sensors: list[Row]) -> list[float]:

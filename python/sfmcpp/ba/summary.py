@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfmcpp.model.weight_selection import GroupWeightSelection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Iteration:
     """One step of the minimiser, accepted or not; iteration 0 is the start.
 
@@ -56,8 +56,16 @@ class Iteration:
     line_searched: bool = False
     cost_evaluations: int = 1
 
+    def __repr__(self) -> str:
+        camera, point = self.step_lengths
+        outcome = "accepted" if self.accepted else "rejected"
+        return (
+            f"Iteration({self.iteration}: cost {self.cost:.6e}, {outcome}, "
+            f"damping {self.damping:.3g}, step lengths {camera:.4g} and {point:.4g})"
+        )
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Summary:
     """Result of :func:`sfmcpp.solve`; print it for a table.
 
@@ -121,17 +129,29 @@ class Summary:
         return self.termination == "converged"
 
     def history(self) -> dict[str, NDArray[Any]]:
-        """Columns of the iterations as arrays, by field name.
+        """Columns (n,) of the iterations by field name, as for a data frame.
 
-        `step_lengths` is (n, 2). Proposed lengths are left out: each iteration has its own number of them.
+        The two step lengths are ``step_length_camera`` and ``step_length_point``. Proposed lengths are left
+        out: each iteration has its own number of them.
         """
-        rows = [asdict(iteration) for iteration in self.iterations]
-        names = [name for name in (rows[0] if rows else {}) if name != "proposed_lengths"]
-        return {name: np.array([row[name] for row in rows]) for name in names}
+        lengths = ("step_length_camera", "step_length_point")
+        rows = []
+        for iteration in self.iterations:
+            row = asdict(iteration)
+            del row["proposed_lengths"]
+            rows.append(row | dict(zip(lengths, row.pop("step_lengths"), strict=True)))
+        return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else {})}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON."""
         return {**asdict(self), "group_weights": [chosen.to_dict() for chosen in self.group_weights]}
+
+    def __repr__(self) -> str:
+        steps = max(len(self.iterations) - 1, 0)
+        return (
+            f"Summary({self.termination} after {steps} steps: cost {self.initial_cost:.6e} → "
+            f"{self.final_cost:.6e}, RMS {self.initial_rms_px:.6g} → {self.final_rms_px:.6g} px)"
+        )
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<22}{value}" for name, value in self._rows())

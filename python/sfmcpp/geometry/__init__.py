@@ -1,7 +1,5 @@
-"""Geometry of several views: relative pose, resection, triangulation, alignment."""
+"""Geometry of several views: relative pose, resection, triangulation, similarities."""
 
-from sfmcpp.geometry.alignment import Alignment, align_rigid, align_similarity
-from sfmcpp.geometry.optimal_triangulation import correct_matches, triangulate_optimal
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
@@ -16,13 +14,9 @@ from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_simi
 from sfmcpp.geometry.triangulation import triangulate_linear, triangulate_midpoint
 
 __all__ = [
-    "Alignment",
     "PoseEstimate",
     "RelativePose",
     "Similarity",
-    "align_rigid",
-    "align_similarity",
-    "correct_matches",
     "depths",
     "fit_pose_similarity",
     "fit_similarity",
@@ -34,6 +28,5 @@ __all__ = [
     "resection",
     "triangulate_linear",
     "triangulate_midpoint",
-    "triangulate_optimal",
     "triangulation_angles_deg",
 ]

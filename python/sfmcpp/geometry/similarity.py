@@ -1,4 +1,9 @@
-"""Similarities of space, and the one that fits pairs of points or poses best."""
+"""Similarities of space, and the one that fits pairs of points or poses best.
+
+These fits are the only ones of the package. What leaves them open is refused by name: fewer than two pairs
+that count; points on a line, about which any rotation fits (poses on a line have a fit); positions that are
+all the same; a target that runs against its source whatever the rotation.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.point_moments import PointMoments
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import is_rotation, require_positive
 
-_ROTATION_TOLERANCE = 1e-6
 # Thinnest extent relative to the longest one that is more than rounding.
-_THINNEST = 1e-7
+THINNEST_EXTENT = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,7 @@ class Similarity:
         require_positive("scale", self.scale)
         object.__setattr__(self, "rotation", finite_array("rotation", self.rotation, (3, 3)))
         object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
-        if not is_rotation(self.rotation, _ROTATION_TOLERANCE):
+        if not is_rotation(self.rotation):
             raise InvalidArgument("rotation: must be orthonormal and right-handed")
 
     @classmethod
@@ -53,9 +56,9 @@ class Similarity:
         """The map that changes nothing."""
         return cls(1.0, np.eye(3), np.zeros(3))
 
-    def apply(self, points: FloatArray) -> FloatArray:
+    def apply(self, points: ArrayLike) -> FloatArray:
         """Images (…, 3) of points (…, 3): thesis eq. 5.17."""
-        return np.asarray(self.scale * (points @ self.rotation.T) + self.translation)
+        return np.asarray(self.scale * (np.asarray(points) @ self.rotation.T) + self.translation)
 
     def apply_to_poses(self, poses: FloatArray) -> FloatArray:
         """Images (…, 3, 4) of poses ``[R | c]`` world_from_camera (…, 3, 4): thesis eq. 5.16.
@@ -74,6 +77,86 @@ class Similarity:
         return Similarity(
             self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PointMoments:
+    """Weighted means, extents and covariance of pairs of points (Umeyama 1991, eqs 34–38).
+
+    Attributes
+    ----------
+    shares : (n,) float64
+        Weights of the pairs, summing to one.
+    source_mean, target_mean : (3,) float64
+        Means of either side.
+    covariance : (3, 3) float64
+        ``Σ w (target − mean)(source − mean)ᵀ``.
+    source_extents, target_extents : (3,) float64
+        Root mean squared extents of either side along its own main directions, the longest first.
+    """
+
+    shares: FloatArray
+    source_mean: FloatArray
+    target_mean: FloatArray
+    covariance: FloatArray
+    source_extents: FloatArray
+    target_extents: FloatArray
+
+    @classmethod
+    def of(cls, source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None) -> PointMoments:
+        """Sum up pairs of points.
+
+        Parameters
+        ----------
+        source, target : (n, 3) array-like
+            Pairs of points, n ≥ 1.
+        weights : (n,) array-like, optional
+            Weight of each pair, not negative, not all zero. Default: all equal.
+
+        Returns
+        -------
+        PointMoments
+
+        Raises
+        ------
+        InvalidArgument
+            If the shapes differ, there is no pair, a number is not finite, or a weight is out of its range.
+        """
+        source = finite_array("source", source, (ANY, 3))
+        target = finite_array("target", target, (len(source), 3))
+        if not len(source):
+            raise InvalidArgument("source: 0 points, must be at least 1")
+        shares = _shares(weights, len(source))
+        means = shares @ source, shares @ target
+        x, y = source - means[0], target - means[1]
+        covariance = y.T @ (shares[:, None] * x)
+        return cls(shares, *means, covariance, _main_extents(x, shares), _main_extents(y, shares))
+
+    @property
+    def count(self) -> int:
+        """Number of pairs whose weight is not zero."""
+        return int(np.count_nonzero(self.shares))
+
+    @property
+    def source_variance(self) -> float:
+        """Mean squared distance of the source from its mean."""
+        return float(self.source_extents @ self.source_extents)
+
+    @property
+    def target_variance(self) -> float:
+        """Mean squared distance of the target from its mean."""
+        return float(self.target_extents @ self.target_extents)
+
+    def scale(self, rotation: FloatArray) -> float:
+        """Best scale for a rotation target_from_source (3, 3): negative if both sides run against each other.
+
+        The source must not be all at one place.
+        """
+        return float(np.sum(rotation * self.covariance)) / self.source_variance
+
+    def translation(self, rotation: FloatArray, scale: float) -> FloatArray:
+        """Best translation (3,) for a rotation (3, 3) and a scale."""
+        return np.asarray(self.target_mean - scale * (rotation @ self.source_mean))
 
 
 def fit_similarity(
@@ -156,7 +239,7 @@ def _moments(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None) ->
 
 def _require_plane(moments: PointMoments) -> None:
     for name, extents in (("source", moments.source_extents), ("target", moments.target_extents)):
-        if not extents[1] > _THINNEST * extents[0]:
+        if not extents[1] > THINNEST_EXTENT * extents[0]:
             raise InvalidArgument(
                 f"{name}: the points lie on a line, about which any rotation fits: must span a plane"
             )
@@ -167,7 +250,7 @@ def _require_movement(moments: PointMoments) -> None:
         ("source", moments.source_mean, moments.source_variance),
         ("target", moments.target_mean, moments.target_variance),
     ):
-        if not np.sqrt(variance) > _THINNEST * np.linalg.norm(mean):
+        if not np.sqrt(variance) > THINNEST_EXTENT * np.linalg.norm(mean):
             raise InvalidArgument(f"{name}: all positions are the same, must differ")
 
 
@@ -176,3 +259,21 @@ def _with_rotation(moments: PointMoments, rotation: FloatArray, with_scale: bool
     if not scale > 0:
         raise InvalidArgument("target: runs against source whatever the rotation, no positive scale fits")
     return Similarity(scale, rotation, moments.translation(rotation, scale))
+
+
+def _shares(weights: ArrayLike | None, count: int) -> FloatArray:
+    """Weights (n,) that sum to one."""
+    given = np.ones(count) if weights is None else finite_array("weights", weights, (count,))
+    if (given < 0).any():
+        row = int(np.argmin(given))
+        raise InvalidArgument(f"weights[{row}] = {given[row]}: must not be negative")
+    if not given.any():
+        raise InvalidArgument("weights: all zero, at least one must be positive")
+    return np.asarray(given / given.sum())
+
+
+def _main_extents(centred: FloatArray, shares: FloatArray) -> FloatArray:
+    extents = np.zeros(3)
+    found = np.linalg.svd(np.sqrt(shares)[:, None] * centred, compute_uv=False)
+    extents[: len(found)] = found
+    return extents

@@ -10,6 +10,7 @@ import numpy as np
 
 from sfmcpp.geometry._matches import Matches
 from sfmcpp.geometry._poselib import RansacOptions, refined_relative_camera
+from sfmcpp.geometry.so3 import rotation_angle
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 # Chosen on the pairs of frames 3 m apart of six KITTI drives: of 20 poses turned wrongly by more than 5° it
@@ -79,5 +80,4 @@ def _log_likelihood(matches: Matches, camera: FloatArray, threshold_px: float) -
 
 def _turns_deg(cameras: FloatArray, camera: FloatArray) -> FloatArray:
     """(K,) angles [deg] between the rotations of `cameras` and that of `camera`."""
-    chord = np.linalg.norm(cameras[:, :, :3] - camera[:, :3], axis=(1, 2))
-    return np.asarray(np.degrees(2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))))
+    return np.degrees(rotation_angle(np.swapaxes(cameras[:, :, :3], 1, 2) @ camera[:, :3]))

@@ -16,6 +16,10 @@ _LARGEST_SEED = 2**63 - 1
 Known = TypeVar("Known")
 
 
+# Of a rotation in memory, and of one read from a file that prints few digits.
+ROTATION_TOLERANCE, PRINTED_ROTATION_TOLERANCE = 1e-6, 1e-3
+
+
 def require_finite(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is finite."""
     if not math.isfinite(value):
@@ -71,7 +75,7 @@ def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
     return known[value]
 
 
-def is_rotation(matrices: FloatArray, tolerance: float) -> BoolArray:
+def is_rotation(matrices: FloatArray, tolerance: float = ROTATION_TOLERANCE) -> BoolArray:
     """Whether each matrix (…, 3, 3) is orthonormal to `tolerance` and right-handed."""
     with np.errstate(all="ignore"):  # what is no number is no rotation either
         gram = matrices @ np.swapaxes(matrices, -1, -2)

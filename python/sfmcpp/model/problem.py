@@ -14,7 +14,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import camera_model
 
 
-@dataclass
+@dataclass(repr=False)
 class Metadata:
     """What files say beyond the problem itself; kept so that read, write, read loses nothing.
 
@@ -37,6 +37,14 @@ class Metadata:
     image_sizes: NDArray[np.int64] | None = None
     point_colors: NDArray[np.uint8] | None = None
     extra: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        known = [f"from {self.source_format!r}"] if self.source_format else []
+        for name in ("image_names", "image_sizes", "point_colors"):
+            value = getattr(self, name)
+            known += [f"{len(value)} {name}"] if value is not None and len(value) else []
+        known += [f"extra: {', '.join(map(str, self.extra))}"] if self.extra else []
+        return f"Metadata({'; '.join(known)})"
 
 
 @dataclass

@@ -11,8 +11,6 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
 from sfmcpp.model.checks import is_rotation
 
-ROTATION_TOLERANCE = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -44,7 +42,7 @@ class Trajectory:
         if not len(self.t_s):
             raise InvalidArgument("poses: there are none, must be at least one")
         require_increasing("t_s", self.t_s)
-        good = is_rotation(self.rotations, ROTATION_TOLERANCE)
+        good = is_rotation(self.rotations)
         if not good.all():
             raise InvalidArgument(f"poses[{int(np.argmin(good))}]: its first three columns are no rotation")
 

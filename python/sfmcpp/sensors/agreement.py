@@ -15,11 +15,9 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors.gps import local_positions
-from sfmcpp.sensors.odometer import travelled_distance
+from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
 
-# Sustained for a second this is more than tyres hold on a road (1 g) and than a train or a walker does.
-LARGEST_LATERAL_M_S2 = 12.0
 # Units are wrong by 3.6 and more; two honest sensors differ by less than this.
 LARGEST_RATIO = 2.0
 _WAYS = ("speed", "distance", "velocity", "position", "pose")
@@ -38,8 +36,8 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
 
     Ways and rotations over stretches of two seconds must agree within a factor of two in the median,
     between any two streams that measure them; and no speed may, with the angular rate, need more than
-    `LARGEST_LATERAL_M_S2` of lateral acceleration for a second. A sensor that is wrong for a while passes:
-    that is for its weight to tell.
+    `LARGEST_ACCELERATION_M_S2` across for a second. A sensor that is wrong for a while passes: that is for
+    its weight to tell.
 
     Parameters
     ----------
@@ -139,9 +137,9 @@ def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
     pace, rate = (np.linalg.norm(measured_at(s, times), axis=1) for s in (speed, turning))
     sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, 10), axis=1)
     worst = int(np.argmax(sustained))
-    if sustained[worst] > LARGEST_LATERAL_M_S2:
+    if sustained[worst] > LARGEST_ACCELERATION_M_S2:
         raise InvalidArgument(
             f"stream {speed.name!r} at {pace[worst]:.3g} m/s with stream {turning.name!r} at "
             f"{rate[worst]:.3g} rad/s, at {times[worst]:.3f} s: {sustained[worst]:.3g} m/s² across for a "
-            f"second, must be at most {LARGEST_LATERAL_M_S2:g}; was one given in km/h or degrees/s?"
+            f"second, must be at most {LARGEST_ACCELERATION_M_S2:g}; was one given in km/h or degrees/s?"
         )

@@ -54,30 +54,3 @@ def pose_stream_values(poses: FloatArray) -> FloatArray:
         Position [m], then rotation vector [rad].
     """
     return np.hstack([poses[:, :, 3], so3.log(poses[:, :, :3])])
-
-
-def displacement_between(stream: SensorStream, start_s: float, end_s: float) -> FloatArray | None:
-    """Motion of the body between two times, seen from the first.
-
-    Parameters
-    ----------
-    stream : SensorStream
-        Of kind ``"pose"``.
-    start_s, end_s : float
-        The interval [s].
-
-    Returns
-    -------
-    (3, 4) float64 or None
-        ``[R_startᵀ R_end | R_startᵀ (c_end − c_start)]``; None if the stream does not cover the interval.
-
-    Raises
-    ------
-    InvalidArgument
-        If the stream is of another kind.
-    """
-    start, end = pose_at(stream, start_s), pose_at(stream, end_s)
-    if start is None or end is None or not stream.covers(start_s, end_s):
-        return None
-    back = start[:, :3].T
-    return np.column_stack([back @ end[:, :3], back @ (end[:, 3] - start[:, 3])])

@@ -10,8 +10,6 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import is_rotation
 
-_TOLERANCE = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
@@ -39,7 +37,7 @@ class Mounting:
         rotation = finite_array("camera_from_body", self.camera_from_body, (3, 3))
         object.__setattr__(self, "camera_from_body", rotation)
         object.__setattr__(self, "lever_arm_m", finite_array("lever_arm_m", self.lever_arm_m, (3,)))
-        if not is_rotation(rotation, _TOLERANCE):
+        if not is_rotation(rotation):
             raise InvalidArgument("camera_from_body: must be orthonormal and right-handed")
 
     @classmethod
@@ -62,20 +60,3 @@ class Mounting:
     def camera_rotation(self, body_rotation: FloatArray) -> FloatArray:
         """Rotation start_from_end of the camera (…, 3, 3) for one of the body (…, 3, 3)."""
         return np.asarray(self.camera_from_body @ body_rotation @ self.camera_from_body.T)
-
-    def camera_displacement(self, body_displacement: FloatArray, body_rotation: FloatArray) -> FloatArray:
-        """Displacement of the camera in its own frame at the start.
-
-        Parameters
-        ----------
-        body_displacement : (…, 3) float64
-            Displacement of the body in its frame at the start [m].
-        body_rotation : (…, 3, 3) float64
-            Rotation start_from_end of the body: in a curve the lever arm moves the camera too.
-
-        Returns
-        -------
-        (…, 3) float64
-        """
-        swing = body_rotation @ self.lever_arm_m - self.lever_arm_m
-        return np.asarray((body_displacement + swing) @ self.camera_from_body.T)

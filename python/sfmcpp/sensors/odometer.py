@@ -1,18 +1,21 @@
-"""Odometer: how far, and where to, the body went between two times."""
+"""Odometer: how far the body went between two times, and where its stream cannot be right."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray, finite_array
-from sfmcpp.sensors.imu import rotations_between_cuts
+from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
 
-# Body frames of vehicles have x forward (ISO 8855). The thesis takes the camera's frame instead: z forward.
-FORWARD = (1.0, 0.0, 0.0)
+# Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
+LARGEST_ACCELERATION_M_S2 = 12.0
+# Changes of the speed that its noise makes are this many standard deviations at most.
+_NOISE_SIGMAS = 6.0
+# A leap back undoes a leap if the speed is as before, but for what was driven meanwhile, to this share.
+_SAME = 0.15
+# Where the body stands, a factor may change without a leap.
+_STANDING_M_S = 0.3
 
 
 def travelled_distance(stream: SensorStream, start_s: float, end_s: float) -> float | None:
@@ -40,101 +43,73 @@ def travelled_distance(stream: SensorStream, start_s: float, end_s: float) -> fl
     require_interval(start_s, end_s)
     if not stream.covers(start_s, end_s):
         return None
+    if stream.kind == "distance":
+        start, end = measured_at(stream, np.array([start_s, end_s]))[:, 0]
+        return float(end - start)
     middles_s, lengths_s = segments(start_s, end_s, stream)
+    values = measured_at(stream, middles_s)
     if stream.kind == "velocity":
-        return float(np.linalg.norm(measured_at(stream, middles_s), axis=1) @ lengths_s)
-    return float(_piecewise_distance(stream, middles_s, lengths_s).sum())
+        return float(np.linalg.norm(values, axis=1) @ lengths_s)
+    return float((values[:, 0] * lengths_s).sum())
 
 
-def displacement(
-    stream: SensorStream,
-    start_s: float,
-    end_s: float,
-    orientation: SensorStream | None = None,
-    forward: ArrayLike = FORWARD,
-) -> FloatArray | None:
-    """Displacement of the body between two times, in the body frame at the first: thesis eq. 5.20.
+def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
+    """Stretches between a leap of the speed and the leap that takes it back, or the next stop, or the end.
+
+    A camera alone cannot tell whether it has lost the scale or the odometer is wrong: both drift apart. But a
+    body has inertia. A speed that changes faster than tyres can make it is the sensor's: a wheel that slips,
+    blocks or spins, or a factor that changes.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
-    start_s, end_s : float
-        The interval [s].
-    orientation : SensorStream, optional
-        Of kind ``"angular_rate"``, ``"orientation"`` or ``"pose"``: turns the direction of travel on the way.
-        Without it the body goes straight ahead from start to end, as in the thesis.
-    forward : (3,) array-like
-        Direction of travel in the body frame, for kinds that tell none.
 
     Returns
     -------
-    (3,) float64 or None
-        ``Σ R_mid v_mid dt`` [m], the midpoint rule over all samples of both streams. None if either
-        stream does not cover the interval.
+    tuple of Gap
+        In order, not overlapping.
 
     Raises
     ------
     InvalidArgument
-        If a stream is of another kind, the interval is none, or `forward` is no direction.
+        If the stream is of another kind.
     """
+    t_s, speeds = _speeds(stream)
+    leaps = _leaps(t_s, speeds)
+    found: list[Gap] = []
+    at = 0
+    while at < len(leaps):
+        opening = leaps[at]
+        closing = next((k for k in leaps[at + 1 :] if _undoes(speeds, opening, k)), len(speeds) - 1)
+        stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
+        last = min(stop + 1, len(speeds) - 1)
+        end_s = float(stream.t_s[-1] + stream.max_gap_s if last == len(speeds) - 1 else t_s[last])
+        found.append(Gap(float(t_s[opening]), end_s))
+        at = next((k for k in range(at + 1, len(leaps)) if leaps[k] >= last), len(leaps))
+    return tuple(found)
+
+
+def _speeds(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
+    """Speeds (n,) [m/s], not negative, and their times."""
     require_kind(stream, "speed", "distance", "velocity")
-    streams = [stream] if orientation is None else [stream, orientation]
-    require_interval(start_s, end_s)
-    if not all(s.covers(start_s, end_s) for s in streams):
-        return None
-    middles_s, lengths_s = segments(start_s, end_s, *streams)
-    steps = _steps(stream, middles_s, lengths_s, _unit(forward))
-    if orientation is None:
-        return np.asarray(steps.sum(axis=0))
-    require_kind(orientation, "angular_rate", "orientation", "pose")
-    rotations = rotations_between_cuts(orientation, middles_s, lengths_s)
-    return np.asarray(np.einsum("nij,nj->i", rotations, steps))
+    if stream.kind == "distance":
+        middles_s = 0.5 * (stream.t_s[1:] + stream.t_s[:-1])
+        return middles_s, np.abs(np.diff(stream.values[:, 0]) / np.diff(stream.t_s))
+    return stream.t_s, np.linalg.norm(stream.values, axis=1)
 
 
-def speed_along(stream: SensorStream, forward: ArrayLike = FORWARD) -> SensorStream:
-    """The odometer that a stream of velocities would give: its component along one direction.
-
-    Parameters
-    ----------
-    stream : SensorStream
-        Of kind ``"velocity"``.
-    forward : (3,) array-like
-        Direction in the body frame.
-
-    Returns
-    -------
-    SensorStream
-        Of kind ``"speed"``.
-
-    Raises
-    ------
-    InvalidArgument
-        If the stream is of another kind, or `forward` is no direction.
-    """
-    require_kind(stream, "velocity")
-    return SensorStream(stream.t_s, stream.values @ _unit(forward), "speed", "odometer", stream.max_gap_s)
+def _leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
+    """Samples after which the speed changes faster than it can."""
+    if len(speeds) < 3:
+        return []
+    # A second difference of white noise has six times its variance; a median ignores the leaps themselves.
+    noise = 1.4826 * float(np.median(np.abs(np.diff(speeds, 2)))) / np.sqrt(6.0)
+    most = LARGEST_ACCELERATION_M_S2 * np.diff(t_s) + _NOISE_SIGMAS * noise
+    return [int(k) for k in np.flatnonzero(np.abs(np.diff(speeds)) > most)]
 
 
-def _steps(
-    stream: SensorStream, middles_s: FloatArray, lengths_s: FloatArray, forward: FloatArray
-) -> FloatArray:
-    """Displacement (m, 3) of each piece in its own body frame."""
-    if stream.kind == "velocity":
-        return np.asarray(measured_at(stream, middles_s) * lengths_s[:, None])
-    return np.asarray(_piecewise_distance(stream, middles_s, lengths_s)[:, None] * forward)
-
-
-def _piecewise_distance(stream: SensorStream, middles_s: FloatArray, lengths_s: FloatArray) -> FloatArray:
-    if stream.kind == "speed":
-        return np.asarray(measured_at(stream, middles_s)[:, 0] * lengths_s)
-    half = 0.5 * lengths_s
-    return np.asarray((measured_at(stream, middles_s + half) - measured_at(stream, middles_s - half))[:, 0])
-
-
-def _unit(forward: ArrayLike) -> FloatArray:
-    direction = finite_array("forward", forward, (3,))
-    length = float(np.linalg.norm(direction))
-    if length == 0:
-        raise InvalidArgument(f"forward = {direction.tolist()}: must not be zero")
-    return np.asarray(direction / length)
+def _undoes(speeds: FloatArray, opening: int, closing: int) -> bool:
+    there = speeds[opening] * speeds[closing]
+    back = speeds[opening + 1] * speeds[closing + 1]
+    return bool(abs(there - back) <= _SAME * max(there, back))

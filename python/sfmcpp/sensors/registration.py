@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.point_moments import PointMoments
-from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity
+from sfmcpp.geometry.similarity import THINNEST_EXTENT, PointMoments, Similarity, fit_pose_similarity
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.sensors.upright import UP_IN_CAMERA, upright_rotation
 
 # N_recal of the thesis.
 PAIRS = 6
@@ -25,8 +23,10 @@ PAIRS = 6
 LARGEST_RELATIVE_SIGMA = 0.2
 # Cameras on vehicles and in hands stand upright to about this; a roll that positions tell worse is open.
 OPEN_ROLL_RAD = float(np.deg2rad(5.0))
-# Extents of less than this share of the longest one are rounding.
-_THINNEST = 1e-7
+# The y axis of a camera points down.
+UP_IN_CAMERA = (0.0, -1.0, 0.0)
+# Sine of the angle between the path and "up" below which one says nothing of the roll about the other: 10°.
+_LEAST_ACROSS = 0.17
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def register_by_positions(
             "path must bend, or `up` be given"
         )
     in_map = (poses[:, :, :3] @ finite_array("up_in_camera", up_in_camera, (3,))).mean(axis=0)
-    rotation = upright_rotation(moments.covariance, in_map, finite_array("up", up, (3,)))
+    rotation = _upright_rotation(moments.covariance, in_map, finite_array("up", up, (3,)))
     return _registered(moments, rotation, source, target, upright=True)
 
 
@@ -196,7 +196,7 @@ def _moving(source: FloatArray, target: FloatArray) -> PointMoments:
         ("vision", moments.source_mean, moments.source_extents),
         ("measured", moments.target_mean, moments.target_extents),
     ):
-        if not extents[0] > _THINNEST * np.linalg.norm(mean):
+        if not extents[0] > THINNEST_EXTENT * np.linalg.norm(mean):
             raise InvalidArgument(f"{name}: all {len(source)} positions are the same, no scale can be told")
     return moments
 
@@ -211,8 +211,31 @@ def _registered(
     relative = _relative_sigma(moments, scale, noise)
     along, *across = moments.source_extents
     arm = scale * np.sqrt(len(source)) * float(np.linalg.norm(across))
-    roll = noise / arm if np.linalg.norm(across) > _THINNEST * along else np.inf
+    roll = noise / arm if np.linalg.norm(across) > THINNEST_EXTENT * along else np.inf
     return Registration(similarity, residuals, relative, float(roll), upright)
+
+
+def _upright_rotation(
+    covariance: FloatArray, up_in_source: FloatArray, up_in_target: FloatArray
+) -> FloatArray:
+    """Rotation (3, 3) that brings one line onto another and one "up" as near to the other as the lines allow.
+
+    The first singular vectors of `covariance`, target sourceᵀ, are the directions of the lines.
+    """
+    left, _, right = np.linalg.svd(covariance)
+    source = _frame("up_in_camera", right[0], up_in_source)
+    target = _frame("up", left[:, 0], up_in_target)
+    return np.asarray(target @ source.T)
+
+
+def _frame(name: str, line: FloatArray, up: FloatArray) -> FloatArray:
+    """Right-handed frame (3, 3): the line, "up" as far as it is across the line, and the normal of both."""
+    across = up - (up @ line) * line
+    length = float(np.linalg.norm(across))
+    if not length > _LEAST_ACROSS * np.linalg.norm(up):
+        raise InvalidArgument(f"{name}: is zero or along the path, must point across it to tell the roll")
+    across /= length
+    return np.stack([line, across, np.cross(line, across)], axis=1)
 
 
 def _noise(residuals: FloatArray, parameters: int) -> float:

@@ -2,7 +2,7 @@
 
 The rotation from one pose of the camera to the next is compared with the sensor's over the same interval,
 moved by an offset of the clock. All three axes and a robust cost: among the noisy poses of a real run the
-magnitudes of :func:`sfmcpp.sensors.estimate_clock_offset` no longer correlate.
+magnitudes of the rates do not correlate.
 """
 
 from __future__ import annotations

@@ -13,11 +13,9 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
-from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.prediction import interpolate_rotations, interpolate_vectors
-
-__all__ = ["Gap", "SensorStream", "describe_gaps", "measured_at", "require_kind", "segments"]
 
 _RATES = ("speed", "velocity", "angular_rate")
 

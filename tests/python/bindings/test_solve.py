@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import sfmcpp
 from projection import reference_residuals
-from sfmcpp import InvalidArgument, Problem
+from sfmcpp import InvalidArgument, Metadata, Problem
 
 MODELS = ("calibrated", "perspective", "bal")
 
@@ -195,3 +195,21 @@ def test_check_names_what_is_isolated() -> None:
     assert warnings[0] in summary.warnings
     np.testing.assert_array_equal(problem.cameras[2], before.cameras[2])
     np.testing.assert_array_equal(problem.points[7], before.points[7])
+
+
+def test_the_history_is_a_table_of_columns_and_prints_stay_short() -> None:
+    problem = sfmcpp.circle_scene(6, 40, seed=3)
+    problem.metadata.image_names = [f"{k}.png" for k in range(6)]
+    problem.metadata.image_sizes = np.full((6, 2), 640)
+    summary = sfmcpp.solve(sfmcpp.perturb(problem, seed=4), line_search="t-als")
+    history = summary.history()
+    assert {column.shape for column in history.values()} == {(len(summary.iterations),)}
+    lengths = list(zip(history["step_length_camera"], history["step_length_point"], strict=True))
+    assert lengths == [i.step_lengths for i in summary.iterations]
+    pandas = pytest.importorskip("pandas")
+    assert len(pandas.DataFrame(history)) == len(summary.iterations)
+    for thing in (summary, summary.iterations[-1], problem.metadata, problem):
+        assert len(repr(thing)) < 200
+        assert "array(" not in repr(thing)
+    assert repr(problem.metadata) == "Metadata(6 image_names; 6 image_sizes)"
+    assert repr(Metadata()) == "Metadata()"

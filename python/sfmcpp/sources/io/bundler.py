@@ -17,7 +17,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
@@ -37,7 +37,6 @@ from sfmcpp.sources.io.tracks import by_point, keypoint_ranks, tokens_of_items
 
 MAGIC = b"# Bundle file v0.3"
 KEYS = "bundler_keys"
-_PRINTED_ROTATION_TOLERANCE = 1e-3
 _CAMERA_LINES, _CAMERA_NUMBERS, _POINT_LINES, _VIEW = 5, 15, 3, 4
 
 
@@ -158,7 +157,7 @@ def _poses(text: NumberText, cameras: FloatArray) -> FloatArray:
     rotations, translations = cameras[:, 1:4].copy(), cameras[:, 4]
     unregistered = ~cameras.any(axis=(1, 2))
     rotations[unregistered] = np.diag([1.0, -1.0, -1.0])
-    good = is_rotation(rotations, _PRINTED_ROTATION_TOLERANCE)
+    good = is_rotation(rotations, PRINTED_ROTATION_TOLERANCE)
     if not good.all():
         row = int(np.argmin(good))
         raise text.error(f"camera {row}: its 3x3 matrix is not a rotation", 5 + _CAMERA_NUMBERS * row)

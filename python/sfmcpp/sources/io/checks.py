@@ -13,7 +13,6 @@ from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import is_rotation
 from sfmcpp.model.problem import Problem
 
-ROTATION_TOLERANCE = 1e-6
 LARGEST_MAGNITUDE = 1e150
 LARGEST_COUNT = int(np.iinfo(np.int32).max)
 
@@ -93,7 +92,7 @@ def _require_in_range(name: str, index: IndexArray, size: int, path: Path) -> No
 def _require_rotations(problem: Problem, path: Path) -> None:
     if not problem.is_metric:
         return
-    good = is_rotation(problem.rotations, ROTATION_TOLERANCE)
+    good = is_rotation(problem.rotations)
     if not good.all():
         worst = int(np.argmin(good))
         raise DatasetError(path, f"cameras[{worst}]: its first three columns are not a rotation matrix")

@@ -20,12 +20,11 @@ from sfmcpp.geometry.quaternions import rotation_from_angle_axis
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
-from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.compression import require_regular_file
 from sfmcpp.sources.io.failures import failures_named
 
 NOT_SEEN = -1.0
-ROTATION_TOLERANCE = 1e-3
 
 # Shape of each variable; a name stands for a length that is the same wherever it is named.
 _SHAPES: dict[str, tuple[int | str, ...]] = {
@@ -143,11 +142,8 @@ def read_kitti_mat(path: Path) -> KittiDrive:
 
 
 def _variables(path: Path) -> dict[str, FloatArray]:
-    try:
-        from scipy.io import loadmat
-    except ModuleNotFoundError as error:
-        reason = f"MATLAB files need {error.name}: pip install 'sfmcpp[slam]'"
-        raise DatasetError(path, reason) from None
+    from scipy.io import loadmat
+
     with failures_named(path):
         require_regular_file(path)
         with path.open("rb") as stream:
@@ -206,8 +202,8 @@ def _timed(variables: dict[str, FloatArray], name: str) -> FloatArray:
 
 
 def _rotation(path: Path, matrix: FloatArray) -> FloatArray:
-    if not is_rotation(matrix[None], ROTATION_TOLERANCE)[0]:
-        raise DatasetError(path, f"C_c_v is no rotation: must be orthonormal to {ROTATION_TOLERANCE}")
+    if not is_rotation(matrix[None], PRINTED_ROTATION_TOLERANCE)[0]:
+        raise DatasetError(path, f"C_c_v is no rotation: must be orthonormal to {PRINTED_ROTATION_TOLERANCE}")
     return np.asarray(nearest_rotation(matrix[None])[0])
 
 

@@ -16,7 +16,7 @@ from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.compression import COMPRESSED_SUFFIXES, read_bytes
 from sfmcpp.sources.io.failures import failures_named
@@ -27,8 +27,6 @@ from sfmcpp.sources.io.rows import format_rows
 TRAJECTORY_FORMATS = ("tum", "kitti", "euroc", "mat")
 WRITABLE_TRAJECTORY_FORMATS = ("tum", "kitti", "euroc")
 
-# What six printed digits leave of a rotation.
-ROTATION_TOLERANCE = 1e-3
 _NS = 1e-9
 _TUM_COLUMNS = 8
 _KITTI_COLUMNS = (12, 16, 17)
@@ -152,8 +150,8 @@ def _from_quaternions(
     text: NumberText, t_s: FloatArray, centres: FloatArray, quaternions: FloatArray
 ) -> Trajectory:
     length = np.linalg.norm(quaternions, axis=1)
-    rule = f"the quaternion has length {{}}: must be 1 to within {ROTATION_TOLERANCE}"
-    _require_rows(text, np.abs(length - 1) <= ROTATION_TOLERANCE, rule, length)
+    rule = f"the quaternion has length {{}}: must be 1 to within {PRINTED_ROTATION_TOLERANCE}"
+    _require_rows(text, np.abs(length - 1) <= PRINTED_ROTATION_TOLERANCE, rule, length)
     later = np.concatenate([[True], np.diff(t_s) > 0])
     _require_rows(text, later, "time {} s: must be later than the one before", t_s)
     rotations = rotation_from_quaternion(quaternions)
@@ -166,7 +164,7 @@ def _from_kitti(text: NumberText, table: FloatArray) -> Trajectory:
         last = (rows[:, 12:] == [0, 0, 0, 1]).all(axis=1)
         _require_rows(text, last, "the last row of the matrix must be 0 0 0 1", rows[:, 15])
     poses = rows[:, :12].reshape(-1, 3, 4)
-    good = is_rotation(poses[:, :, :3], ROTATION_TOLERANCE)
+    good = is_rotation(poses[:, :, :3], PRINTED_ROTATION_TOLERANCE)
     _require_rows(text, good, "the first three columns of the matrix are no rotation", rows[:, 0])
     rotations = nearest_rotation(poses[:, :, :3])
     poses = np.concatenate([rotations, poses[:, :, 3:]], axis=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.geometry.pinhole import unit
 from sfmcpp.model.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -27,12 +28,7 @@ def looking_at(centres: FloatArray, targets: FloatArray, up: FloatArray) -> Floa
     (C, 3, 4) float64
         Rotation world_from_camera and centre of each camera.
     """
-    forward = _unit(targets - centres)
-    right = _unit(np.cross(forward, up))
+    forward = unit(targets - centres)
+    right = unit(np.cross(forward, up))
     down = np.cross(forward, right)
     return np.stack([right, down, forward, centres], axis=2)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    units: FloatArray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return units

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from mvg_helpers import Array, angle_deg
 from sfmcpp import Problem
-from sfmcpp.geometry import relative_pose, reliable_points, resection, triangulate_optimal
+from sfmcpp.geometry import relative_pose, reliable_points, resection, triangulate_linear
 
 pytestmark = pytest.mark.real
 DRIVES = ("0001", "0005", "0027", "0036", "0039", "0095")
@@ -85,7 +85,7 @@ def test_a_third_view_is_placed_between_the_first_two(data_dir: Path, drive: str
     row = intrinsics(tracks)
     pair = relative_pose(first, second, row)
     problem = two_views(pair.camera, row, first[pair.inliers], second[pair.inliers])
-    points = triangulate_optimal(problem)
+    points = triangulate_linear(problem)
     good = reliable_points(problem, points, max_error_px=1.0, min_angle_deg=0.3)
     assert np.count_nonzero(good) >= 30
     third = resection(points[good], between[pair.inliers][good], row, threshold_px=2.0)

@@ -1,9 +1,7 @@
-"""KITTI drives, small ones and the seven real ones: what the reader makes of them, dead reckoning, clocks."""
+"""KITTI drives, small ones and the seven real ones: what the reader makes of them, lengths, clocks."""
 
 from __future__ import annotations
 
-import sys
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +14,7 @@ from sfmcpp.sensors import (
     Mounting,
     SensorStream,
     Trajectory,
-    angular_rates,
-    displacement,
-    estimate_clock_offset,
-    rotation_increment,
-    speed_along,
+    check_rotations,
     travelled_distance,
 )
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
@@ -116,15 +110,6 @@ def test_what_is_no_matlab_file_is_refused(tmp_path: Path) -> None:
         read_kitti_mat(path)
 
 
-def test_without_scipy_the_message_tells_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = written(tmp_path, small_drive())
-    monkeypatch.setitem(sys.modules, "scipy.io", None)
-    with pytest.raises(DatasetError, match=r"MATLAB files need .*pip install 'sfmcpp\[slam\]'"):
-        read_kitti_mat(path)
-
-
 @pytest.fixture(scope="module", params=DRIVES)
 def drive_path(data_dir: Path, request: pytest.FixtureRequest) -> Path:
     return data_dir / "kitti_tracks" / f"{request.param}_sync_KLT.mat"
@@ -138,19 +123,6 @@ def drive(drive_path: Path) -> KittiDrive:
 def body_truth(drive: KittiDrive) -> Trajectory:
     mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
     return drive.truth.with_poses(mounting.body_poses(drive.truth.poses))
-
-
-def dead_reckoned_end(
-    drive: KittiDrive, start: np.ndarray, odometer: SensorStream, gyro: SensorStream
-) -> np.ndarray:
-    pose = start
-    for a, b in pairwise(drive.t_s):
-        shift = displacement(odometer, a, b, gyro)
-        turn = rotation_increment(gyro, a, b)
-        assert shift is not None
-        assert turn is not None
-        pose = np.column_stack([pose[:, :3] @ turn, pose[:, 3] + pose[:, :3] @ shift])
-    return pose
 
 
 # Velocity and rate alone end 0.7 to 5.3 % off, says the README of the data; it integrates by Euler's rule.
@@ -172,29 +144,23 @@ def test_eulers_rule_ends_exactly_where_the_readme_of_the_data_says(data_dir: Pa
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("odometer", ["velocity", "forward speed"])
-def test_dead_reckoning_ends_within_what_the_data_allow(drive: KittiDrive, odometer: str) -> None:
-    stream = drive.velocity if odometer == "velocity" else speed_along(drive.velocity)
-    truth = body_truth(drive)
-    end = dead_reckoned_end(drive, truth.poses[0], stream, drive.angular_rate)
-    assert np.linalg.norm(end[:, 3] - truth.centres[-1]) < FARTHEST_END * truth.length_m
-
-
-@pytest.mark.real
 def test_the_odometer_measures_the_length_of_the_true_path(drive: KittiDrive) -> None:
     truth = body_truth(drive)
-    driven = travelled_distance(speed_along(drive.velocity), drive.t_s[0], drive.t_s[-1])
+    forward = SensorStream(drive.velocity.t_s, drive.velocity.values[:, 0], "speed")
+    driven = travelled_distance(forward, drive.t_s[0], drive.t_s[-1])
     assert driven == pytest.approx(truth.length_m, rel=0.03)
 
 
 @pytest.mark.real
 def test_a_delay_put_on_the_gyroscope_is_found_beside_the_true_rotations(drive: KittiDrive) -> None:
-    seen = angular_rates(body_truth(drive))
-    own = estimate_clock_offset(drive.angular_rate, seen)
-    delayed = estimate_clock_offset(drive.angular_rate.shifted(-0.3), seen)
-    assert own.correlation > 0.95
-    assert own.rate_ratio == pytest.approx(1.0, abs=0.07)
+    mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
+    own = check_rotations(drive.angular_rate, mounting, drive.truth)
+    delayed = check_rotations(drive.angular_rate.shifted(-0.3), mounting, drive.truth)
+    assert own.complaint("gyro") == ""
+    assert own.error_rad < 0.5 * own.turned_rad
+    assert delayed.is_determined
     assert delayed.offset_s - own.offset_s == pytest.approx(0.3, abs=0.01)
+    assert "behind the camera's" in delayed.complaint("gyro")
 
 
 def reprojection_errors(

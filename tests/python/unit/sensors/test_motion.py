@@ -6,22 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_helpers import angle_between, gyro, orientation_from, random_poses, rate_at
+from sensor_helpers import angle_between, gyro, orientation_from, random_poses
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import (
     SensorStream,
-    bias_at_rest,
-    displacement,
-    displacement_between,
     interpolate_poses,
     orientations,
     pose_at,
     pose_stream_values,
     predict_pose,
     rotation_increment,
-    speed_along,
     travelled_distance,
-    without_bias,
 )
 
 
@@ -64,23 +59,6 @@ def test_given_orientations_need_no_integration() -> None:
     assert angle_between(np.asarray(found), (absolute[5].inv() * absolute[35]).as_matrix()) < 1e-13
 
 
-def test_a_bias_measured_at_rest_is_taken_away() -> None:
-    bias = np.array([0.01, -0.02, 0.087])
-    t_s = np.arange(0.0, 6.0, 0.01)
-    resting = t_s < 2.0
-    rates = np.where(resting[:, None], 0.0, rate_at(t_s - 2.0))
-    noise = np.random.default_rng(1).normal(0, 1e-3, rates.shape)
-    stream = SensorStream(t_s, rates + bias + noise, "angular_rate")
-    found = bias_at_rest(stream, 0.0, 1.9)
-    np.testing.assert_allclose(found, bias, atol=4e-3 / np.sqrt(190))
-    truth = orientation_from(0.5, 3.5).as_matrix()
-    biased, corrected = (
-        angle_between(np.asarray(rotation_increment(s, 2.5, 5.5)), truth)
-        for s in (stream, without_bias(stream, found))
-    )
-    assert corrected < 3e-3 < 0.2 < biased
-
-
 def test_speed_and_distance_measure_the_same_path() -> None:
     t_s = np.linspace(0, 4, 401)
     speed = SensorStream(t_s, 5 + 3 * np.sin(t_s), "speed")
@@ -96,52 +74,15 @@ def test_reversing_takes_the_distance_back() -> None:
     assert travelled_distance(SensorStream(t_s, 2.0 - t_s, "speed"), 0.0, 4.0) == pytest.approx(0, abs=1e-12)
 
 
-def test_a_displacement_without_heading_goes_straight_ahead() -> None:
-    t_s = np.linspace(0, 4, 41)
-    stream = SensorStream(t_s, np.full(41, 3.0), "speed")
-    np.testing.assert_allclose(displacement(stream, 1.0, 3.0), [6.0, 0, 0])
-    np.testing.assert_allclose(displacement(stream, 1.0, 3.0, forward=(0, 0, 2)), [0, 0, 6.0])
-    with pytest.raises(InvalidArgument, match="forward"):
-        displacement(stream, 1.0, 3.0, forward=(0, 0, 0))
+def test_velocities_in_space_measure_the_length_of_the_path() -> None:
+    t_s, fine = np.linspace(0, 4, 201), np.linspace(0.4, 2.9, 2501)
 
-
-def test_a_car_on_a_circle_moves_along_the_chord() -> None:
-    speed, turn, seconds = 8.0, 0.5, 3.0
-    t_s = np.arange(0, 4, 0.02)
-    odometer = SensorStream(t_s, np.full(len(t_s), speed), "speed")
-    heading = SensorStream(t_s, np.tile([0, 0, turn], (len(t_s), 1)), "angular_rate")
-    radius, angle = speed / turn, turn * seconds
-    chord = [radius * np.sin(angle), radius * (1 - np.cos(angle)), 0.0]
-    np.testing.assert_allclose(displacement(odometer, 0.5, 3.5, heading), chord, atol=2e-3)
-    yaw = SensorStream(t_s, np.stack([0 * t_s, 0 * t_s, 1.0 + turn * t_s], axis=1), "orientation")
-    np.testing.assert_allclose(displacement(odometer, 0.5, 3.5, yaw), chord, atol=2e-3)
-
-
-def test_velocities_in_space_are_turned_by_the_gyroscope_on_the_way() -> None:
     def velocity_at(t_s: np.ndarray) -> np.ndarray:
         return np.stack([6 + np.sin(t_s), 0.5 * np.cos(2 * t_s), 0.2 * t_s], axis=1)
 
-    stream = gyro(50.0)
-    velocity = SensorStream(stream.t_s, velocity_at(stream.t_s), "velocity")
-    fine = np.linspace(0.4, 2.9, 2501)
-    middle = 0.5 * (fine[1:] + fine[:-1])
-    turn, truth = Rotation.identity(), np.zeros(3)
-    for t, dt in zip(middle, np.diff(fine), strict=True):
-        step = Rotation.from_rotvec(rate_at(np.array([t]))[0] * dt / 2)
-        truth += (turn * step).apply(velocity_at(np.array([t]))[0]) * dt
-        turn = turn * step * step
-    np.testing.assert_allclose(displacement(velocity, 0.4, 2.9, stream), truth, atol=1e-3)
-    assert travelled_distance(speed_along(velocity), 0.4, 2.9) == pytest.approx(
-        float(velocity_at(middle)[:, 0] @ np.diff(fine)), abs=1e-3
-    )
-
-
-def test_a_missing_heading_is_a_missing_displacement() -> None:
-    t_s = np.arange(0, 4, 0.02)
-    odometer = SensorStream(t_s, np.full(len(t_s), 8.0), "speed")
-    short = SensorStream(t_s[:50], np.zeros((50, 3)), "angular_rate")
-    assert displacement(odometer, 0.5, 3.5) is not None
-    assert displacement(odometer, 0.5, 3.5, short) is None
+    length = np.linalg.norm(velocity_at(0.5 * (fine[1:] + fine[:-1])), axis=1) @ np.diff(fine)
+    found = travelled_distance(SensorStream(t_s, velocity_at(t_s), "velocity"), 0.4, 2.9)
+    assert found == pytest.approx(float(length), abs=1e-3)
 
 
 def test_sensors_of_the_wrong_kind_are_refused() -> None:
@@ -186,12 +127,3 @@ def test_after_its_last_pose_an_ins_goes_on_as_between_the_last_two() -> None:
     velocity = (last[:, 3] - before[:, 3]) / step
     found = np.asarray(pose_at(ins(poses, t_s), t_s[-1] + ahead))
     np.testing.assert_allclose(found, predict_pose(last, rate, velocity, ahead), atol=1e-11)
-
-
-def test_a_motion_between_two_poses_leads_from_one_to_the_other() -> None:
-    poses = random_poses(np.random.default_rng(12), 5)
-    stream = ins(poses, np.arange(5) * 0.2)
-    motion = np.asarray(displacement_between(stream, 0.2, 0.8))
-    np.testing.assert_allclose(poses[1, :, :3] @ motion[:, :3], poses[4, :, :3], atol=1e-13)
-    np.testing.assert_allclose(poses[1, :, :3] @ motion[:, 3] + poses[1, :, 3], poses[4, :, 3], atol=1e-12)
-    assert displacement_between(stream, 0.2, 5.0) is None

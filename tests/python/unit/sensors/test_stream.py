@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSOR_KINDS
-from sfmcpp.sensors import SensorStream, describe_gaps, displacement, measured_at, travelled_distance
+from sfmcpp.sensors import SensorStream, describe_gaps, measured_at, travelled_distance
 
 T = np.arange(0.0, 2.01, 0.1)
 
@@ -109,7 +109,6 @@ def test_a_long_gap_gives_no_measurement_to_any_interval_that_touches_it() -> No
     ]
     for start_s, end_s in [(0.4, 0.6), (0.7, 0.9), (1.4, 1.6), (0.1, 1.9)]:
         assert travelled_distance(stream, start_s, end_s) is None
-        assert displacement(stream, start_s, end_s) is None
     assert travelled_distance(stream, 0.1, 0.5) == pytest.approx(4.0)
     assert travelled_distance(stream, gap.end_s, 1.9) == pytest.approx(4.0)
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Trajectory
-from sfmcpp.sensors import speed_along, travelled_distance
+from sfmcpp.sensors import SensorStream, travelled_distance
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.trajectories import read_trajectory, write_trajectory
 from trajectory_helpers import path
@@ -113,5 +113,6 @@ def test_the_clip_is_as_long_as_the_odometer_of_its_drive_says(data_dir: Path) -
     clip = read_trajectory(data_dir / "kitti_clip/poses.txt")
     drive = read_kitti_mat(data_dir / "kitti_tracks/2011_09_30_drive_0020_sync_KLT.mat")
     assert (len(clip), clip.stamped) == (51, False)
-    driven = travelled_distance(speed_along(drive.velocity), drive.t_s[0], drive.t_s[50])
+    forward = SensorStream(drive.velocity.t_s, drive.velocity.values[:, 0], "speed")
+    driven = travelled_distance(forward, drive.t_s[0], drive.t_s[50])
     assert clip.length_m == pytest.approx(driven, rel=0.007)

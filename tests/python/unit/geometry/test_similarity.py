@@ -1,58 +1,72 @@
-"""Rotations against SciPy's, from tiny angles to half turns, and the similarity that fits best."""
+"""Similarities against known truth, SciPy's rotations and an optimiser, and what leaves them open."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from sensor_helpers import angle_between, random_poses
-from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import so3
-from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
-from sfmcpp.model import Trajectory
+from mvg_helpers import Array
+from sfmcpp import InvalidArgument
+from sfmcpp.geometry import Similarity, fit_pose_similarity, fit_similarity
 
-ANGLES = [0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.5, 2.0, 3.0, 3.0999, 3.1001, np.pi - 1e-6, np.pi - 1e-12]
+SEEDS = st.integers(0, 2**32 - 1)
 
 
-def vectors_of(angle: float, count: int = 50, seed: int = 0) -> np.ndarray:
-    axes = np.random.default_rng(seed).normal(size=(count, 3))
-    return angle * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+def random_rotation(rng: np.random.Generator) -> Array:
+    return Rotation.from_rotvec(rng.uniform(-1.8, 1.8, 3)).as_matrix()
 
 
-@pytest.mark.parametrize("angle", [*ANGLES, np.pi, 5.0])
-def test_exp_is_scipys(angle: float) -> None:
-    vectors = vectors_of(angle)
+def angle_between(one: Array, other: Array) -> float:
+    return float((Rotation.from_matrix(one).inv() * Rotation.from_matrix(other)).magnitude())
+
+
+def random_poses(rng: np.random.Generator, count: int, spread_m: float = 5.0) -> Array:
+    rotations = Rotation.random(count, rng=rng).as_matrix()
+    return np.concatenate([rotations, rng.normal(0, spread_m, (count, 3, 1))], axis=2)
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.floats(1e-3, 1e3), st.integers(3, 40), st.booleans())
+def test_exact_points_give_the_true_similarity(seed: int, scale: float, count: int, flat: bool) -> None:
+    rng = np.random.default_rng(seed)
+    rotation, translation = random_rotation(rng), rng.normal(0, 5, 3)
+    source = rng.standard_normal((count, 3)) * ([1, 1, 0] if flat else [1, 1, 1])
+    found = fit_similarity(source, scale * source @ rotation.T + translation)
+    assert found.scale == pytest.approx(scale, rel=1e-9)
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-7)
     np.testing.assert_allclose(
-        so3.exp(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15, rtol=0
+        found.apply(source), scale * source @ rotation.T + translation, atol=1e-9 * scale + 1e-9
     )
 
 
-@pytest.mark.parametrize("angle", ANGLES)
-def test_log_undoes_exp(angle: float) -> None:
-    vectors = vectors_of(angle)
-    found = so3.log(Rotation.from_rotvec(vectors).as_matrix())
-    np.testing.assert_allclose(found, vectors, rtol=0, atol=1e-15 + 4e-15 * angle)
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_the_rotation_is_that_of_scipy_with_weights_and_noise(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    source, weights = rng.standard_normal((20, 3)), rng.uniform(0, 2, 20)
+    target = source @ random_rotation(rng).T + 0.3 * rng.standard_normal((20, 3)) + [1, 2, 3]
+    found = fit_similarity(source, target, weights, with_scale=False)
+    mean_source, mean_target = (np.average(x, axis=0, weights=weights) for x in (source, target))
+    expected, rssd = Rotation.align_vectors(target - mean_target, source - mean_source, weights=weights)
+    np.testing.assert_allclose(found.rotation, expected.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(found.apply(mean_source), mean_target, atol=1e-12)
+    assert found.scale == 1.0
+    left = np.linalg.norm(found.apply(source) - target, axis=1)
+    assert np.sqrt(weights @ left**2) == pytest.approx(rssd, rel=1e-9)
 
 
-def test_log_of_a_half_turn_is_one_of_its_two_axes() -> None:
-    vectors = np.concatenate([vectors_of(np.pi), np.pi * np.eye(3)])
-    rotations = Rotation.from_rotvec(vectors).as_matrix()
-    found = so3.log(rotations)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.pi, rtol=1e-15)
-    np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), rotations, atol=1e-14)
-
-
-def test_log_keeps_the_shape_of_a_batch() -> None:
-    vectors = vectors_of(1.0, 12).reshape(3, 4, 3)
-    np.testing.assert_allclose(so3.log(so3.exp(vectors)), vectors, atol=1e-14)
-    np.testing.assert_allclose(so3.log(so3.exp(vectors[0, 0])), vectors[0, 0], atol=1e-14)
-
-
-def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
-    mirrored = Rotation.random(rng=np.random.default_rng(3)).as_matrix() @ np.diag([1.0, 1.0, -0.2])
-    assert np.linalg.det(so3.nearest_rotation(mirrored)) == pytest.approx(1.0)
+def test_a_weight_of_zero_leaves_a_point_out() -> None:
+    rng = np.random.default_rng(6)
+    source, target = rng.standard_normal((2, 10, 3))
+    some = fit_similarity(source[:7], target[:7])
+    weighted = fit_similarity(source, target, np.arange(10) < 7)
+    np.testing.assert_allclose(weighted.rotation, some.rotation, atol=1e-12)
+    assert weighted.scale == pytest.approx(some.scale)
+    np.testing.assert_allclose(weighted.translation, some.translation, atol=1e-12)
 
 
 def random_similarity(rng: np.random.Generator) -> Similarity:
@@ -155,30 +169,15 @@ def test_what_a_camera_sees_does_not_change_under_a_similarity() -> None:
         ((np.zeros((3, 3)), np.zeros((4, 3))), "target: shape"),
         ((np.eye(3), np.full((3, 3), np.nan)), r"target\[0, 0\] = nan"),
         ((np.eye(3), np.eye(3), [1, -1, 1]), r"weights\[1\] = -1.0"),
+        ((np.eye(3), np.eye(3), [1, 1]), r"weights: shape \(2,\), must be \(3\)"),
+        ((np.eye(3), np.eye(3), [0, 0, 0]), "weights: all zero, at least one must be positive"),
+        ((np.zeros((0, 3)), np.zeros((0, 3))), "source: 0 points, must be at least 1"),
+        ((np.zeros((3, 2)), np.zeros((3, 3))), r"source: shape \(3, 2\), must be \(any, 3\)"),
         ((np.eye(3), np.eye(3), [1, 0, 0]), "1 pairs count"),
+        ((np.eye(3)[:2], np.eye(3)[:2]), "on a line"),
         ((np.ones((4, 3)), np.ones((4, 3))), "on a line"),
     ],
 )
 def test_pairs_that_fit_nothing_are_refused(arguments: tuple[np.ndarray, ...], told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         fit_similarity(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("t_s", "change", "told"),
-    [
-        ([0.0, 1.0, 1.0], None, r"t_s\[2\] = 1.0 s is a duplicate"),
-        ([0.0, 2.0, 1.0], None, r"t_s\[2\] = 1.0 s is earlier"),
-        ([0.0, 1.0, 2.0], (1, 0, 0, np.nan), r"poses\[1, 0, 0\] = nan"),
-        ([0.0, 1.0, 2.0], (1, 0, 0, 5.0), r"poses\[1\]: its first three columns are no rotation"),
-        ([0.0, 1.0], None, "poses: shape"),
-    ],
-)
-def test_an_impossible_trajectory_is_refused(
-    t_s: list[float], change: tuple[int, int, int, float] | None, told: str
-) -> None:
-    poses = random_poses(np.random.default_rng(0), 3)
-    if change is not None:
-        poses[change[:3]] = change[3]
-    with pytest.raises(InvalidArgument, match=told):
-        Trajectory(np.array(t_s), poses)
