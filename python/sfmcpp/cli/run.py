@@ -104,9 +104,9 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
         save_figure(plot_convergence(summary), path)
 
     def write_its_report(path: Path) -> None:
-        from sfmcpp.cli.report import make_report, write_report
+        from sfmcpp.study.report_files import write_report
 
-        write_report(make_report(job.source, problem, summary, seconds_read), path)
+        write_report(_report(job.source, problem, summary, seconds_read), path)
 
     steps: list[tuple[Path | None, Callable[[Path], None]]] = [
         (job.targets.problem, lambda path: write(problem, path)),
@@ -114,6 +114,20 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
         (job.targets.picture, write_picture),
     ]
     return [error for path, step in steps if path is not None and (error := _failure(step, path)) is not None]
+
+
+def _report(path: Path, problem: Problem, summary: Summary, seconds_read: float) -> dict[str, Any]:
+    """All fields of the summary are in the report under their own names."""
+    from sfmcpp.study.report_files import peak_memory_bytes
+
+    size = {
+        "path": str(path),
+        "cameras": problem.num_cameras,
+        "points": problem.num_points,
+        "observations": problem.num_observations,
+    }
+    measured = {"seconds_read": seconds_read, "peak_memory_bytes": peak_memory_bytes()}
+    return {"input": size, **measured, **summary.to_dict()}
 
 
 def _failure(step: Callable[[Path], None], path: Path) -> DatasetError | None:

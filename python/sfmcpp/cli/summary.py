@@ -12,12 +12,12 @@ from rich.text import Text
 
 from sfmcpp.ba import Summary
 from sfmcpp.cli.exit_codes import say
-from sfmcpp.cli.report import peak_memory_bytes
 from sfmcpp.model import Problem
+from sfmcpp.study.report_files import peak_memory_bytes
 
 WIDTH_OF_FILES = 120
 
-ENDINGS = {
+TERMINATIONS = {
     "converged": ("converged", "green"),
     "max_iterations": ("stopped at the limit of iterations", "yellow"),
     "max_seconds": ("stopped at the limit of time", "yellow"),
@@ -65,11 +65,11 @@ def _size(source: Path, problem: Problem) -> Iterator[Row]:
 
 
 def _result(summary: Summary) -> Iterator[Row]:
-    words, style = ENDINGS[summary.termination]
+    words, style = TERMINATIONS[summary.termination]
     accepted = sum(iteration.accepted for iteration in summary.iterations[1:])
     yield "cost", f"{summary.initial_cost:.6e} → {summary.final_cost:.6e}"
     yield "RMS [px]", f"{summary.initial_rms_px:.6g} → {summary.final_rms_px:.6g}"
-    yield "ending", Text(words, style=style).append(f": {summary.message}", style="default")
+    yield "termination", Text(words, style=style).append(f": {summary.message}", style="default")
     yield "iterations", f"{max(len(summary.iterations) - 1, 0)} ({accepted} accepted)"
 
 

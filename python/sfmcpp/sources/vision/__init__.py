@@ -1,7 +1,7 @@
 """Images: the frames of a folder or of a video, and the tracks of corners through them."""
 
 from sfmcpp.sources.vision.frames import PICTURES, VIDEOS, Frames, open_frames
-from sfmcpp.sources.vision.klt import FeatureTracks, FrameFeatures, follow_features, track_features
+from sfmcpp.sources.vision.klt import FeatureTracks, follow_features, track_features
 from sfmcpp.sources.vision.klt_settings import CORNERS, KltSettings
 
 __all__ = [
@@ -9,7 +9,6 @@ __all__ = [
     "PICTURES",
     "VIDEOS",
     "FeatureTracks",
-    "FrameFeatures",
     "Frames",
     "KltSettings",
     "follow_features",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.frames import View
 from sfmcpp.sources.vision._opencv import load_cv2
 from sfmcpp.sources.vision.frames import GreyImage
 from sfmcpp.sources.vision.klt_settings import KltSettings
@@ -27,22 +28,6 @@ Corners = NDArray[np.float32]
 
 # Harris and Stephens' k in det − k tr².
 _HARRIS_K = 0.04
-
-
-@dataclass(frozen=True, eq=False)
-class FrameFeatures:
-    """What one frame sees.
-
-    Attributes
-    ----------
-    tracks : (n,) int32
-        Tracks, ascending.
-    pixels : (n, 2) float64
-        Where, the centre of the first pixel being (0, 0) [px].
-    """
-
-    tracks: IndexArray
-    pixels: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +54,7 @@ class FeatureTracks:
     pixels: FloatArray
 
 
-def follow_features(
-    frames: Iterable[GreyImage], settings: KltSettings | None = None
-) -> Iterator[FrameFeatures]:
+def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = None) -> Iterator[View]:
     """Follow corners through images as they come; the same images give the same tracks.
 
     Only the last image and its corners are kept.
@@ -85,7 +68,7 @@ def follow_features(
 
     Yields
     ------
-    FrameFeatures
+    View
         Of each frame. Each new corner has a new track, numbered from 0; a track sees consecutive frames.
 
     Raises
@@ -158,14 +141,14 @@ class _Tracker:
     image: GreyImage | None = None
     next_track: int = 0
 
-    def look_at(self, image: GreyImage) -> FrameFeatures:
+    def look_at(self, image: GreyImage) -> View:
         """Follow the corners into `image`, and fill up its cells."""
         if self.image is not None and len(self.corners):
             moved, good = self._followed(self.image, image)
             self.corners, self.tracks = moved[good], self.tracks[good]
         self.image = image
         self._add(self._new_corners(image))
-        return FrameFeatures(self.tracks, self.corners.astype(np.float64))
+        return View(self.tracks, self.corners.astype(np.float64))
 
     def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
         moved, found, residual = self._flow(before, image, self.corners)
@@ -255,7 +238,7 @@ def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
     return ranks
 
 
-def _joined(shape: tuple[int, ...], seen: list[FrameFeatures]) -> FeatureTracks:
+def _joined(shape: tuple[int, ...], seen: list[View]) -> FeatureTracks:
     height, width = shape
     frames = np.repeat(np.arange(len(seen), dtype=np.int32), [len(features.tracks) for features in seen])
     tracks = np.concatenate([np.empty(0, np.int32), *(features.tracks for features in seen)])

@@ -1,24 +1,26 @@
-"""Images as the input of a SLAM run: what they see frame by frame, their camera, their times, the truth."""
+"""Frames of one camera, one after the other: tracks read from a file, or corners followed through images."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from sfmcpp.cli.camera_files import find_intrinsics, places_beside
-from sfmcpp.cli.slam_job import ImageOptions
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Trajectory
-from sfmcpp.model.arrays import FloatArray
-from sfmcpp.slam import Frame, View
+from sfmcpp.model.arrays import FloatArray, finite_array, require_increasing
+from sfmcpp.model.checks import require_positive
+from sfmcpp.model.frames import Frame, View
+from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside
 from sfmcpp.sources.io.compression import read_bytes
 from sfmcpp.sources.io.failures import failures_named
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
-from sfmcpp.sources.vision import FrameFeatures, Frames, KltSettings, follow_features, open_frames
+from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
 
 _FOLDER_FPS = 10.0
 _TIMES = "times.txt"
@@ -27,7 +29,110 @@ _TRUTH = "poses.txt"
 TimeOf = Callable[[int], float]
 
 
-class ImageStream:
+class FrameSource(ABC):
+    """Where frames come from, one after the other.
+
+    Attributes
+    ----------
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)`` of the camera.
+    num_tracks : int
+        Tracks met so far.
+    corners : str or None
+        What is followed in images; None for tracks that were followed before.
+    seconds : float or None
+        Spent so far on reading images and following corners [s]; None where there are no images.
+    """
+
+    intrinsics: FloatArray
+    num_tracks: int = 0
+    corners: str | None = None
+    seconds: float | None = None
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first frame and of the last one expected [s]."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many frames are expected."""
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame]:
+        """Give the frames in order; later ones have later times."""
+
+
+class TrackSequence(FrameSource):
+    """Tracks of one calibrated camera over n frames.
+
+    Parameters
+    ----------
+    t_s : (n,)
+        Time of each frame [s], increasing.
+    frame_index, track_index : (M,) int
+        Frame and track of each observation.
+    pixels : (M, 2)
+        Where the frame sees the track [px].
+    intrinsics : (5,)
+        ``(f, aspect, cx, cy, skew)``.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, an index is out of range, the stamps do not increase, or
+        a frame sees a track twice.
+    """
+
+    def __init__(
+        self,
+        t_s: ArrayLike,
+        frame_index: ArrayLike,
+        track_index: ArrayLike,
+        pixels: ArrayLike,
+        intrinsics: ArrayLike,
+    ) -> None:
+        self.t_s = finite_array("t_s", t_s, (-1,))
+        require_increasing("t_s", self.t_s)
+        self.intrinsics = finite_array("intrinsics", intrinsics, (5,))
+        frames = np.asarray(frame_index, dtype=np.int32)
+        tracks = np.asarray(track_index, dtype=np.int32)
+        seen = finite_array("pixels", pixels, (len(frames), 2))
+        if len(tracks) != len(frames):
+            raise InvalidArgument(f"track_index: {len(tracks)} entries for {len(frames)} observations")
+        if len(frames) and not (frames.min() >= 0 and frames.max() < len(self.t_s)):
+            raise InvalidArgument(f"frame_index: must be in [0, {len(self.t_s)})")
+        if len(tracks) and tracks.min() < 0:
+            raise InvalidArgument("track_index: must not be negative")
+        order = np.lexsort((tracks, frames))
+        self._tracks, self._pixels, ordered = tracks[order], seen[order], frames[order]
+        if ((np.diff(self._tracks) == 0) & (np.diff(ordered) == 0)).any():
+            raise InvalidArgument("track_index: a frame sees a track twice")
+        self._begin = np.searchsorted(ordered, np.arange(len(self.t_s) + 1))
+        self.num_tracks = int(tracks.max()) + 1 if len(tracks) else 0
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.frame, range(len(self)))
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and of the last frame [s]."""
+        return float(self.t_s[0]), float(self.t_s[-1])
+
+    def frame(self, number: int) -> Frame:
+        """Frame of that number."""
+        return Frame(number, float(self.t_s[number]), self.view(number))
+
+    def view(self, frame: int) -> View:
+        """What `frame` sees."""
+        span = slice(self._begin[frame], self._begin[frame + 1])
+        return View(self._tracks[span], self._pixels[span])
+
+
+class ImageStream(FrameSource):
     """Frames of a camera, each image read and its corners followed when the frame is asked for.
 
     Parameters
@@ -40,13 +145,6 @@ class ImageStream:
         Time of the image of that number [s].
     settings : KltSettings
         How corners are found and followed.
-
-    Attributes
-    ----------
-    num_tracks : int
-        Tracks met so far.
-    seconds : float
-        Spent so far on reading images and following corners [s].
     """
 
     def __init__(
@@ -55,8 +153,8 @@ class ImageStream:
         self._images, self._time_of, self._settings = images, time_of, settings
         self._count = len(images)
         self.intrinsics = intrinsics
-        self.num_tracks = 0
-        self.seconds = 0.0
+        self.corners = settings.corners
+        self.seconds: float = 0.0
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""
@@ -76,11 +174,11 @@ class ImageStream:
         stream = follow_features(self._images, self._settings)
         while (seen := self._timed_next(stream)) is not None:
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
-            yield Frame(number, self._time_of(number), View(seen.tracks, seen.pixels))
+            yield Frame(number, self._time_of(number), seen)
             number += 1
         self._count = number
 
-    def _timed_next(self, stream: Iterator[FrameFeatures]) -> FrameFeatures | None:
+    def _timed_next(self, stream: Iterator[View]) -> View | None:
         started = time.perf_counter()
         features = next(stream, None)
         self.seconds += time.perf_counter() - started
@@ -88,7 +186,11 @@ class ImageStream:
 
 
 def open_images(
-    source: Path, options: ImageOptions, stamps: FloatArray | None = None
+    source: Path,
+    camera: Sequence[float] | None = None,
+    fps: float | None = None,
+    corners: str = CORNERS[0],
+    stamps: FloatArray | None = None,
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image is looked at, and no other.
 
@@ -99,18 +201,22 @@ def open_images(
     ----------
     source : Path
         The folder or the video.
-    options : ImageOptions
-        Camera, frame rate and corners, where the user gives them.
+    camera : sequence of float, optional
+        ``(f, cx, cy)`` or ``(f, aspect, cx, cy, skew)`` in pixels. Default: ``calib.txt`` or ``K.txt``, with
+        the images or one folder above.
+    fps : float, optional
+        Images per second.
+    corners : str
+        What is followed, one of :data:`sfmcpp.sources.vision.CORNERS`.
     stamps : (n,) float64, optional
-        Times of the first n images or more as the sensors know them [s]. With a frame rate in `options` only
-        the first counts.
+        Times of the first n images or more as the sensors know them [s]. With `fps` only the first counts.
 
     Returns
     -------
     stream : ImageStream
-        Its times are, the first that there is: the frame rate of `options`, the stamps, ``times.txt``, the
-        frame rate of the video, ten a second. While it runs, it raises a DatasetError that names the image
-        which cannot be read, or has no time.
+        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, the frame rate of the video,
+        ten a second. While it runs, it raises a DatasetError that names the image which cannot be read, or
+        has no time.
     truth : Trajectory or None
         As many poses as images, at their times unless it has its own.
 
@@ -119,18 +225,22 @@ def open_images(
     DatasetError
         If the first image cannot be read, or what is found beside the images does not fit them; without a
         camera, or a frame rate, it says where one can be put.
+    InvalidArgument
+        If `camera` is none, `fps` is not positive, or there are no such `corners`.
     """
+    settings = KltSettings(corners=corners)
     images = open_frames(source)
-    intrinsics = find_intrinsics(source) if options.intrinsics is None else np.array(options.intrinsics)
-    time_of = _time_of(images, options, stamps)
+    intrinsics = find_intrinsics(source) if camera is None else intrinsics_of(camera)
+    time_of = _time_of(images, fps, stamps)
     truth = _truth(images, time_of)
     _require_principal_point_inside(images, intrinsics)
-    return ImageStream(images, intrinsics, time_of, KltSettings(corners=options.corners)), truth
+    return ImageStream(images, intrinsics, time_of, settings), truth
 
 
-def _time_of(images: Frames, options: ImageOptions, stamps: FloatArray | None) -> TimeOf:
-    if options.fps is not None:
-        return _even(options.fps, 0.0 if stamps is None else float(stamps[0]))
+def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> TimeOf:
+    if fps is not None:
+        require_positive("fps", fps)
+        return _even(fps, 0.0 if stamps is None else float(stamps[0]))
     if stamps is not None:
         if len(stamps) < len(images):
             reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
