@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -12,6 +12,7 @@ from rich.text import Text
 
 from sfmcpp.ba import Summary
 from sfmcpp.cli.exit_codes import say
+from sfmcpp.cli.targets import Targets
 from sfmcpp.model import Problem
 from sfmcpp.study.report_files import peak_memory_bytes
 
@@ -28,7 +29,7 @@ TERMINATIONS = {
 
 
 def print_summary(
-    source: Path, problem: Problem, summary: Summary, seconds_read: float, written: Iterable[Path]
+    source: Path, problem: Problem, summary: Summary, seconds_read: float, targets: Targets
 ) -> None:
     """Print what was solved, how it ended and what was written."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
@@ -39,8 +40,10 @@ def print_summary(
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
     for warning in summary.warnings:
         table.add_row("warning", Text(warning, style="yellow"))
-    for path in written:
+    for path in targets:
         table.add_row("written", Text(str(path)))
+    if targets.problem is None:
+        table.add_row("result", "not kept: -o FILE writes it")
     say(_rendered(table))
 
 

@@ -112,8 +112,7 @@ def read_kitti_mat(path: Path) -> KittiDrive:
     Raises
     ------
     DatasetError
-        If the file cannot be read, a variable is missing or has a wrong shape or an impossible value, or
-        SciPy, which reads MATLAB files, is not installed.
+        If the file cannot be read, or a variable is missing or has a wrong shape or an impossible value.
     """
     variables = _variables(path)
     stamps = variables["t"][0]
@@ -143,11 +142,8 @@ def read_kitti_mat(path: Path) -> KittiDrive:
 
 
 def _variables(path: Path) -> dict[str, FloatArray]:
-    try:
-        from scipy.io import loadmat
-    except ModuleNotFoundError as error:
-        reason = f"MATLAB files need {error.name}: pip install 'sfmcpp[slam]'"
-        raise DatasetError(path, reason) from None
+    from scipy.io import loadmat
+
     with failures_named(path):
         require_regular_file(path)
         with path.open("rb") as stream:

@@ -6,6 +6,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +24,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
+_MOST_HINTS = 3
 
 
 class Frames(ABC):
@@ -92,7 +94,7 @@ class _Folder(Frames):
         except OSError as error:
             raise _unreadable(path, error) from error
         if not self._files:
-            raise DatasetError(path, f"holds no image: must have files named {', '.join(PICTURES)}")
+            raise DatasetError(path, f"holds no image: {_hint(path)}")
 
     def __len__(self) -> int:
         return len(self._files)
@@ -172,6 +174,20 @@ class _Video(Frames):
 def _is_picture(file: Path) -> bool:
     # Some systems leave a hidden companion, ._name.png, beside each file.
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+
+
+def _hint(folder: Path) -> str:
+    """Where its images might be instead: in a folder of it."""
+    inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
+    if inside:
+        return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
+    return f"must have files named {', '.join(PICTURES)}"
+
+
+def _has_picture(folder: Path) -> bool:
+    with suppress(OSError):
+        return any(map(_is_picture, folder.iterdir()))
+    return False
 
 
 def _natural_order(file: Path) -> tuple[list[tuple[int, str]], str]:
