@@ -8,7 +8,7 @@ from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.run import Job, solve_file
 from sfmcpp.cli.targets import Targets
 from sfmcpp.sources.io.api import write
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 

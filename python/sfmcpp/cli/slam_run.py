@@ -19,7 +19,7 @@ from sfmcpp.cli.exit_codes import ExitCode, say, tell
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study.slam_report import SlamReport, report, require_pictures
 
 REFRESHES_PER_SECOND = 8.0

@@ -17,8 +17,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting
-from sfmcpp.sources.io.compression import read_bytes
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 
 CALIBRATION_FILES = ("calib.txt", "K.txt")

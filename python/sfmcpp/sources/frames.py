@@ -16,8 +16,7 @@ from sfmcpp.model.arrays import FloatArray, finite_array, require_increasing
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside
-from sfmcpp.sources.io.compression import read_bytes
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import atomic_files
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -12,7 +12,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.slam.export import problem_of
 from sfmcpp.sources.io.api import write
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.plotting import save_figure

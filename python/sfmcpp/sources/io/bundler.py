@@ -18,7 +18,6 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import is_rotation
-from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     finite_rows,
@@ -27,13 +26,19 @@ from sfmcpp.sources.io.checks import (
     require_metadata_length,
     require_valid,
 )
-from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.files import atomic_files, read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
-from sfmcpp.sources.io.rows import format_rows, format_strings, ragged_text
-from sfmcpp.sources.io.tracks import by_point, keypoint_ranks, tokens_of_items
+from sfmcpp.sources.io.rows import (
+    by_point,
+    format_rows,
+    format_strings,
+    keypoint_ranks,
+    ragged_text,
+    tokens_of_items,
+)
 
 MAGIC = b"# Bundle file v0.3"
 KEYS = "bundler_keys"
@@ -64,7 +69,7 @@ def read_bundler(path: Path) -> Problem:
     camera_index = text.integers(views, "camera index", 0, num_cameras - 1)
     point_index = np.repeat(np.arange(num_points), counts)
     _require_no_duplicates(text, views, first_duplicate(camera_index, point_index, num_cameras))
-    poses, registered = _poses(text, cameras), cameras.any(axis=(1, 2))
+    poses, registered = _poses(text, cameras), np.asarray(cameras.any(axis=(1, 2)))
     _require_registered(text, views, registered[camera_index])
     metadata = Metadata("bundler", point_colors=_colors(text, heads))
     metadata.extra[KEYS] = text.integers(views + 1, "key number", 0, LARGEST_COUNT)

@@ -21,8 +21,7 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import is_rotation
-from sfmcpp.sources.io.compression import require_regular_file
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named, require_regular_file
 
 NOT_SEEN = -1.0
 ROTATION_TOLERANCE = 1e-3

@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import atomic_files
 
 # What each format would otherwise stamp with the time of writing; None leaves it out.
 _UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}

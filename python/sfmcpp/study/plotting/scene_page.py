@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import atomic_files
 
 _TEMPLATE = "scene_page.html"
 # Directions that differ by less are the same: a camera that looks straight up or down.

@@ -11,7 +11,7 @@ import pytest
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_intrinsics, read_intrinsics
 from sfmcpp.sources.frames import ImageStream, open_images
-from sfmcpp.sources.vision import Frames, KltSettings, open_frames, track_features
+from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -36,15 +36,14 @@ def times_of(images: Path, fps: float | None = None, stamps: np.ndarray | None =
 def test_frames_see_the_tracks_of_all_images_read_one_after_the_other(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images", 6)
     stream, _ = open_images(images, CAMERA)
-    expected = track_features(open_frames(images))
+    expected = list(follow_features(open_frames(images)))
     frames = list(stream)
     assert [frame.number for frame in frames] == list(range(6))
-    for frame in frames:
-        here = expected.frame_index == frame.number
-        np.testing.assert_array_equal(frame.view.tracks, expected.track_index[here])
-        np.testing.assert_array_equal(frame.view.pixels, expected.pixels[here])
+    for frame, view in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(frame.view.tracks, view.tracks)
+        np.testing.assert_array_equal(frame.view.pixels, view.pixels)
     assert len(stream) == 6
-    assert stream.num_tracks == expected.track_index.max() + 1 > 0
+    assert stream.num_tracks == max(view.tracks.max() for view in expected) + 1 > 0
     assert stream.seconds > 0
 
 
