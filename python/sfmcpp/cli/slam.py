@@ -11,9 +11,9 @@ import typer
 from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sources.vision import CORNERS
 
-SENSORS = ("odometer", "imu", "ins", "gps")
 WEIGHTS = ("loo", "loo-approx", "l-curve", "ltn", "fixed:λ", "none")
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study.slam_report import SlamReport, report, require_pictures
+
+if TYPE_CHECKING:
+    from sfmcpp.study.plotting.live_view import LiveView
 
 REFRESHES_PER_SECOND = 8.0
 _POLL_S = 0.1
@@ -47,25 +51,22 @@ def run_slam_files(
         If an option asks for what there is not.
     """
     require_pictures(folder)
-    if view:
-        _require_view()
     if folder.exists() and not folder.is_dir():
         raise DatasetError(folder, "is a file, a folder is wanted")
     drive = open_drive(source, **opening)
-    with ExitStack() as stack:
-        stack.enter_context(_made(folder))
-        page = stack.enter_context(_Page.shown(source.stem, len(drive.frames), quiet)) if view else None
-        with _shown_progress(len(drive.frames), quiet) as show, _ctrl_c_noted() as asked_to_stop:
+    count = len(drive.frames)
+    with _made(folder), _served(source.stem, count, quiet) if view else nullcontext() as page:
+        with _shown_progress(count, quiet) as show, _ctrl_c_noted() as asked_to_stop:
 
             def listen(frame: int, result: SlamResult) -> bool:
                 show(frame, result)
-                if page is not None:
-                    page.follow(frame, result)
+                if page is not None and page.due:
+                    page.show(frame, result)
                 return asked_to_stop()
 
             run = slam.run(drive, callback=listen, **settings)
         if page is not None:
-            page.show(run.frames, run.result)
+            page.show(run.frames - 1, run.result)
         code = _finish(report(run), folder, quiet)
         if page is not None and not run.interrupted:
             _keep_serving(quiet)
@@ -141,30 +142,22 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     options: dict[str, Any] = {"refresh_per_second": REFRESHES_PER_SECOND, "redirect_stdout": False}
     progress = Progress(*columns, console=Console(stderr=True), **options)
     task = progress.add_task("", total=num_frames)
-
-    def update(done: int, text: str) -> None:
-        progress.start()  # with the first frame: a run that is refused draws nothing
-        progress.update(task, completed=done, description=text)
-
-    try:
-        yield _shower(num_frames, update)
-    finally:
-        progress.stop()
-
-
-def _shower(num_frames: int, update: Callable[[int, str], None]) -> Show:
-    """Pass on the last frame, and as many of the others as anybody could read."""
-    started, shown = time.perf_counter(), -np.inf
+    started, shown = time.perf_counter(), -math.inf
 
     def show(frame: int, result: SlamResult) -> None:
+        """Pass on the last frame, and as many of the others as anybody could read."""
         nonlocal shown
         now = time.perf_counter()
         if now - shown < 1 / REFRESHES_PER_SECOND and frame + 1 < num_frames:
             return
         shown = now
-        update(frame + 1, _status(result, frame + 1, started))
+        progress.start()  # with the first frame: a run that is refused draws nothing
+        progress.update(task, completed=frame + 1, description=_status(result, frame + 1, started))
 
-    return show
+    try:
+        yield show
+    finally:
+        progress.stop()
 
 
 def _status(result: SlamResult, frames: int, started: float) -> str:
@@ -177,45 +170,38 @@ def _status(result: SlamResult, frames: int, started: float) -> str:
     return f"{len(result.world.keyframes)} keyframes · {points:,} points{lost} · {fps:.0f} frames/s"
 
 
-def _require_view() -> None:
-    from sfmcpp.study.plotting.live_view import load_viser
-
-    try:
-        load_viser()
-    except ModuleNotFoundError as error:
-        raise InvalidArgument(f"view: {error}") from None
-
-
 class _Page:
     """`--view`: the map in the browser while it grows."""
 
-    def __init__(self, title: str, num_frames: int) -> None:
-        from sfmcpp.study.plotting.live_view import LiveView
+    def __init__(self, view: LiveView, num_frames: int) -> None:
+        self._view, self._num_frames, self._started = view, num_frames, time.perf_counter()
 
-        self._page, self._num_frames = LiveView(title), num_frames
-        self._started = time.perf_counter()
+    @property
+    def due(self) -> bool:
+        """Whether it is time to show more."""
+        return self._view.due
 
-    @classmethod
-    @contextmanager
-    def shown(cls, title: str, num_frames: int, quiet: bool) -> Iterator[_Page]:
-        """Serve the page as long as the block runs, and say where."""
-        page = cls(title, num_frames)
-        try:
-            if not quiet:
-                tell(f"the map is shown at {page._page.url}")
-            yield page
-        finally:
-            page._page.close()
+    def show(self, frame: int, result: SlamResult) -> None:
+        """Show the map after that frame."""
+        status = _status(result, frame + 1, self._started)
+        self._view.show(result, f"frame {frame + 1} of {self._num_frames} · {status}")
 
-    def follow(self, frame: int, result: SlamResult) -> None:
-        """Show the map, if it is time to."""
-        if self._page.due:
-            self.show(frame + 1, result)
 
-    def show(self, frames: int, result: SlamResult) -> None:
-        """Show the map after that many frames."""
-        status = _status(result, frames, self._started)
-        self._page.show(result, f"frame {frames} of {self._num_frames} · {status}")
+@contextmanager
+def _served(title: str, num_frames: int, quiet: bool) -> Iterator[_Page]:
+    """Serve the page as long as the block runs, and say where."""
+    from sfmcpp.study.plotting.live_view import LiveView
+
+    try:
+        view = LiveView(title)
+    except ModuleNotFoundError as error:
+        raise InvalidArgument(f"view: {error}") from None
+    try:
+        if not quiet:
+            tell(f"the map is shown at {view.url}")
+        yield _Page(view, num_frames)
+    finally:
+        view.close()
 
 
 def _keep_serving(quiet: bool) -> None:

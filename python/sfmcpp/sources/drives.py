@@ -12,6 +12,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up
+from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import mounting_of
 from sfmcpp.sources.frames import FrameSource, TrackSequence, open_images
@@ -21,14 +22,6 @@ from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
-
-# Kinds of stream that each sensor can use, the best first.
-SENSORS: dict[str, tuple[str, ...]] = {
-    "odometer": ("distance", "speed", "velocity"),
-    "imu": ("angular_rate", "orientation"),
-    "ins": ("pose",),
-    "gps": ("position", "geodetic"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +55,7 @@ class Drive:
     seconds_read: float = 0.0
 
     def streams_of(self, sensors: Sequence[str]) -> list[SensorStream]:
-        """Find the best stream for each of the `sensors`, by the names of `SENSORS`.
+        """Find the best stream for each of the `sensors`, by their names.
 
         Raises
         ------

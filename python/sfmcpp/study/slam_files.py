@@ -16,11 +16,9 @@ from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.plotting import save_figure
-from sfmcpp.study.plotting.scale_ratio import plot_scale_ratio
 from sfmcpp.study.plotting.scene_page import Scene, save_scene_page
-from sfmcpp.study.plotting.top_view import plot_top_view
-from sfmcpp.study.plotting.trade_off import has_curves, plot_trade_off
-from sfmcpp.study.plotting.weights import plot_weights
+from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
+from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
 from sfmcpp.study.report_files import write_report
 from sfmcpp.study.slam_report import SlamReport
 
