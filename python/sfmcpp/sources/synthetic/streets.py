@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sources.synthetic.geometry import UP, looking_at
+from sfmcpp.sources.synthetic.image_geometry import UP, looking_at
 
 CAMERA_HEIGHT_M = 2.0
 LOOK_AHEAD_M = 12.0
