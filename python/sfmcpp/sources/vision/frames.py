@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.vision._opencv import load_cv2
 
 GreyImage = NDArray[np.uint8]
 
@@ -25,6 +25,20 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
 _MOST_HINTS = 3
+
+
+def load_cv2() -> ModuleType:
+    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
+    # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    try:
+        import cv2
+    except ModuleNotFoundError as error:
+        message = f"images need {error.name}: pip install 'sfmcpp[vision]'"
+        raise ModuleNotFoundError(message, name=error.name) from None
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    module: ModuleType = cv2
+    return module
 
 
 class Frames(ABC):

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.frames import View
-from sfmcpp.sources.vision._opencv import load_cv2
-from sfmcpp.sources.vision.frames import GreyImage
+from sfmcpp.sources.vision.frames import GreyImage, load_cv2
 
 Corners = NDArray[np.float32]
 

@@ -80,18 +80,7 @@ def _draw_weights(axes: Axes, name: str, color: str, series: tuple[np.ndarray, .
 
 
 def has_curves(records: Sequence[KeyframeRecord]) -> bool:
-    """Whether any weight of a run was chosen from a curve.
-
-    Parameters
-    ----------
-    records : sequence of KeyframeRecord
-        Of a run.
-
-    Returns
-    -------
-    bool
-        False without sensors, and where weights are prescribed.
-    """
+    """Whether any weight of a run was chosen from a curve, not prescribed."""
     return any(True for record in records for _ in _curves(record))
 
 
