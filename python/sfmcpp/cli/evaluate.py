@@ -20,24 +20,16 @@ if TYPE_CHECKING:
 FORMATS = ("tum", "kitti", "euroc", "mat")
 
 
-def _choice(name: str, choices: tuple[str, ...], what: str) -> typer.models.OptionInfo:
+def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
+    listed = f"{what}: {', '.join(choices)}{otherwise}."
     option: typer.models.OptionInfo = typer.Option(
-        name, metavar="NAME", callback=one_of(choices), help=f"{what}: {', '.join(choices)}."
+        name, metavar="NAME", callback=one_of(choices), help=listed
     )
     return option
 
 
 def _format(name: str, what: str) -> typer.models.OptionInfo:
-    def check(value: str | None) -> str | None:
-        return None if value is None else one_of(FORMATS)(value)
-
-    option: typer.models.OptionInfo = typer.Option(
-        name,
-        metavar="NAME",
-        callback=check,
-        help=f"Format of {what}: {', '.join(FORMATS)}; else by its name.",
-    )
-    return option
+    return _choice(name, FORMATS, f"Format of {what}", "; else by its name")
 
 
 @with_exit_code

@@ -21,7 +21,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
 from sfmcpp.sources.io.files import failures_named
-from sfmcpp.study.slam_report import SlamReport, report, require_pictures
+from sfmcpp.study.slam_report import SlamReport, require_pictures
 
 if TYPE_CHECKING:
     from sfmcpp.study.plotting.live_view import LiveView
@@ -67,7 +67,7 @@ def run_slam_files(
             run = slam.run(drive, callback=listen, **settings)
         if page is not None:
             page.show(run.frames - 1, run.result)
-        code = _finish(report(run), folder, quiet)
+        code = _finish(SlamReport(run), folder, quiet)
         if page is not None and not run.interrupted:
             _keep_serving(quiet)
     return code

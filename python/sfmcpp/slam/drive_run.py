@@ -122,7 +122,7 @@ def run(
     Returns
     -------
     SlamRun
-        :func:`sfmcpp.study.report` measures it against the truth, and writes its files.
+        :class:`sfmcpp.study.SlamReport` measures it against the truth, and writes its files.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 """Runs measured: SLAM runs as reports and files, trajectories (`evaluation`), pictures (`plotting`)."""
 
-from sfmcpp.study.slam_report import SlamReport, report
+from sfmcpp.study.slam_report import SlamReport
 
-__all__ = ["SlamReport", "report"]
+__all__ = ["SlamReport"]

@@ -34,7 +34,7 @@ class SlamReport:
     Parameters
     ----------
     run : SlamRun
-        The run.
+        What :func:`sfmcpp.slam.run` returned.
     """
 
     def __init__(self, run: SlamRun) -> None:
@@ -176,22 +176,6 @@ class SlamReport:
         if worse:
             where = f"at {len(worse):,} of {len(told):,} keyframes"
             yield "conflict", f"{name} disagrees with the images {where}, by up to {max(worse):.1f} σ"
-
-
-def report(run: SlamRun) -> SlamReport:
-    """Measure a SLAM run.
-
-    Parameters
-    ----------
-    run : SlamRun
-        What :func:`sfmcpp.slam.run` returned.
-
-    Returns
-    -------
-    SlamReport
-        To print, to compare with the truth, and to write.
-    """
-    return SlamReport(run)
 
 
 def require_pictures(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""`sfmcpp.slam.run` and `sfmcpp.study.report` do from Python what `sfmcpp slam` does."""
+"""`sfmcpp.slam.run` and `sfmcpp.study.SlamReport` do from Python what `sfmcpp slam` does."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_files_are_those_of_the_command_line_byte_for_byte(
     command = ("--sensor", "odometer", "--sensor-file", speed, "--weights", "ltn", "--seed", "3")
     told = run_command("slam", drive, *command, "-o", tmp_path / "shell")
     assert (told.returncode, told.stderr) == (0, "")
-    found = study.report(slam.run(drive, ["odometer"], weights="ltn", seed=3, sensor_file=speed))
+    found = study.SlamReport(slam.run(drive, ["odometer"], weights="ltn", seed=3, sensor_file=speed))
     written = found.write(tmp_path / "python")
     assert [path.name for path in written] == [
         Path(line.split()[1]).name for line in told.stdout.splitlines() if line.startswith("written")
@@ -110,7 +110,7 @@ def georeferenced(problem: sfmcpp.Problem) -> Drive:
 def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp.Problem, by: str) -> None:
     """By positions, which is how `evaluate` measures; a straight way takes orientations too."""
     drive = georeferenced(problem)
-    found = study.report(slam.run(drive, ["gps"]))
+    found = study.SlamReport(slam.run(drive, ["gps"]))
     assert found.run.georeferenced
     middle = problem.centres.mean(axis=0) + UTM_M
     np.testing.assert_allclose(found.run.trajectory().centres.mean(axis=0), middle, atol=1.0)
@@ -123,7 +123,7 @@ def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp
 
 
 def test_a_run_without_a_world_is_measured_by_its_drift() -> None:
-    drifting = study.report(slam.run(georeferenced(scene(40))))
+    drifting = study.SlamReport(slam.run(georeferenced(scene(40))))
     assert not drifting.run.georeferenced
     assert "aligned to its first tenth" in str(drifting)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sfmcpp.slam import KeyframeRecord, SlamResult, SlamRun, SlamSettings, TrackSequence
 from sfmcpp.sources.drives import Drive
-from sfmcpp.study import SlamReport, report
+from sfmcpp.study import SlamReport
 
 
 class Frames(TrackSequence):
@@ -29,7 +29,7 @@ def measured(seconds_tracking: float | None = None, warnings: tuple[str, ...] = 
     records = [record(1, odometer=0.5, imu=2.9), record(2, odometer=4.25, imu=0.1), record(3, odometer=8.0)]
     result = SlamResult(records=records, warnings=list(warnings), lost=[2], restarts=[3], message="")
     drive = Drive(Path("drive.csv"), Frames(seconds_tracking), seconds_read=0.1)
-    return report(SlamRun(drive, SlamSettings(), ("odometer", "imu"), result, 4, 2.0, False))
+    return SlamReport(SlamRun(drive, SlamSettings(), ("odometer", "imu"), result, 4, 2.0, False))
 
 
 def test_a_sensor_that_lies_is_named_with_how_often_and_how_much() -> None:
