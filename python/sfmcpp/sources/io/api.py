@@ -5,8 +5,9 @@ from __future__ import annotations
 from os import PathLike, fsdecode
 from pathlib import Path
 
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import looked_up
 from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
@@ -125,11 +126,7 @@ def _checked(path: AnyPath) -> Path:
 
 def named_format(name: str) -> Format:
     """Find the format of that name, or InvalidArgument."""
-    for candidate in FORMATS:
-        if candidate.name == name:
-            return candidate
-    known = ", ".join(f.name for f in FORMATS)
-    raise InvalidArgument(f"format = {name!r}: must be one of {known}")
+    return looked_up("format", name, {known.name: known for known in FORMATS})
 
 
 def format_of(path: Path) -> Format:

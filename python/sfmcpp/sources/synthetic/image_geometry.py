@@ -14,7 +14,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
-from sfmcpp.model.checks import require_finite, require_positive
+from sfmcpp.model.checks import require_finite, require_one_of, require_positive
 
 Distortion = tuple[float, float]
 
@@ -49,9 +49,7 @@ class ImageGeometry:
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        if self.camera_model not in SCENE_CAMERA_MODELS:
-            known = ", ".join(SCENE_CAMERA_MODELS)
-            raise InvalidArgument(f"camera_model = {self.camera_model!r}: must be one of {known}")
+        require_one_of("camera_model", self.camera_model, SCENE_CAMERA_MODELS)
         require_positive("focal_px", self.focal_px)
         if np.shape(self.image_size) != (2,) or min(self.image_size) < 1:
             raise InvalidArgument(f"image_size = {self.image_size}: must be two positive numbers of pixels")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.frames import View
 from sfmcpp.sources.vision.frames import GreyImage, load_cv2
 
@@ -69,8 +70,7 @@ class KltSettings:
     max_residual: float = 40.0
 
     def __post_init__(self) -> None:
-        if self.corners not in CORNERS:
-            raise InvalidArgument(f"corners = {self.corners!r}: must be one of {', '.join(CORNERS)}")
+        require_one_of("corners", self.corners, CORNERS)
         for name in ("columns", "rows", "per_cell", "min_distance_px"):
             _require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
         for name in ("forward_backward_px", "max_residual"):
