@@ -129,9 +129,8 @@ def slam(
     if weights not in (None, "none") and not sensor:
         raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
     if mounting is not None and not sensor:
-        raise typer.BadParameter(
-            f"{mounting!r}: there is no --sensor that sits on it", param_hint="'--mounting'"
-        )
+        reason = f"{mounting!r}: there is no --sensor that sits on it"
+        raise typer.BadParameter(reason, param_hint="'--mounting'")
     if sensor_file is not None and not sensor:
         raise InvalidArgument("sensor_file: no --sensor is named that could use it")
     settings = {"sensors": sensor or [], "weights": weights or "loo", "window": window, "seed": seed}

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,11 @@ from sfmcpp.sources.drives import open_drive
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study.slam_report import SlamReport, require_pictures
 
-if TYPE_CHECKING:
-    from sfmcpp.study.plotting.live_view import LiveView
-
 REFRESHES_PER_SECOND = 8.0
 _POLL_S = 0.1
 
-Show = Callable[[int, SlamResult], None]
+# Called as ``show(frame, result, last=False)`` after each frame.
+Show = Callable[..., None]
 
 
 def run_slam_files(
@@ -55,20 +53,18 @@ def run_slam_files(
         raise DatasetError(folder, "is a file, a folder is wanted")
     drive = open_drive(source, **opening)
     count = len(drive.frames)
-    with _made(folder), _served(source.stem, count, quiet) if view else nullcontext() as page:
+    with _made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
         with _shown_progress(count, quiet) as show, _ctrl_c_noted() as asked_to_stop:
 
             def listen(frame: int, result: SlamResult) -> bool:
                 show(frame, result)
-                if page is not None and page.due:
-                    page.show(frame, result)
+                page(frame, result)
                 return asked_to_stop()
 
             run = slam.run(drive, callback=listen, **settings)
-        if page is not None:
-            page.show(run.frames - 1, run.result)
+        page(run.frames - 1, run.result, last=True)
         code = _finish(SlamReport(run), folder, quiet)
-        if page is not None and not run.interrupted:
+        if view and not run.interrupted:
             _keep_serving(quiet)
     return code
 
@@ -89,6 +85,10 @@ def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
         tell(f"interrupted after {frames}: what there is of them is in {folder}")
         return ExitCode.INTERRUPTED
     return ExitCode.DONE
+
+
+def _unseen(frame: int, result: SlamResult, *, last: bool = False) -> None:
+    """Show nothing."""
 
 
 @contextmanager
@@ -129,7 +129,7 @@ def _ctrl_c_noted() -> Iterator[Callable[[], bool]]:
 def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     """Show the frames given to the listener, on a terminal only: a bar and one line of numbers."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield lambda frame, result: None
+        yield _unseen
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
@@ -144,7 +144,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     task = progress.add_task("", total=num_frames)
     started, shown = time.perf_counter(), -math.inf
 
-    def show(frame: int, result: SlamResult) -> None:
+    def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
         """Pass on the last frame, and as many of the others as anybody could read."""
         nonlocal shown
         now = time.perf_counter()
@@ -170,38 +170,28 @@ def _status(result: SlamResult, frames: int, started: float) -> str:
     return f"{len(result.world.keyframes)} keyframes · {points:,} points{lost} · {fps:.0f} frames/s"
 
 
-class _Page:
-    """`--view`: the map in the browser while it grows."""
-
-    def __init__(self, view: LiveView, num_frames: int) -> None:
-        self._view, self._num_frames, self._started = view, num_frames, time.perf_counter()
-
-    @property
-    def due(self) -> bool:
-        """Whether it is time to show more."""
-        return self._view.due
-
-    def show(self, frame: int, result: SlamResult) -> None:
-        """Show the map after that frame."""
-        status = _status(result, frame + 1, self._started)
-        self._view.show(result, f"frame {frame + 1} of {self._num_frames} · {status}")
-
-
 @contextmanager
-def _served(title: str, num_frames: int, quiet: bool) -> Iterator[_Page]:
-    """Serve the page as long as the block runs, and say where."""
+def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
+    """`--view`: serve the map on a page as long as the block runs, and say where."""
     from sfmcpp.study.plotting.live_view import LiveView
 
     try:
-        view = LiveView(title)
+        page = LiveView(title)
     except ModuleNotFoundError as error:
         raise InvalidArgument(f"view: {error}") from None
+    started = time.perf_counter()
+
+    def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
+        if last or page.due:
+            status = _status(result, frame + 1, started)
+            page.show(result, f"frame {frame + 1} of {num_frames} · {status}")
+
     try:
         if not quiet:
-            tell(f"the map is shown at {view.url}")
-        yield _Page(view, num_frames)
+            tell(f"the map is shown at {page.url}")
+        yield show
     finally:
-        view.close()
+        page.close()
 
 
 def _keep_serving(quiet: bool) -> None:

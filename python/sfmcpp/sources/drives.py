@@ -175,8 +175,4 @@ def _read_input(
             drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics
         )
         return sequence, drive.truth, _sensors_of(drive)
-    tracks = read_tracks(source)
-    sequence = TrackSequence(
-        tracks.t_s, tracks.frame_index, tracks.track_index, tracks.pixels, tracks.intrinsics
-    )
-    return sequence, None, _Sensors()
+    return TrackSequence(**vars(read_tracks(source))), None, _Sensors()
