@@ -1,40 +1,35 @@
-"""`sfmcpp evaluate`: a trajectory against the truth."""
+"""`sfmcpp evaluate`: a trajectory against the truth, as a table, a report and a picture."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sfmcpp.cli.choices import one_of
-from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.errors import DatasetError, InvalidArgument
 
 if TYPE_CHECKING:
-    from sfmcpp.cli.evaluation import Options
+    from sfmcpp.cli.targets import Targets
+    from sfmcpp.study.evaluation import Evaluation
 
 # Those of the readers, named here so that --help imports none of them.
 FORMATS = ("tum", "kitti", "euroc", "mat")
 
 
-def _choice(name: str, choices: tuple[str, ...], what: str) -> typer.models.OptionInfo:
+def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
+    listed = f"{what}: {', '.join(choices)}{otherwise}."
     option: typer.models.OptionInfo = typer.Option(
-        name, metavar="NAME", callback=one_of(choices), help=f"{what}: {', '.join(choices)}."
+        name, metavar="NAME", callback=one_of(choices), help=listed
     )
     return option
 
 
 def _format(name: str, what: str) -> typer.models.OptionInfo:
-    def check(value: str | None) -> str | None:
-        return None if value is None else one_of(FORMATS)(value)
-
-    option: typer.models.OptionInfo = typer.Option(
-        name,
-        metavar="NAME",
-        callback=check,
-        help=f"Format of {what}: {', '.join(FORMATS)}; else by its name.",
-    )
-    return option
+    return _choice(name, FORMATS, f"Format of {what}", "; else by its name")
 
 
 @with_exit_code
@@ -70,10 +65,9 @@ def evaluate(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
     """Measure a trajectory against the truth: mean 3-D error, scale, absolute and relative pose errors."""
-    from sfmcpp.cli.evaluation import Inputs, evaluate_files
     from sfmcpp.cli.targets import Targets
 
-    options: Options = {
+    options = {
         "align_to": align,
         "with_scale": scale,
         "align_by": align_by,
@@ -83,5 +77,75 @@ def evaluate(
         "delta_unit": delta_unit,
         "all_pairs": all_pairs,
     }
-    inputs = Inputs(trajectory, truth, trajectory_format, truth_format)
-    return evaluate_files(inputs, options, Targets(None, report, plot), quiet=quiet)
+    targets = Targets(None, report, plot)
+    found = _evaluated((trajectory, trajectory_format), (truth, truth_format), options, targets)
+    _write({"path": str(trajectory), "truth": str(truth)}, found, targets)
+    if not quiet:
+        rows = _rows(trajectory, truth, found, targets)
+        say("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
+    return ExitCode.DONE
+
+
+def _evaluated(
+    ours: tuple[Path, str | None], true: tuple[Path, str | None], options: dict[str, Any], targets: Targets
+) -> Evaluation:
+    """Read both, a file and its format each, and compare them; all that can be checked is checked before."""
+    from sfmcpp.sources.io.trajectories import read_trajectory
+    from sfmcpp.study.evaluation import AlignmentRule, evaluate
+
+    AlignmentRule.parse(options["align_to"])
+    for source, _ in (ours, true):
+        targets.check(source)
+    read = [read_trajectory(path, format=name) for path, name in (ours, true)]
+    try:
+        return evaluate(*read, **options)
+    except InvalidArgument as error:
+        raise DatasetError(ours[0], f"compared with {true[0]}: {error}") from error
+
+
+def _write(names: dict[str, str], found: Evaluation, targets: Targets) -> None:
+    if targets.report is not None:
+        from sfmcpp.study.report_files import write_report
+
+        write_report({"input": names, **found.to_dict()}, targets.report)
+    if targets.picture is not None:
+        from sfmcpp.study.plotting import save_figure
+        from sfmcpp.study.plotting.trajectories import plot_evaluation
+
+        save_figure(plot_evaluation(found), targets.picture)
+
+
+def _rows(trajectory: Path, truth: Path, found: Evaluation, targets: Targets) -> Iterator[tuple[str, str]]:
+    """Names and values; lines of the tables of errors have no name."""
+    content, alignment = found.to_dict(), found.alignment
+    scaled = f", scale {alignment.similarity.scale:.6g}" if alignment.with_scale else ""
+    yield "trajectory", str(trajectory)
+    yield "truth", f"{truth}, {found.truth.length_m:.2f} m long"
+    yield "matched", f"{len(found.estimate)} poses"
+    yield "aligned to", f"{alignment.rule}: {alignment.count} {alignment.by}{scaled}"
+    yield "mean 3-D error", f"{found.mean_3d_error_m:.6g} m"
+    yield "scale ratio", _scale_text(found)
+    over = f"RPE over {found.rpe_delta[0]:g} {found.rpe_delta[1]}"
+    for title, errors in (("APE", content["ape"]), (over, content["rpe"])):
+        yield from (("", line) for line in ("", *_error_table(title, errors)))
+    if alignment.warning:
+        yield "warning", alignment.warning
+    yield from (("written", str(path)) for path in targets)
+
+
+def _scale_text(evaluation: Evaluation) -> str:
+    ratio = evaluation.scale_ratio
+    if ratio is None:
+        return "unknown: the truth does not move"
+    return f"mean {ratio.mean:.6g}, median {ratio.median:.6g}, std {ratio.std:.6g}, max {ratio.max:.6g}"
+
+
+def _error_table(title: str, content: dict[str, Any]) -> list[str]:
+    tables = {relation: values for relation, values in content.items() if isinstance(values, dict)}
+    names = list(next(iter(tables.values())))
+    header = "".join(f"{name:>12}" for name in names)
+    rows = [
+        f"  {relation:<20}" + "".join(f"{values[name]:>12.5g}" for name in names)
+        for relation, values in tables.items()
+    ]
+    return [f"{title:<22}{header}", *rows]

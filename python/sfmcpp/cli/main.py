@@ -31,7 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _dispatch(given)
     except ModuleNotFoundError as error:
-        return tell_error(f"the command line needs {error.name}: pip install 'sfmcpp[cli]'")
+        return tell_error(
+            f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"
+        )
     except OSError as error:
         return tell_error(error)
 

@@ -10,11 +10,13 @@ from typing import Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
-from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
+from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read, write
+from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.synthetic import circle_scene, perturb
 from sfmcpp.weighting import solve
 
 
@@ -64,7 +66,7 @@ def solve_file(job: Job) -> ExitCode:
     summary = _solve(job, problem)
     complaints = _write_results(job, problem, summary, seconds_read)
     if not (job.quiet or complaints):
-        from sfmcpp.cli.summary import print_summary
+        from sfmcpp.cli.display import print_summary
 
         print_summary(job.source, problem, summary, seconds_read, job.targets)
     return _exit_code(job, summary, complaints)
@@ -83,7 +85,7 @@ def _check_options(values: dict[str, Any]) -> None:
 
 
 def _solve(job: Job, problem: Problem) -> Summary:
-    from sfmcpp.cli.progress import shown_progress
+    from sfmcpp.cli.display import shown_progress
 
     try:
         if job.refine is not None:
@@ -104,9 +106,9 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
         save_figure(plot_convergence(summary), path)
 
     def write_its_report(path: Path) -> None:
-        from sfmcpp.cli.report import make_report, write_report
+        from sfmcpp.study.report_files import write_report
 
-        write_report(make_report(job.source, problem, summary, seconds_read), path)
+        write_report(_report(job.source, problem, summary, seconds_read), path)
 
     steps: list[tuple[Path | None, Callable[[Path], None]]] = [
         (job.targets.problem, lambda path: write(problem, path)),
@@ -114,6 +116,20 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
         (job.targets.picture, write_picture),
     ]
     return [error for path, step in steps if path is not None and (error := _failure(step, path)) is not None]
+
+
+def _report(path: Path, problem: Problem, summary: Summary, seconds_read: float) -> dict[str, Any]:
+    """All fields of the summary are in the report under their own names."""
+    from sfmcpp.study.report_files import peak_memory_bytes
+
+    size = {
+        "path": str(path),
+        "cameras": problem.num_cameras,
+        "points": problem.num_points,
+        "observations": problem.num_observations,
+    }
+    measured = {"seconds_read": seconds_read, "peak_memory_bytes": peak_memory_bytes()}
+    return {"input": size, **measured, **summary.to_dict()}
 
 
 def _failure(step: Callable[[Path], None], path: Path) -> DatasetError | None:
@@ -140,3 +156,26 @@ def _what_is_kept(targets: Targets) -> str:
     if targets.problem is None:
         return "no output was asked for, the state so far is not kept"
     return f"the best state so far is in {targets.problem}"
+
+
+def run_demo(folder: Path, seed: int) -> ExitCode:
+    """Write the thesis' circular scene (§4.4.1) with its noisy start to `folder`, and solve it there.
+
+    Raises
+    ------
+    DatasetError
+        If the folder or a file in it cannot be written.
+    """
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    source = folder / "problem.npz"
+    targets = Targets(folder / "result.ply", folder / "report.json", folder / "convergence.png")
+    targets.check(source)
+    start = perturb(
+        circle_scene(seed=seed), point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=seed
+    )
+    write(start, source)
+    code = solve_file(Job(source, targets, options={}))
+    if code == ExitCode.DONE:
+        say(f"The demo is in {folder.resolve()}")
+    return code

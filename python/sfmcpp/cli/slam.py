@@ -10,9 +10,10 @@ import typer
 
 from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sources.vision import CORNERS
 
-SENSORS = ("odometer", "imu", "ins", "gps")
 WEIGHTS = ("loo", "loo-approx", "l-curve", "ltn", "fixed:λ", "none")
 
 
@@ -25,20 +26,17 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
-def _intrinsics(text: str | None) -> tuple[float, ...] | None:
-    """``(f, aspect, cx, cy, skew)`` of ``f,cx,cy`` or of all five."""
+def _camera(text: str | None) -> tuple[float, ...] | None:
+    """Read ``f,cx,cy``, or all five intrinsics."""
     if text is None:
         return None
-    rule = f"{text!r}: must be f,cx,cy or f,aspect,cx,cy,skew in pixels, f and aspect positive"
+    from sfmcpp.sources.cameras import intrinsics_of
+
     try:
-        numbers = tuple(float(word) for word in text.split(","))
+        return tuple(intrinsics_of([float(word) for word in text.split(",")]).tolist())
     except ValueError:
+        rule = f"{text!r}: must be f,cx,cy or f,aspect,cx,cy,skew in pixels, f and aspect positive"
         raise typer.BadParameter(rule, param_hint="'--camera'") from None
-    if len(numbers) == 3:
-        numbers = (numbers[0], 1.0, *numbers[1:], 0.0)
-    if len(numbers) != 5 or not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0:
-        raise typer.BadParameter(rule, param_hint="'--camera'")
-    return numbers
 
 
 def _fps(value: float | None) -> float | None:
@@ -126,17 +124,16 @@ def slam(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
     """Follow a camera and map what it sees, keyframe by keyframe."""
-    from sfmcpp.cli.slam_job import ImageOptions, SlamJob
-    from sfmcpp.cli.slam_run import run_job
-    from sfmcpp.slam import SlamSettings
+    from sfmcpp.cli.slam_run import run_slam_files
 
     if weights not in (None, "none") and not sensor:
         raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
     if mounting is not None and not sensor:
-        raise typer.BadParameter(
-            f"{mounting!r}: there is no --sensor that sits on it", param_hint="'--mounting'"
-        )
-    settings = SlamSettings(window=window, seed=seed, weights=weights or "loo")
-    images = ImageOptions(_intrinsics(camera), fps, corners)
-    names = tuple(sensor or ())
-    return run_job(SlamJob(source, output, settings, names, sensor_file, mounting, view, quiet, images))
+        reason = f"{mounting!r}: there is no --sensor that sits on it"
+        raise typer.BadParameter(reason, param_hint="'--mounting'")
+    if sensor_file is not None and not sensor:
+        raise InvalidArgument("sensor_file: no --sensor is named that could use it")
+    settings = {"sensors": sensor or [], "weights": weights or "loo", "window": window, "seed": seed}
+    images = {"camera": _camera(camera), "fps": fps, "corners": corners}
+    opening = {"sensor_file": sensor_file, "mounting": mounting, **images}
+    return run_slam_files(source, output, settings, opening, view=view, quiet=quiet)

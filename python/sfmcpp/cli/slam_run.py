@@ -1,54 +1,44 @@
-"""From a SLAM input to a folder of results."""
+"""From a SLAM input to a folder of results, shown while it runs, and ended between two frames by Ctrl-C."""
 
 from __future__ import annotations
 
+import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.mounting_files import mounting_of
-from sfmcpp.cli.slam_images import ImageStream
-from sfmcpp.cli.slam_input import SlamInput, read_input, read_measurements, sensors_of
-from sfmcpp.cli.slam_job import Measured, SlamJob
-from sfmcpp.cli.slam_output import require_pictures, write_report_of, write_results
-from sfmcpp.cli.slam_progress import shown_progress
-from sfmcpp.cli.slam_report import lines_of
-from sfmcpp.cli.slam_view import ViewedRun, require_view, viewed_run
+import numpy as np
+
+from sfmcpp import slam
+from sfmcpp.cli.exit_codes import ExitCode, say, tell
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.slam import MotionSensor, SlamResult, run_slam
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.slam import SlamResult
+from sfmcpp.sources.drives import open_drive
+from sfmcpp.sources.io.files import failures_named
+from sfmcpp.study.slam_report import SlamReport, require_pictures
+
+REFRESHES_PER_SECOND = 8.0
+_POLL_S = 0.1
+
+# Called as ``show(frame, result, last=False)`` after each frame.
+Show = Callable[..., None]
 
 
-class _StoppedByUser(Exception):
-    """Ends the loop between two frames."""
-
-
-@dataclass
-class _Listener:
-    """Keeps what there is after each frame, shows it, and stops the loop where it is whole."""
-
-    show: Callable[[int, SlamResult], None]
-    view: ViewedRun | None
-    asked_to_stop: Callable[[], bool]
-    frames: int = 0
-    result: SlamResult = field(default_factory=lambda: SlamResult(message="no frame was looked at"))
-
-    def __call__(self, frame: int, result: SlamResult) -> None:
-        self.frames, self.result = frame + 1, result
-        self.show(frame, result)
-        if self.view is not None:
-            self.view(frame, result)
-        if self.asked_to_stop():
-            raise _StoppedByUser
-
-
-def run_job(job: SlamJob) -> ExitCode:
+def run_slam_files(
+    source: Path,
+    folder: Path,
+    settings: dict[str, Any],
+    opening: dict[str, Any],
+    *,
+    view: bool = False,
+    quiet: bool = False,
+) -> ExitCode:
     """Read, run, write, print. What can be checked is checked before the run.
 
     Raises
@@ -58,24 +48,47 @@ def run_job(job: SlamJob) -> ExitCode:
     InvalidArgument
         If an option asks for what there is not.
     """
-    require_pictures(job.output)
-    if job.view:
-        require_view()
-    if job.output.exists() and not job.output.is_dir():
-        raise DatasetError(job.output, "is a file, a folder is wanted")
-    started = time.perf_counter()
-    if job.sensor_file is not None and not job.sensors:
-        raise InvalidArgument("sensor_file: no --sensor is named that could use it")
-    measured_apart = None if job.sensor_file is None else read_measurements(job.sensor_file)
-    given = read_input(job.source, job.images, measured_apart)
-    sensors = sensors_of(job.sensors, given, measured_apart, mounting_of(job.mounting))
-    seconds_read = time.perf_counter() - started
-    with _made(job.output), viewed_run(job, len(given.frames)) as view:
-        measured = _run(job, given, sensors, seconds_read, view)
-        code = _finish(job, given, measured)
-        if view is not None and not measured.interrupted:
-            _keep_serving(job, view)
+    require_pictures(folder)
+    if folder.exists() and not folder.is_dir():
+        raise DatasetError(folder, "is a file, a folder is wanted")
+    drive = open_drive(source, **opening)
+    count = len(drive.frames)
+    with _made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
+        with _shown_progress(count, quiet) as show, _ctrl_c_noted() as asked_to_stop:
+
+            def listen(frame: int, result: SlamResult) -> bool:
+                show(frame, result)
+                page(frame, result)
+                return asked_to_stop()
+
+            run = slam.run(drive, callback=listen, **settings)
+        page(run.frames - 1, run.result, last=True)
+        code = _finish(SlamReport(run), folder, quiet)
+        if view and not run.interrupted:
+            _keep_serving(quiet)
     return code
+
+
+def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
+    run = found.run
+    written = found.write(folder)
+    if run.world is None:
+        if run.interrupted:
+            tell(f"interrupted before there was a map: {folder / 'report.json'} tells how far it came")
+            return ExitCode.INTERRUPTED
+        tell(f"error: {run.drive.path}: no map could be started: {run.result.message}")
+        return ExitCode.NUMERICAL_FAILURE
+    if not quiet:
+        say(found.table(written))
+    if run.interrupted:
+        frames = f"{run.frames} of {len(run.drive.frames)} frames"
+        tell(f"interrupted after {frames}: what there is of them is in {folder}")
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE
+
+
+def _unseen(frame: int, result: SlamResult, *, last: bool = False) -> None:
+    """Show nothing."""
 
 
 @contextmanager
@@ -91,35 +104,6 @@ def _made(folder: Path) -> Iterator[None]:
             with suppress(OSError):
                 path.rmdir()
         raise
-
-
-def _run(
-    job: SlamJob,
-    given: SlamInput,
-    sensors: list[MotionSensor],
-    seconds_read: float,
-    view: ViewedRun | None,
-) -> Measured:
-    started = time.perf_counter()
-    interrupted = False
-    with shown_progress(len(given.frames), quiet=job.quiet) as show, _ctrl_c_noted() as asked_to_stop:
-        listener = _Listener(show, view, asked_to_stop)
-        try:
-            run_slam(given.frames, job.settings, sensors, callback=listener)
-        except _StoppedByUser:
-            interrupted = True
-    seconds = time.perf_counter() - started
-    tracking = given.frames.seconds if isinstance(given.frames, ImageStream) else None
-    if view is not None:
-        view.show(listener.frames, listener.result)
-    return Measured(listener.result, listener.frames, seconds, seconds_read, interrupted, tracking)
-
-
-def _keep_serving(job: SlamJob, view: ViewedRun) -> None:
-    if not job.quiet:
-        tell("the map stays on its page until Ctrl-C")
-    with _ctrl_c_noted() as asked_to_stop:
-        view.serve(asked_to_stop)
 
 
 @contextmanager
@@ -141,22 +125,78 @@ def _ctrl_c_noted() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
 
 
-def _finish(job: SlamJob, given: SlamInput, measured: Measured) -> ExitCode:
-    result = measured.result
+@contextmanager
+def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
+    """Show the frames given to the listener, on a terminal only: a bar and one line of numbers."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield _unseen
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (
+        BarColumn(bar_width=12),
+        TextColumn("frame {task.completed}/{task.total}"),
+        TextColumn("{task.description}"),
+    )
+    options: dict[str, Any] = {"refresh_per_second": REFRESHES_PER_SECOND, "redirect_stdout": False}
+    progress = Progress(*columns, console=Console(stderr=True), **options)
+    task = progress.add_task("", total=num_frames)
+    started, shown = time.perf_counter(), -math.inf
+
+    def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
+        """Pass on the last frame, and as many of the others as anybody could read."""
+        nonlocal shown
+        now = time.perf_counter()
+        if now - shown < 1 / REFRESHES_PER_SECOND and frame + 1 < num_frames:
+            return
+        shown = now
+        progress.start()  # with the first frame: a run that is refused draws nothing
+        progress.update(task, completed=frame + 1, description=_status(result, frame + 1, started))
+
+    try:
+        yield show
+    finally:
+        progress.stop()
+
+
+def _status(result: SlamResult, frames: int, started: float) -> str:
+    """Say how a run stands in a few words."""
     if result.world is None:
-        write_report_of(job, given, measured)
-        if measured.interrupted:
-            tell(f"interrupted before there was a map: {job.output / 'report.json'} tells how far it came")
-            return ExitCode.INTERRUPTED
-        tell(f"error: {job.source}: no map could be started: {result.message}")
-        return ExitCode.NUMERICAL_FAILURE
-    comparison, written, complaints = write_results(job, given, measured)
-    if complaints:
-        return tell_error("; ".join(map(str, complaints)))
-    if not job.quiet:
-        say("\n".join(lines_of(job, given, measured, comparison, written)))
-    if measured.interrupted:
-        frames = f"{measured.frames} of {len(given.frames)} frames"
-        tell(f"interrupted after {frames}: what there is of them is in {job.output}")
-        return ExitCode.INTERRUPTED
-    return ExitCode.DONE
+        return "looking for a start"
+    points = int(np.count_nonzero(result.world.known))
+    lost = f" · {len(result.lost)} lost" if result.lost else ""
+    fps = frames / max(time.perf_counter() - started, 1e-9)
+    return f"{len(result.world.keyframes)} keyframes · {points:,} points{lost} · {fps:.0f} frames/s"
+
+
+@contextmanager
+def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
+    """`--view`: serve the map on a page as long as the block runs, and say where."""
+    from sfmcpp.study.plotting.live_view import LiveView
+
+    try:
+        page = LiveView(title)
+    except ModuleNotFoundError as error:
+        raise InvalidArgument(f"view: {error}") from None
+    started = time.perf_counter()
+
+    def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
+        if last or page.due:
+            status = _status(result, frame + 1, started)
+            page.show(result, f"frame {frame + 1} of {num_frames} · {status}")
+
+    try:
+        if not quiet:
+            tell(f"the map is shown at {page.url}")
+        yield show
+    finally:
+        page.close()
+
+
+def _keep_serving(quiet: bool) -> None:
+    if not quiet:
+        tell("the map stays on its page until Ctrl-C")
+    with _ctrl_c_noted() as asked_to_stop:
+        while not asked_to_stop():
+            time.sleep(_POLL_S)

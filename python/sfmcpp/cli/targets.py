@@ -9,10 +9,8 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.api import write
-from sfmcpp.sources.io.compression import COMPRESSED_SUFFIXES, require_regular_file
-from sfmcpp.sources.io.failures import failures_named
-from sfmcpp.sources.io.registry import format_of
+from sfmcpp.sources.io.api import format_of, write
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_regular_file
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -68,10 +68,15 @@ def require_seed(value: object) -> None:
         raise InvalidArgument(f"seed = {value!r}: must be an integer from 0 to {_LARGEST_SEED}")
 
 
-def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
-    """What `known` holds by the key `value`; InvalidArgument, with all keys, if it holds nothing."""
+def require_one_of(name: str, value: str, known: Collection[str]) -> None:
+    """Raise InvalidArgument, with all that is `known`, unless `value` is among it."""
     if value not in known:
         raise InvalidArgument(f"{name} = {value!r}: must be one of {', '.join(known)}")
+
+
+def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
+    """What `known` holds by the key `value`; InvalidArgument, with all keys, if it holds nothing."""
+    require_one_of(name, value, known)
     return known[value]
 
 

@@ -117,6 +117,14 @@ SENSOR_KINDS: dict[str, SensorKind] = {
     )
 }
 
+# Kinds of stream that each sensor of a drive can use, the best first.
+SENSORS: dict[str, tuple[str, ...]] = {
+    "odometer": ("distance", "speed", "velocity"),
+    "imu": ("angular_rate", "orientation"),
+    "ins": ("pose",),
+    "gps": ("position", "geodetic"),
+}
+
 
 def sensor_kind(name: str) -> SensorKind:
     """Look a kind of measurement up by name.

@@ -1,5 +1,6 @@
 """SLAM: a camera's trajectory and a map of points, from tracks, keyframe by keyframe."""
 
+from sfmcpp.slam.drive_run import SlamRun, motion_sensors, run
 from sfmcpp.slam.localisation import Path
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
@@ -22,9 +23,12 @@ __all__ = [
     "Path",
     "Slam",
     "SlamResult",
+    "SlamRun",
     "SlamSettings",
     "TrackSequence",
     "View",
     "WorldMap",
+    "motion_sensors",
+    "run",
     "run_slam",
 ]

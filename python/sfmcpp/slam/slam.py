@@ -216,7 +216,7 @@ def run_slam(
     source: FrameSource,
     settings: SlamSettings | None = None,
     sensors: Sequence[MotionSensor] = (),
-    callback: Callable[[int, SlamResult], None] | None = None,
+    callback: Callable[[int, SlamResult], object] | None = None,
 ) -> SlamResult:
     """Run over all frames of a source.
 
@@ -229,7 +229,8 @@ def run_slam(
     sensors : sequence of MotionSensor
         What measures the motion beside the camera.
     callback : callable, optional
-        Called as ``callback(frame, result)`` after each frame, with its number.
+        Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
+        True.
 
     Returns
     -------
@@ -239,7 +240,8 @@ def run_slam(
     slam = Slam(source.intrinsics, settings, sensors)
     for frame in source:
         slam.step(frame)
-        if callback is not None:
-            callback(frame.number, slam.result)
-    slam.finish()
+        if callback is not None and callback(frame.number, slam.result) is True:
+            break
+    else:
+        slam.finish()
     return slam.result

@@ -1,1 +1,1 @@
-"""Where data comes from: files (`io`), images (`vision`) and scenes with known truth (`synthetic`)."""
+"""Where data comes from: files (`io`), images (`vision`), drives, scenes with known truth (`synthetic`)."""

@@ -1,1 +1,5 @@
-"""What came out: trajectories measured against the truth (`evaluation`), and pictures (`plotting`)."""
+"""Runs measured: SLAM runs as reports and files, trajectories (`evaluation`), pictures (`plotting`)."""
+
+from sfmcpp.study.slam_report import SlamReport
+
+__all__ = ["SlamReport"]

@@ -16,16 +16,21 @@ import pytest
 import sfmcpp
 
 # The command line documents itself by --help.
-UNDOCUMENTED = {"sfmcpp.cli"}
+UNDOCUMENTED = ("sfmcpp.cli", "sfmcpp._core")
 SECTION = re.compile(r"^(Parameters|Attributes)\n-+\n(.*?)(?=^\w[\w ]*\n-+$|\Z)", re.MULTILINE | re.DOTALL)
 ENTRY = re.compile(r"^(\*{0,2}\w+(?:, *\*{0,2}\w+)*)\s*(?::.*)?$", re.MULTILINE)
 
 
 def public_modules() -> Iterator[ModuleType]:
-    """The package and each of its packages and modules that names its public names."""
+    """The package, its modules, and its packages at any depth, where they name their public names."""
     yield sfmcpp
-    for info in pkgutil.iter_modules(sfmcpp.__path__, "sfmcpp."):
-        if info.name not in UNDOCUMENTED and not info.name.rpartition(".")[2].startswith("_"):
+    for info in pkgutil.walk_packages(sfmcpp.__path__, "sfmcpp."):
+        public = info.ispkg or info.name.count(".") == 1
+        if (
+            public
+            and not info.name.startswith(UNDOCUMENTED)
+            and not info.name.rpartition(".")[2].startswith("_")
+        ):
             yield importlib.import_module(info.name)
 
 

@@ -39,7 +39,7 @@ def test_python_blocks_of_the_readme_run_on_real_data(
     text = README.read_text(encoding="utf-8")
     if blocks(text, real=True) == blocks(text, real=False):
         pytest.skip("no Python block of the README reads real data")
-    for path in (data_dir / "bal").iterdir():
+    for path in [*(data_dir / "bal").iterdir(), *(data_dir / "kitti_tracks").iterdir()]:
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")

@@ -152,7 +152,8 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv"], "'-o'"),
         (["absent.csv", *OUT], "absent.csv: no such file"),
         (["absent.mat", *OUT], "absent.mat: no such file"),
-        (["photos", *OUT], "photos: holds no image"),
+        (["photos", *OUT], "photos: holds no image: must have files named .png"),
+        (["trip", *OUT], "trip: holds no image: did you mean trip/image_l?"),
         (["clip.mp4", *OUT], "clip.mp4: no such file"),
         (["photo.png", *OUT], "photo.png: is a single picture: give a folder of images"),
         (["drive.csv", *OUT, "--fps", "10"], "camera, fps, corners: are for images"),
@@ -183,6 +184,9 @@ def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
     (tmp_path / "broken.csv").write_text("\n".join([*head, "0,0,0,x,1"]) + "\n")
     (tmp_path / "s.csv").write_text("t [s],speed [m/s]\n100,5\n101,5\n")
     (tmp_path / "photos").mkdir()
+    (tmp_path / "trip/image_l").mkdir(parents=True)
+    (tmp_path / "trip/empty").mkdir()
+    (tmp_path / "trip/image_l/0.png").touch()
     before = names_in(tmp_path)
     result = run("slam", *arguments, cwd=tmp_path)
     assert result.returncode == 2

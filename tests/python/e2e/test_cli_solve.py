@@ -161,7 +161,7 @@ def test_quiet_says_nothing_and_writes_the_same(tmp_path: Path) -> None:
     assert silent.read_bytes() == loud.read_bytes()
 
 
-def test_the_table_tells_sizes_costs_ending_solver_and_files(tmp_path: Path) -> None:
+def test_the_table_tells_sizes_costs_termination_solver_and_files(tmp_path: Path) -> None:
     source, output, report = write_noisy_circle(tmp_path), tmp_path / "o[ut].npz", tmp_path / "report.json"
     result = run("solve", source, "-o", output, "--report", report)
     content = strict_json(report)
@@ -177,6 +177,13 @@ def test_the_table_tells_sizes_costs_ending_solver_and_files(tmp_path: Path) -> 
         str(report),
     ):
         assert expected in result.stdout.replace("\n", "")
+    assert "not kept" not in result.stdout
+
+
+def test_a_result_that_no_file_keeps_is_said_to_be_lost(tmp_path: Path) -> None:
+    result = run("solve", write_noisy_circle(tmp_path))
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "result         not kept: -o FILE writes it" in result.stdout
 
 
 def test_warnings_are_listed_by_name(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Reading and writing problems in any format."""
+"""Reading and writing problems in any format; a new one is a module with a `Format` and a line here."""
 
 from __future__ import annotations
 
@@ -7,11 +7,23 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.model.checks import looked_up
+from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.registry import FORMATS, format_of, named_format
 
 AnyPath = str | PathLike[str]
+
+# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, folders last.
+FORMATS: tuple[Format, ...] = (
+    sba.FORMAT,
+    bal.FORMAT,
+    bundler.FORMAT,
+    npz.FORMAT,
+    ply.FORMAT,
+    colmap.TEXT,
+    colmap.BINARY,
+)
 
 
 def read(path: AnyPath, *, format: str | None = None) -> Problem:
@@ -110,3 +122,19 @@ def _checked(path: AnyPath) -> Path:
     if "\0" in fsdecode(path):
         raise DatasetError(fsdecode(path), "a path cannot hold a NUL")
     return Path(path)
+
+
+def named_format(name: str) -> Format:
+    """Find the format of that name, or InvalidArgument."""
+    return looked_up("format", name, {known.name: known for known in FORMATS})
+
+
+def format_of(path: Path) -> Format:
+    """Find the format that claims `path`, or a DatasetError that lists the known ones."""
+    for candidate in FORMATS:
+        if candidate.claims(path):
+            return candidate
+    suffixes = ", ".join(suffix for f in FORMATS for suffix in f.suffixes)
+    raise DatasetError(
+        path, f"its name tells no format: must end in {suffixes}, or be the folder of a COLMAP model"
+    )

@@ -15,9 +15,8 @@ import numpy as np
 from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.compression import COMPRESSED_SUFFIXES, compressed_writer, read_bytes
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, compressed_writer, read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText

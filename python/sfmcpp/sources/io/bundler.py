@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     finite_rows,
@@ -27,25 +26,33 @@ from sfmcpp.sources.io.checks import (
     require_metadata_length,
     require_valid,
 )
-from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.files import atomic_files, read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
-from sfmcpp.sources.io.rows import format_rows, format_strings, ragged_text
-from sfmcpp.sources.io.tracks import by_point, keypoint_ranks, tokens_of_items
+from sfmcpp.sources.io.rows import (
+    by_point,
+    format_rows,
+    format_strings,
+    keypoint_ranks,
+    ragged_text,
+    tokens_of_items,
+)
 
 MAGIC = b"# Bundle file v0.3"
 KEYS = "bundler_keys"
+REGISTERED = "bundler_registered"
 _CAMERA_LINES, _CAMERA_NUMBERS, _POINT_LINES, _VIEW = 5, 15, 3, 4
 
 
 def read_bundler(path: Path) -> Problem:
     """Read a Bundler file; camera model ``"bal"``, everything free.
 
-    Rotations are made orthonormal again after their printing. Unregistered cameras (all zeros) are kept,
-    with the identity as rotation. Colours go to ``metadata.point_colors``, key numbers to
-    ``metadata.extra["bundler_keys"]``.
+    Rotations are made orthonormal again after their printing. Unregistered cameras (all zeros) are no cameras
+    of the problem: where there are some, ``metadata.extra["bundler_registered"]`` tells which of the file's
+    are, and ``metadata.image_names`` number them as the file does. Colours go to ``metadata.point_colors``,
+    key numbers to ``metadata.extra["bundler_keys"]``.
 
     Raises
     ------
@@ -61,19 +68,22 @@ def read_bundler(path: Path) -> Problem:
     camera_index = text.integers(views, "camera index", 0, num_cameras - 1)
     point_index = np.repeat(np.arange(num_points), counts)
     _require_no_duplicates(text, views, first_duplicate(camera_index, point_index, num_cameras))
+    poses, registered = _poses(text, cameras), np.asarray(cameras.any(axis=(1, 2)))
+    _require_registered(text, views, registered[camera_index])
+    metadata = Metadata("bundler", point_colors=_colors(text, heads))
+    metadata.extra[KEYS] = text.integers(views + 1, "key number", 0, LARGEST_COUNT)
+    if not registered.all():
+        metadata.extra[REGISTERED] = registered
+        metadata.image_names = [f"image_{number:06d}" for number in np.flatnonzero(registered) + 1]
     return Problem(
         "bal",
-        _poses(text, cameras),
-        cameras[:, 0].copy(),
+        poses[registered],
+        cameras[registered, 0],
         text.values[heads[:, None] + np.arange(3)],
-        camera_index.astype(np.int32),
+        (np.cumsum(registered) - 1)[camera_index].astype(np.int32),
         point_index.astype(np.int32),
         turned_pixels(text.values[views[:, None] + np.array([2, 3])]),
-        metadata=Metadata(
-            source_format="bundler",
-            point_colors=_colors(text, heads),
-            extra={KEYS: text.integers(views + 1, "key number", 0, LARGEST_COUNT)},
-        ),
+        metadata=metadata,
     )
 
 
@@ -81,7 +91,8 @@ def write_bundler(problem: Problem, path: Path) -> None:
     """Write a Bundler file; masks and standard deviations are not kept.
 
     Without key numbers in the metadata the observations of each image are numbered from 0; without colours
-    points are black. Cameras with a principal point have it subtracted from their pixels.
+    points are black. Cameras with a principal point have it subtracted from their pixels. Cameras that were
+    not registered when the problem was read are written as such.
 
     Raises
     ------
@@ -90,11 +101,12 @@ def write_bundler(problem: Problem, path: Path) -> None:
     """
     require_valid(problem, path)
     intrinsics, pixels = as_bal(problem, "a Bundler file", path)
+    registered = _registered(problem, path)
     with atomic_files(path) as (stream,):
-        stream.write(MAGIC + f"\n{problem.num_cameras} {problem.num_points}\n".encode("ascii"))
-        for chunk in _camera_chunks(problem, intrinsics):
+        stream.write(MAGIC + f"\n{len(registered)} {problem.num_points}\n".encode("ascii"))
+        for chunk in _camera_chunks(problem, intrinsics, registered):
             stream.write(chunk.encode("ascii"))
-        stream.write(_points_text(problem, turned_pixels(pixels), path).encode("ascii"))
+        stream.write(_points_text(problem, turned_pixels(pixels), registered, path).encode("ascii"))
 
 
 def _text(path: Path) -> NumberText:
@@ -153,6 +165,13 @@ def _require_no_duplicates(
         raise text.error(f"camera {camera} observes this point twice", int(views[duplicate[1]]))
 
 
+def _require_registered(text: NumberText, views: NDArray[np.int64], good: BoolArray) -> None:
+    if not good.all():
+        token = int(views[np.argmin(good)])
+        reason = f"camera {text.values[token]:.0f} observes this point, and is all zeros: not registered"
+        raise text.error(reason, token)
+
+
 def _poses(text: NumberText, cameras: FloatArray) -> FloatArray:
     rotations, translations = cameras[:, 1:4].copy(), cameras[:, 4]
     unregistered = ~cameras.any(axis=(1, 2))
@@ -174,19 +193,26 @@ def _require_finite(text: NumberText, poses: FloatArray) -> FloatArray:
     return poses
 
 
-def _camera_chunks(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
+def _registered(problem: Problem, path: Path) -> BoolArray:
+    """Which cameras of the file are those of the problem."""
+    registered = problem.metadata.extra.get(REGISTERED)
+    if registered is None:
+        return np.ones(problem.num_cameras, dtype=np.bool_)
+    mask = np.asarray(registered, dtype=np.bool_)
+    if np.count_nonzero(mask) != problem.num_cameras:
+        told = f"metadata {REGISTERED} tells of {np.count_nonzero(mask)} cameras"
+        raise DatasetError(path, f"{told}: must be {problem.num_cameras}")
+    return mask
+
+
+def _camera_chunks(problem: Problem, intrinsics: FloatArray, registered: BoolArray) -> Iterator[str]:
     rotations, translations = y_up_pose_from_cameras(problem.cameras)
-    numbers = np.concatenate([intrinsics, rotations.reshape(-1, 9), translations], axis=1)
-    numbers[_is_unregistered(problem, intrinsics)] = 0
+    numbers = np.zeros((len(registered), _CAMERA_NUMBERS))
+    numbers[registered] = np.concatenate([intrinsics, rotations.reshape(-1, 9), translations], axis=1)
     yield from format_rows("%r %r %r\n", *numbers.reshape(-1, 3).T)
 
 
-def _is_unregistered(problem: Problem, intrinsics: FloatArray) -> NDArray[np.bool_]:
-    unmoved = (problem.cameras == np.eye(3, 4)).all(axis=(1, 2))
-    return np.asarray(unmoved & ~intrinsics.any(axis=1))
-
-
-def _points_text(problem: Problem, pixels: FloatArray, path: Path) -> str:
+def _points_text(problem: Problem, pixels: FloatArray, registered: BoolArray, path: Path) -> str:
     order, counts = by_point(problem)
     colors = point_colors(problem, (0, 0, 0), path)
     keys = problem.metadata.extra.get(KEYS)
@@ -195,7 +221,7 @@ def _points_text(problem: Problem, pixels: FloatArray, path: Path) -> str:
     if ((keys < 0) | (keys > LARGEST_COUNT)).any():
         raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")
     heads = format_strings("%r %r %r\n%d %d %d\n%d", *problem.points.T, *colors.T, counts)
-    columns = problem.camera_index, keys, *pixels.T
+    columns = np.flatnonzero(registered)[problem.camera_index], keys, *pixels.T
     items = format_strings(" %d %d %r %r", *(column[order] for column in columns))
     return (
         ragged_text([f"{head}" if i == 0 else f"\n{head}" for i, head in enumerate(heads)], items, counts)

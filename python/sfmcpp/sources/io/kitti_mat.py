@@ -21,8 +21,7 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.compression import require_regular_file
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.sources.io.files import failures_named, require_regular_file
 
 NOT_SEEN = -1.0
 
@@ -111,8 +110,7 @@ def read_kitti_mat(path: Path) -> KittiDrive:
     Raises
     ------
     DatasetError
-        If the file cannot be read, a variable is missing or has a wrong shape or an impossible value, or
-        SciPy, which reads MATLAB files, is not installed.
+        If the file cannot be read, or a variable is missing or has a wrong shape or an impossible value.
     """
     variables = _variables(path)
     stamps = variables["t"][0]

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.compression import READABLE_EXPANSION, read_bytes
+from sfmcpp.sources.io.files import READABLE_EXPANSION, atomic_files, read_bytes
 from sfmcpp.sources.io.format import Format
 
 VERSION = 1

@@ -1,4 +1,4 @@
-"""Rows of text from columns of numbers, formatted in C rather than row by row."""
+"""Rows of text from columns of numbers, formatted in C rather than row by row, and their order."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sfmcpp.model import Problem
 
 _CHUNK_ROWS = 1 << 14
 _SEPARATOR = "\0"
@@ -44,6 +46,27 @@ def ragged_text(heads: Sequence[str], items: Sequence[str], counts: NDArray[np.i
 def exclusive_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sum of all counts before each one."""
     return np.cumsum(counts) - counts
+
+
+def by_point(problem: Problem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order (M,) that groups the observations by point, otherwise unchanged, and how many each point has."""
+    order = np.argsort(problem.point_index, kind="stable")
+    return order, np.bincount(problem.point_index, minlength=problem.num_points)
+
+
+def keypoint_ranks(problem: Problem) -> NDArray[np.int64]:
+    """Give each observation its number (M,) among those of its camera, from 0."""
+    order = np.argsort(problem.camera_index, kind="stable")
+    counts = np.bincount(problem.camera_index, minlength=problem.num_cameras)
+    ranks = np.empty(problem.num_observations, dtype=np.int64)
+    ranks[order] = np.arange(len(order)) - np.repeat(exclusive_sums(counts), counts)
+    return ranks
+
+
+def tokens_of_items(first: NDArray[np.int64], counts: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """First number of each item, where list i starts at number ``first[i]`` and has ``counts[i]`` items."""
+    within = np.arange(int(counts.sum())) - np.repeat(exclusive_sums(counts), counts)
+    return np.asarray(np.repeat(first, counts) + width * within)
 
 
 def _listed(column: Column) -> Sequence[Any]:

@@ -8,6 +8,7 @@ with ``#`` are comments.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -16,27 +17,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate
-from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
+from sfmcpp.sources.io.files import atomic_files, read_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
-from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.poses import cameras_from_pose
-from sfmcpp.sources.io.sba_files import (
-    DISTORTION,
-    INTRINSICS,
-    POSE_NUMBERS,
-    calibration_path,
-    is_cameras_name,
-    points_path,
-    shared_calibration_path,
+from sfmcpp.sources.io.intrinsics import (
+    as_perspective,
+    fixed_but,
+    perspective_columns,
+    perspective_rows,
+    require_defaults_except,
 )
-from sfmcpp.sources.io.sba_writer import write_sba
-from sfmcpp.sources.io.tracks import tokens_of_items
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.poses import cameras_from_pose, pose_from_cameras
+from sfmcpp.sources.io.rows import by_point, format_rows, format_strings, ragged_text, tokens_of_items
 
+INTRINSICS = ("f", "cx", "cy", "aspect", "skew")
+DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+POSE_NUMBERS = 7
+
+_CAMERAS_NAME = re.compile(r"(?P<stem>.*)cams[^/]*\.txt", re.IGNORECASE)
 _FREE = {POSE_NUMBERS + 5: ("f", "cx", "cy"), POSE_NUMBERS + 10: ("f", "cx", "cy", "k1", "k2")}
 _VIEW_WIDTHS = (3, 6, 7)
 _POINT_NUMBERS = 4
@@ -228,6 +230,84 @@ def _starts_like_bal(path: Path) -> bool:
     with path.open("rb") as file:
         words = file.readline(_FIRST_LINE_BYTES).split()
     return len(words) == 3 and not words[0].startswith(b"#")
+
+
+def write_sba(problem: Problem, path: Path) -> None:
+    """Write ``…cams….txt``, ``…pts.txt`` beside it, and ``…calib.txt`` if all cameras share fixed intrinsics.
+
+    Standard deviations are written as covariances σ² I; masks are not kept.
+
+    Raises
+    ------
+    DatasetError
+        If there are no cameras or no points, the camera model has k4 or k5, or a file cannot be written.
+    """
+    require_valid(problem, path)
+    if not problem.num_cameras or not problem.num_points:
+        raise DatasetError(path, "sba's files cannot hold a problem without cameras or without points")
+    values, fixed = as_perspective(problem)
+    require_defaults_except(values, INTRINSICS + DISTORTION, "sba's files", path)
+    values, fixed = values[problem.intrinsics_index], fixed[problem.intrinsics_index]
+    distortion = perspective_columns(*DISTORTION)
+    if problem.camera_model == "calibrated" and (values == values[0]).all():
+        texts = {path: _cameras_text(problem, values, ())}
+        texts[calibration_path(path)] = _calibration_text(values[0])
+    elif values[:, distortion].any() or not fixed[:, distortion].all():
+        texts = {path: _cameras_text(problem, values, INTRINSICS + DISTORTION)}
+    else:
+        texts = {path: _cameras_text(problem, values, INTRINSICS)}
+    texts[points_path(path)] = _points_text(problem)
+    with atomic_files(*texts) as files:
+        for file, text in zip(files, texts.values(), strict=True):
+            file.write(text.encode("ascii"))
+
+
+def _cameras_text(problem: Problem, values: FloatArray, names: tuple[str, ...]) -> str:
+    rotations, translations = pose_from_cameras(problem.cameras)
+    quaternions = quaternion_from_rotation(rotations)
+    table = np.concatenate([values[:, perspective_columns(*names)], quaternions, translations], axis=1)
+    head = " ".join((*names, "qw qx qy qz tx ty tz"))
+    return f"# {head}\n" + "".join(format_rows(" ".join(["%r"] * table.shape[1]) + "\n", *table.T))
+
+
+def _calibration_text(values: FloatArray) -> str:
+    f, cx, cy, aspect, skew = values[perspective_columns(*INTRINSICS)].tolist()
+    return f"{f!r} {skew!r} {cx!r}\n0.0 {f * aspect!r} {cy!r}\n0.0 0.0 1.0\n"
+
+
+def _points_text(problem: Problem) -> str:
+    order, counts = by_point(problem)
+    template, columns = " %d %r %r", [problem.camera_index, *problem.pixels.T]
+    if problem.sigma_px is not None:
+        template, columns = template + " %r 0 %r", [*columns, *[problem.sigma_px**2] * 2]
+    heads = format_strings("\n%r %r %r  %d ", *problem.points.T, counts)
+    items = format_strings(template, *(column[order] for column in columns))
+    return "# X Y Z  frames  frame x y ..." + ragged_text(heads, items, counts) + "\n"
+
+
+def is_cameras_name(path: Path) -> bool:
+    """Whether a name is that of a cameras file: ``…cams….txt``."""
+    return _CAMERAS_NAME.fullmatch(path.name) is not None
+
+
+def points_path(cameras: Path) -> Path:
+    """``7pts.txt`` beside ``7cams.txt`` or ``7camsvarK.txt``."""
+    return cameras.with_name(f"{_stem(cameras)}pts.txt")
+
+
+def calibration_path(cameras: Path) -> Path:
+    """``7calib.txt`` beside ``7cams.txt``."""
+    return cameras.with_name(f"{_stem(cameras)}calib.txt")
+
+
+def shared_calibration_path(cameras: Path) -> Path:
+    """``calib.txt``, which the cameras files of a folder may share."""
+    return cameras.with_name("calib.txt")
+
+
+def _stem(cameras: Path) -> str:
+    match = _CAMERAS_NAME.fullmatch(cameras.name)
+    return match["stem"] if match else f"{cameras.stem}_"
 
 
 FORMAT = Format(

@@ -11,15 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.compression import COMPRESSED_SUFFIXES, read_bytes
-from sfmcpp.sources.io.failures import failures_named
+from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, failures_named, read_bytes
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
@@ -61,7 +59,7 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
     """
     source = Path(path)
     if format is not None:
-        require_format(format, TRAJECTORY_FORMATS)
+        require_one_of("format", format, TRAJECTORY_FORMATS)
     with failures_named(source):
         if not source.exists():
             raise DatasetError(source, "no such file or directory")
@@ -87,19 +85,13 @@ def write_trajectory(trajectory: Trajectory, path: str | PathLike[str], *, forma
     InvalidArgument
         If `format` is unknown.
     """
-    require_format(format, WRITABLE_TRAJECTORY_FORMATS)
+    require_one_of("format", format, WRITABLE_TRAJECTORY_FORMATS)
     target = Path(path)
     if format != "kitti" and not trajectory.stamped:
         raise DatasetError(target, f"the trajectory has no times: format {format} needs them, kitti does not")
     with atomic_files(target) as (stream,):
         for text in _ROWS[format](trajectory):
             stream.write(text.encode("ascii"))
-
-
-def require_format(name: str, known: tuple[str, ...]) -> None:
-    """Raise InvalidArgument unless `name` is one of the formats `known`."""
-    if name not in known:
-        raise InvalidArgument(f"format = {name!r}: must be one of {', '.join(known)}")
 
 
 def _reader(path: Path, format: str | None) -> Callable[[Path], Trajectory]:

@@ -1,14 +1,16 @@
-"""Synthetic problems and drives whose truth is known: scenes, starts, outliers and sensors, all seeded."""
+"""Synthetic problems and drives whose truth is known: scenes, starts, outliers and sensors, all seeded.
 
-from sfmcpp.sources.synthetic.body_motion import BodySensors
-from sfmcpp.sources.synthetic.circle import circle_scene
+A new one is a module with a function, and a line here.
+"""
+
+from collections.abc import Callable
+
+from sfmcpp.model import Problem
+from sfmcpp.sources.synthetic.around import circle_scene, sphere_scene
+from sfmcpp.sources.synthetic.body_motion import BodySensors, SyntheticDrive
 from sfmcpp.sources.synthetic.city_blocks import city_blocks_scene
 from sfmcpp.sources.synthetic.corridor import corridor_scene
-from sfmcpp.sources.synthetic.drive import SyntheticDrive
-from sfmcpp.sources.synthetic.outliers import add_outliers
-from sfmcpp.sources.synthetic.perturbation import perturb
-from sfmcpp.sources.synthetic.registry import DRIVES, SCENES
-from sfmcpp.sources.synthetic.sphere import sphere_scene
+from sfmcpp.sources.synthetic.noise import add_outliers, perturb
 from sfmcpp.sources.synthetic.street_loop import street_loop_scene
 from sfmcpp.sources.synthetic.table_walk import table_walk
 from sfmcpp.sources.synthetic.tracker import Tracker
@@ -30,3 +32,18 @@ __all__ = [
     "table_walk",
     "vehicle_drive",
 ]
+
+# Each takes num_cameras, num_points, focal_px, pixel_sigma_px, camera_model, distortion and seed.
+SCENES: dict[str, Callable[..., Problem]] = {
+    "circle": circle_scene,
+    "sphere": sphere_scene,
+    "corridor": corridor_scene,
+    "street-loop": street_loop_scene,
+    "city-blocks": city_blocks_scene,
+}
+
+# Each takes length_m, frame_hz, focal_px, image_size, tracker, sensors and seed.
+DRIVES: dict[str, Callable[..., SyntheticDrive]] = {
+    "vehicle": vehicle_drive,
+    "table-walk": table_walk,
+}

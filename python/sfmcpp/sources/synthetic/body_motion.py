@@ -1,4 +1,4 @@
-"""A body that moves smoothly, and what sensors on it measure."""
+"""A body that moves smoothly, what sensors on it measure, and the drive that is recorded."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.geometry import so3
-from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_finite, require_not_negative, require_positive
 
 # From times (n,) [s] to poses (n, 3, 4) world_from_body.
@@ -79,6 +79,52 @@ class BodySensors:
         noise = np.deg2rad(self.navigation_sigma_deg) * rng.standard_normal((len(t_s), 3))
         noisy = motion(t_s)[:, :, :3] @ so3.exp(noise)
         return SensorStream(t_s, so3.log(noisy), "orientation", "navigation")
+
+
+@dataclass(frozen=True, eq=False)
+class SyntheticDrive:
+    """A motion: n frames, M observations of tracks, and what was measured on the way.
+
+    Names and frames are those of :class:`sfmcpp.sources.io.kitti_mat.KittiDrive`, where it has the same.
+
+    Attributes
+    ----------
+    t_s : (n,) float64
+        Time of each frame [s].
+    frame_index, track_index : (M,) int32
+        Frame and track of each observation, by frame and then by track.
+    pixels : (M, 2) float64
+        Where the frame sees it [px].
+    num_tracks : int
+        Number of tracks.
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
+    camera_from_body : (3, 3) float64
+        Rotation of the camera's mounting.
+    lever_arm_m : (3,) float64
+        Centre of the camera in the body frame [m].
+    odometer : SensorStream or None
+        Speed of the body's origin, kind ``"speed"``; None where nothing rolls.
+    angular_rate : SensorStream
+        What a gyroscope shows of the body's turning, in the body frame, kind ``"angular_rate"``.
+    orientation : SensorStream
+        What a navigation system says of the body's orientation, kind ``"orientation"``.
+    truth : Trajectory
+        True poses of the camera.
+    """
+
+    t_s: FloatArray
+    frame_index: IndexArray
+    track_index: IndexArray
+    pixels: FloatArray
+    num_tracks: int
+    intrinsics: FloatArray
+    camera_from_body: FloatArray
+    lever_arm_m: FloatArray
+    odometer: SensorStream | None
+    angular_rate: SensorStream
+    orientation: SensorStream
+    truth: Trajectory
 
 
 class Sway:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.synthetic.sight import enters
 
 # A point on a box is not hidden by the surface it lies on.
 _SURFACE_M = 1e-6
@@ -42,9 +43,5 @@ class Boxes:
         way = points - centre
         hidden = np.zeros(len(points), dtype=np.bool_)
         for lower, upper in zip(self.lower + _SURFACE_M, self.upper - _SURFACE_M, strict=True):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                to_lower, to_upper = (lower - centre) / way, (upper - centre) / way
-            entry = np.minimum(to_lower, to_upper).max(axis=1)
-            leave = np.maximum(to_lower, to_upper).min(axis=1)
-            hidden |= np.maximum(entry, 0) < np.minimum(leave, 1)
+            hidden |= enters(centre, way, lower, upper)
         return hidden

@@ -9,8 +9,7 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_above, require_count, require_positive
-from sfmcpp.sources.synthetic.distortion import NO_DISTORTION, Distortion
-from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
+from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
 from sfmcpp.sources.synthetic.observation import keep_points_seen_twice, observe
 from sfmcpp.sources.synthetic.sight import Sight
 from sfmcpp.sources.synthetic.streets import LOOK_AHEAD_M, Route, StreetGrid
@@ -60,18 +59,8 @@ def city_blocks_scene(
         Width of the streets [m]; less than `block_m`.
     max_depth_m : float
         Depth beyond which no point is recognised [m]; it bounds the longest tracks.
-    focal_px : float
-        Focal length of every camera [px].
-    image_size : (int, int)
-        Width and height [px]; points that project outside are not observed.
-    pixel_sigma_px : float
-        Standard deviation of the Gaussian noise on each pixel coordinate [px].
-    camera_model : str
-        ``"calibrated"``, ``"perspective"`` or ``"bal"``, as for :func:`circle_scene`.
-    distortion : (float, float)
-        Radial distortion k1, k2, invertible within the image; ``"calibrated"`` has none.
-    seed : int
-        Same seed, same problem; the points do not depend on the noise.
+    focal_px, image_size, pixel_sigma_px, camera_model, distortion, seed
+        As for :func:`circle_scene`.
 
     Returns
     -------

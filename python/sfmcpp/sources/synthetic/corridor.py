@@ -7,9 +7,7 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_positive
-from sfmcpp.sources.synthetic.distortion import NO_DISTORTION, Distortion
-from sfmcpp.sources.synthetic.geometry import UP, looking_at
-from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
+from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
 from sfmcpp.sources.synthetic.observation import keep_points_seen_twice, observe
 from sfmcpp.sources.synthetic.sight import Sight
 
@@ -49,18 +47,8 @@ def corridor_scene(
         Cross-section of the corridor [m]; the camera walks in the middle, at 0.6 of the height.
     max_depth_m : float
         Depth beyond which a camera sees nothing [m]; it bounds the length of the tracks.
-    focal_px : float
-        Focal length of every camera [px].
-    image_size : (int, int)
-        Width and height [px]; points that project outside are not observed.
-    pixel_sigma_px : float
-        Standard deviation of the Gaussian noise on each pixel coordinate [px].
-    camera_model : str
-        ``"calibrated"``, ``"perspective"`` or ``"bal"``, as for :func:`circle_scene`.
-    distortion : (float, float)
-        Radial distortion k1, k2, invertible within the image; ``"calibrated"`` has none.
-    seed : int
-        Same seed, same problem; the points do not depend on the noise.
+    focal_px, image_size, pixel_sigma_px, camera_model, distortion, seed
+        As for :func:`circle_scene`.
 
     Returns
     -------

@@ -1,17 +1,27 @@
-"""The camera that takes the images of a scene."""
+"""The camera that takes the images of a scene, and where it looks.
+
+Its radial distortion has two coefficients: ``r ↦ r (1 + k1 r² + k2 r⁴)``, where that can be undone.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.pinhole import unit
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
-from sfmcpp.model.checks import require_finite, require_positive
-from sfmcpp.sources.synthetic.distortion import NO_DISTORTION, Distortion, distort, undistorted_radius
+from sfmcpp.model.checks import require_finite, require_one_of, require_positive
+
+Distortion = tuple[float, float]
+
+NO_DISTORTION: Distortion = (0.0, 0.0)
+UP = np.array([0.0, 0.0, 1.0])
+"""World direction that points up in every scene."""
 
 SCENE_CAMERA_MODELS = ("calibrated", "perspective", "bal")
 
@@ -40,9 +50,7 @@ class ImageGeometry:
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        if self.camera_model not in SCENE_CAMERA_MODELS:
-            known = ", ".join(SCENE_CAMERA_MODELS)
-            raise InvalidArgument(f"camera_model = {self.camera_model!r}: must be one of {known}")
+        require_one_of("camera_model", self.camera_model, SCENE_CAMERA_MODELS)
         require_positive("focal_px", self.focal_px)
         if np.shape(self.image_size) != (2,) or min(self.image_size) < 1:
             raise InvalidArgument(f"image_size = {self.image_size}: must be two positive numbers of pixels")
@@ -113,3 +121,79 @@ class ImageGeometry:
         unfolded = np.hypot(*tangents.T) <= self.corner_tangent * (1 + 1e-9)
         kept = np.where(unfolded[:, None], tangents, 0.0)
         return self.focal_px * distort(kept, self.distortion), unfolded
+
+
+def looking_at(centres: FloatArray, targets: FloatArray, up: FloatArray) -> FloatArray:
+    """Aim cameras ``[R | c]`` from `centres` at `targets`, z forward, y down.
+
+    Parameters
+    ----------
+    centres : (C, 3) float64
+        Camera centres in the world.
+    targets : (C, 3) or (3,) float64
+        World points on the optical axes.
+    up : (3,) float64
+        World direction that points up in every image; not parallel to any optical axis.
+
+    Returns
+    -------
+    (C, 3, 4) float64
+        Rotation world_from_camera and centre of each camera.
+    """
+    forward = unit(targets - centres)
+    right = unit(np.cross(forward, up))
+    down = np.cross(forward, right)
+    return np.stack([right, down, forward, centres], axis=2)
+
+
+def distort(offsets: FloatArray, distortion: Distortion) -> FloatArray:
+    """Distort image offsets (N, 2), in units of the focal length."""
+    k1, k2 = distortion
+    squared_radius = (offsets**2).sum(axis=1, keepdims=True)
+    distorted: FloatArray = offsets * (1 + squared_radius * (k1 + squared_radius * k2))
+    return distorted
+
+
+def undistorted_radius(radius: float, distortion: Distortion) -> float:
+    """The radius that becomes `radius`, both in units of the focal length.
+
+    Raises
+    ------
+    InvalidArgument
+        If the distortion folds the image over before that radius.
+    """
+    fold = _fold_radius(distortion)
+    if math.isfinite(fold) and _distorted(fold, distortion) <= radius:
+        raise InvalidArgument(
+            f"distortion = {distortion}: folds the image at {_distorted(fold, distortion):.4g} focal lengths "
+            f"from its centre, must be invertible up to its corner at {radius:.4g}"
+        )
+    above = radius
+    while above < fold and _distorted(above, distortion) < radius:
+        above *= 2
+    return _bisected(radius, min(above, fold), distortion)
+
+
+def _distorted(radius: float, distortion: Distortion) -> float:
+    k1, k2 = distortion
+    return radius * (1 + radius**2 * (k1 + radius**2 * k2))
+
+
+def _fold_radius(distortion: Distortion) -> float:
+    """Smallest radius where the derivative ``1 + 3 k1 r² + 5 k2 r⁴`` vanishes; infinite if nowhere."""
+    k1, k2 = distortion
+    discriminant = 9 * k1**2 - 20 * k2
+    if discriminant < 0:
+        return math.inf
+    denominator = math.sqrt(discriminant) - 3 * k1
+    return math.sqrt(2 / denominator) if denominator > 0 else math.inf
+
+
+def _bisected(radius: float, above: float, distortion: Distortion) -> float:
+    below = 0.0
+    while below < (middle := (below + above) / 2) < above:
+        if _distorted(middle, distortion) < radius:
+            below = middle
+        else:
+            above = middle
+    return above

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sources.synthetic.geometry import UP, looking_at
+from sfmcpp.sources.synthetic.image_geometry import UP, looking_at
+from sfmcpp.sources.synthetic.sight import enters
 
 CAMERA_HEIGHT_M = 2.0
 LOOK_AHEAD_M = 12.0
@@ -45,22 +46,12 @@ class StreetGrid:
         most_right, most_up = (last - first).max(axis=0, initial=0).astype(int)
         for block in product(range(most_right + 1), range(most_up + 1)):
             corner = (first + block) * pitch + self.street_m / 2
-            hidden |= _enters(start, way, corner, corner + pitch - self.street_m)
+            hidden |= enters(start, way, corner, corner + pitch - self.street_m)
         return hidden
 
     def reliefs_m(self, count: int, rng: np.random.Generator) -> FloatArray:
         """(count,) how far points of fronts stand out into the street [m]."""
         return rng.uniform(0, min(_RELIEF_M, self.street_m / 4), count)
-
-
-def _enters(start: FloatArray, way: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolArray:
-    """Whether the ways (N, 2) from `start` pass through the inside of their rectangles (slab method)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_lower, to_upper = (lower - start) / way, (upper - start) / way
-    entry = np.minimum(to_lower, to_upper).max(axis=1)
-    exit_ = np.maximum(to_lower, to_upper).min(axis=1)
-    inside: BoolArray = np.maximum(entry, 0) < np.minimum(exit_, 1)
-    return inside
 
 
 class Route:

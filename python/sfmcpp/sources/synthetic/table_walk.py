@@ -8,11 +8,9 @@ from sfmcpp.geometry import so3
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
-from sfmcpp.sources.synthetic.body_motion import BodySensors, Sway, stamps
+from sfmcpp.sources.synthetic.body_motion import BodySensors, Sway, SyntheticDrive, stamps
 from sfmcpp.sources.synthetic.boxes import Boxes
-from sfmcpp.sources.synthetic.drive import SyntheticDrive
-from sfmcpp.sources.synthetic.geometry import UP, looking_at
-from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
+from sfmcpp.sources.synthetic.image_geometry import UP, ImageGeometry, looking_at
 from sfmcpp.sources.synthetic.sight import Sight
 from sfmcpp.sources.synthetic.tracker import Tracker, track
 
@@ -56,18 +54,8 @@ def table_walk(
         Time taken [s].
     radius_m : float
         Radius of the circle around the middle of the table [m].
-    frame_hz : float
-        Frames a second.
-    focal_px : float
-        Focal length [px].
-    image_size : (int, int)
-        Width and height [px].
-    tracker : Tracker, optional
-        How corners are followed. Default: poorly, see :class:`Tracker`.
-    sensors : BodySensors, optional
-        Gyroscope and navigation system. Default: those of the thesis' table 1.1.
-    seed : int
-        Same seed, same walk.
+    frame_hz, focal_px, image_size, tracker, sensors, seed
+        As for :func:`vehicle_drive`.
 
     Returns
     -------

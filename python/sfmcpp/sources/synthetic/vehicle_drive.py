@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -11,16 +10,15 @@ from sfmcpp.geometry import so3
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_above, require_positive
-from sfmcpp.sources.synthetic.body_motion import BodySensors, Sway, stamps
-from sfmcpp.sources.synthetic.drive import SyntheticDrive
+from sfmcpp.sensors import Mounting
+from sfmcpp.sources.synthetic.body_motion import BodySensors, Sway, SyntheticDrive, stamps
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
 from sfmcpp.sources.synthetic.sight import Sight
 from sfmcpp.sources.synthetic.streets import FRONT_HEIGHT_M, StreetGrid
 from sfmcpp.sources.synthetic.tracker import Tracker, track
 
 # The body frame has its origin on the road below the rear axle: x forward, y left, z up (ISO 8855).
-_CAMERA_FROM_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-_LEVER_ARM_M = np.array([1.5, 0.0, 1.5])
+_MOUNTING = Mounting(Mounting.forward_looking().camera_from_body, np.array([1.5, 0.0, 1.5]))
 _STREET_M = 14.0
 _ACROSS_M = 36.0
 _TURN_RADIUS_M = 8.0
@@ -98,7 +96,7 @@ def vehicle_drive(
     )
     vehicle = _Vehicle(path, speed_m_s, body_rng)
     t_s = stamps(vehicle.seconds, frame_hz)
-    cameras = _cameras(vehicle.poses(t_s))
+    cameras = _MOUNTING.camera_poses(vehicle.poses(t_s))
     grid = StreetGrid((path.along_m, _ACROSS_M), _STREET_M)
     points = _town(grid, path, max_depth_m, scene_rng)
     tracks = track(
@@ -118,8 +116,8 @@ def vehicle_drive(
         tracks.pixels,
         len(tracks.point_index),
         geometry.intrinsics(1)[0],
-        _CAMERA_FROM_BODY,
-        _LEVER_ARM_M,
+        _MOUNTING.camera_from_body,
+        _MOUNTING.lever_arm_m,
         chosen.odometer(vehicle.speeds(ticks), ticks, sensor_rng),
         chosen.gyro(vehicle.poses, vehicle.seconds, sensor_rng),
         chosen.navigation(vehicle.poses, vehicle.seconds, sensor_rng),
@@ -138,10 +136,10 @@ class _Path:
         self.length_m = length_m
         self.along_m = straight_m + _TURN_RADIUS_M + _STREET_M
         self._bends_m = np.cumsum([straight_m, quarter_m, between_m, quarter_m])
-        self._driven_m = np.linspace(0, length_m, int(np.ceil(length_m / _GRID_STEP_M)) + 1)
-        middles_m = 0.5 * (self._driven_m[1:] + self._driven_m[:-1])
+        self.driven_m = np.linspace(0, length_m, int(np.ceil(length_m / _GRID_STEP_M)) + 1)
+        middles_m = 0.5 * (self.driven_m[1:] + self.driven_m[:-1])
         headings = self.headings(middles_m)
-        steps = np.diff(self._driven_m)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+        steps = np.diff(self.driven_m)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
         self._places = np.cumsum(np.concatenate([[[_STREET_M, 0.0]], steps]), axis=0)
 
     def headings(self, driven_m: FloatArray) -> FloatArray:
@@ -151,7 +149,7 @@ class _Path:
 
     def places(self, driven_m: FloatArray) -> FloatArray:
         """(n, 2) places after so many metres (n,)."""
-        return np.stack([np.interp(driven_m, self._driven_m, axis) for axis in self._places.T], axis=1)
+        return np.stack([np.interp(driven_m, self.driven_m, axis) for axis in self._places.T], axis=1)
 
     def slowness(self, driven_m: FloatArray) -> FloatArray:
         """(n,) from 0 on straights to 1 in the turns, smoothly."""
@@ -160,46 +158,32 @@ class _Path:
         return np.asarray(0.5 - 0.5 * np.tanh(outside_m / _SLOWING_M))
 
 
-@dataclass(frozen=True)
-class _Timetable:
-    """When the vehicle has driven how far."""
-
-    t_s: FloatArray
-    driven_m: FloatArray
-
-
 class _Vehicle:
     """The body on its way: where it is when, and how fast."""
 
     def __init__(self, path: _Path, speed_m_s: float, rng: np.random.Generator) -> None:
         self._path = path
-        driven_m = np.linspace(0, path.length_m, int(np.ceil(path.length_m / _GRID_STEP_M)) + 1)
+        driven_m = path.driven_m
         speeds = speed_m_s * (1 - (1 - _SLOWEST_SHARE) * path.slowness(driven_m))
         pace = 0.5 * (1 / speeds[1:] + 1 / speeds[:-1])
         t_s = np.concatenate([[0.0], np.cumsum(np.diff(driven_m) * pace)])
-        self._speeds, self._timetable = speeds, _Timetable(t_s, driven_m)
+        self._speeds, self._t_s, self._driven_m = speeds, t_s, driven_m
         self.seconds = float(t_s[-1])
         self._sway = Sway(np.append(_SWAY_RAD, _BOUNCE_M), *_SPRING_HZ, rng)
 
     def speeds(self, t_s: FloatArray) -> FloatArray:
         """(n,) speeds at times (n,) [m/s]."""
-        return np.interp(t_s, self._timetable.t_s, self._speeds)
+        return np.interp(t_s, self._t_s, self._speeds)
 
     def poses(self, t_s: FloatArray) -> FloatArray:
         """(n, 3, 4) poses world_from_body at times (n,) [s]."""
-        driven_m = np.interp(t_s, self._timetable.t_s, self._timetable.driven_m)
+        driven_m = np.interp(t_s, self._t_s, self._driven_m)
         sway = self._sway.at(t_s)
         upright = np.zeros((len(t_s), 3))
         upright[:, 2] = self._path.headings(driven_m)
         rotations = so3.exp(upright) @ so3.exp(sway[:, :3])
         centres = np.column_stack([self._path.places(driven_m), sway[:, 3]])
         return np.concatenate([rotations, centres[:, :, None]], axis=2)
-
-
-def _cameras(bodies: FloatArray) -> FloatArray:
-    rotations = bodies[:, :, :3]
-    centres = bodies[:, :, 3] + rotations @ _LEVER_ARM_M
-    return np.concatenate([rotations @ _CAMERA_FROM_BODY.T, centres[:, :, None]], axis=2)
 
 
 def _town(grid: StreetGrid, path: _Path, reach_m: float, rng: np.random.Generator) -> FloatArray:

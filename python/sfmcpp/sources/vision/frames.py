@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.vision._opencv import load_cv2
 
 GreyImage = NDArray[np.uint8]
 
@@ -23,6 +24,21 @@ PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
+_MOST_HINTS = 3
+
+
+def load_cv2() -> ModuleType:
+    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
+    # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    try:
+        import cv2
+    except ModuleNotFoundError as error:
+        message = f"images need {error.name}: pip install 'sfmcpp[vision]'"
+        raise ModuleNotFoundError(message, name=error.name) from None
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    module: ModuleType = cv2
+    return module
 
 
 class Frames(ABC):
@@ -92,7 +108,7 @@ class _Folder(Frames):
         except OSError as error:
             raise _unreadable(path, error) from error
         if not self._files:
-            raise DatasetError(path, f"holds no image: must have files named {', '.join(PICTURES)}")
+            raise DatasetError(path, f"holds no image: {_hint(path)}")
 
     def __len__(self) -> int:
         return len(self._files)
@@ -172,6 +188,20 @@ class _Video(Frames):
 def _is_picture(file: Path) -> bool:
     # Some systems leave a hidden companion, ._name.png, beside each file.
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+
+
+def _hint(folder: Path) -> str:
+    """Where its images might be instead: in a folder of it."""
+    inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
+    if inside:
+        return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
+    return f"must have files named {', '.join(PICTURES)}"
+
+
+def _has_picture(folder: Path) -> bool:
+    with suppress(OSError):
+        return any(map(_is_picture, folder.iterdir()))
+    return False
 
 
 def _natural_order(file: Path) -> tuple[list[tuple[int, str]], str]:

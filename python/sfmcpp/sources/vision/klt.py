@@ -10,7 +10,7 @@ error", ICPR 2010).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from types import ModuleType
 
@@ -18,60 +18,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.sources.vision._opencv import load_cv2
-from sfmcpp.sources.vision.frames import GreyImage
-from sfmcpp.sources.vision.klt_settings import KltSettings
+from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.checks import require_one_of
+from sfmcpp.model.frames import View
+from sfmcpp.sources.vision.frames import GreyImage, load_cv2
 
 Corners = NDArray[np.float32]
 
+# What a corner is.
+CORNERS = ("shi-tomasi", "harris")
 # Harris and Stephens' k in det − k tr².
 _HARRIS_K = 0.04
 
 
-@dataclass(frozen=True, eq=False)
-class FrameFeatures:
-    """What one frame sees.
+@dataclass(frozen=True)
+class KltSettings:
+    """What decides about corners and how they are followed.
 
     Attributes
     ----------
-    tracks : (n,) int32
-        Tracks, ascending.
-    pixels : (n, 2) float64
-        Where, the centre of the first pixel being (0, 0) [px].
+    corners : str
+        ``"shi-tomasi"`` or ``"harris"``.
+    columns, rows : int
+        Cells of the grid across and down the image.
+    per_cell : int
+        Tracks that a cell is filled up to.
+    window_px : int
+        Side of the square that is compared, odd [px].
+    levels : int
+        Halvings of the image above the full size; each doubles the motion that can be followed.
+    forward_backward_px : float
+        Farthest that a corner may come back from where it started [px].
+    min_distance_px : int
+        Least distance of a new corner from all others [px].
+    quality : float
+        Least response of a corner, as part of the strongest one's in the image; that of Harris goes with
+        the square of the eigenvalues, and is compared with the square of this.
+    max_residual : float
+        Largest mean absolute difference of the two squares [grey levels].
     """
 
-    tracks: IndexArray
-    pixels: FloatArray
+    corners: str = "shi-tomasi"
+    columns: int = 12
+    rows: int = 4
+    per_cell: int = 5
+    window_px: int = 21
+    levels: int = 4
+    forward_backward_px: float = 1.0
+    min_distance_px: int = 10
+    quality: float = 0.01
+    max_residual: float = 40.0
+
+    def __post_init__(self) -> None:
+        require_one_of("corners", self.corners, CORNERS)
+        for name in ("columns", "rows", "per_cell", "min_distance_px"):
+            _require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
+        for name in ("forward_backward_px", "max_residual"):
+            _require(name, getattr(self, name), getattr(self, name) > 0, "positive")
+        _require("window_px", self.window_px, self.window_px in range(3, 256, 2), "odd, from 3 to 255")
+        _require("levels", self.levels, self.levels >= 0, "0 or more")
+        _require("quality", self.quality, 0 < self.quality < 1, "in (0, 1)")
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureTracks:
-    """M observations of tracks in the frames of one camera.
-
-    Attributes
-    ----------
-    num_frames : int
-        Frames looked at.
-    width, height : int
-        Size of each [px].
-    frame_index, track_index : (M,) int32
-        Frame and track of each observation, by frame and then by track; a track sees consecutive frames.
-    pixels : (M, 2) float64
-        Where, the centre of the first pixel being (0, 0) [px].
-    """
-
-    num_frames: int
-    width: int
-    height: int
-    frame_index: IndexArray
-    track_index: IndexArray
-    pixels: FloatArray
-
-
-def follow_features(
-    frames: Iterable[GreyImage], settings: KltSettings | None = None
-) -> Iterator[FrameFeatures]:
+def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = None) -> Iterator[View]:
     """Follow corners through images as they come; the same images give the same tracks.
 
     Only the last image and its corners are kept.
@@ -85,7 +94,7 @@ def follow_features(
 
     Yields
     ------
-    FrameFeatures
+    View
         Of each frame. Each new corner has a new track, numbered from 0; a track sees consecutive frames.
 
     Raises
@@ -102,50 +111,6 @@ def follow_features(
         yield tracker.look_at(image)
 
 
-def track_features(
-    frames: Iterable[GreyImage],
-    settings: KltSettings | None = None,
-    *,
-    callback: Callable[[int], None] | None = None,
-) -> FeatureTracks:
-    """Follow corners through all images: :func:`follow_features`, collected.
-
-    Parameters
-    ----------
-    frames : iterable of (height, width) uint8
-        Images of one size; looked at once, two at a time.
-    settings : KltSettings, optional
-        Default: that of a car's camera.
-    callback : callable, optional
-        Called with the number of each frame when it has been looked at.
-
-    Returns
-    -------
-    FeatureTracks
-        Each new corner has a new track, numbered from 0.
-
-    Raises
-    ------
-    InvalidArgument
-        If a frame is not of uint8 numbers (height, width), or of another size than the first.
-    ModuleNotFoundError
-        If OpenCV is not installed.
-    """
-    shape, seen = (0, 0), []
-
-    def with_shape_noted() -> Iterator[GreyImage]:
-        nonlocal shape
-        for image in frames:
-            shape = image.shape
-            yield image
-
-    for number, features in enumerate(follow_features(with_shape_noted(), settings)):
-        seen.append(features)
-        if callback is not None:
-            callback(number)
-    return _joined(shape, seen)
-
-
 @dataclass(eq=False)
 class _Tracker:
     """The last image, and the corners followed in it."""
@@ -158,14 +123,14 @@ class _Tracker:
     image: GreyImage | None = None
     next_track: int = 0
 
-    def look_at(self, image: GreyImage) -> FrameFeatures:
+    def look_at(self, image: GreyImage) -> View:
         """Follow the corners into `image`, and fill up its cells."""
         if self.image is not None and len(self.corners):
             moved, good = self._followed(self.image, image)
             self.corners, self.tracks = moved[good], self.tracks[good]
         self.image = image
         self._add(self._new_corners(image))
-        return FrameFeatures(self.tracks, self.corners.astype(np.float64))
+        return View(self.tracks, self.corners.astype(np.float64))
 
     def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
         moved, found, residual = self._flow(before, image, self.corners)
@@ -255,14 +220,6 @@ def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
     return ranks
 
 
-def _joined(shape: tuple[int, ...], seen: list[FrameFeatures]) -> FeatureTracks:
-    height, width = shape
-    frames = np.repeat(np.arange(len(seen), dtype=np.int32), [len(features.tracks) for features in seen])
-    tracks = np.concatenate([np.empty(0, np.int32), *(features.tracks for features in seen)])
-    pixels = np.concatenate([np.empty((0, 2)), *(features.pixels for features in seen)])
-    return FeatureTracks(len(seen), width, height, frames, tracks, pixels)
-
-
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
     if image.dtype != np.uint8 or image.ndim != 2:
         found = f"{image.dtype} {image.shape}"
@@ -270,3 +227,8 @@ def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> No
     if tracker is not None and image.shape != tracker.shape:
         rule = f"must be {tracker.shape} as the first"
         raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")
+
+
+def _require(name: str, value: float, good: bool, rule: str) -> None:
+    if not good:
+        raise InvalidArgument(f"{name} = {value}: must be {rule}")

@@ -11,6 +11,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_one_of
 from sfmcpp.study.evaluation.associate import Matched
 
 ALIGN_BY = ("positions", "poses")
@@ -135,8 +136,7 @@ def align(
     InvalidArgument
         If `by` is unknown, there are too few pairs, or their positions do not determine the alignment.
     """
-    if by not in ALIGN_BY:
-        raise InvalidArgument(f"by = {by!r}: must be one of {', '.join(ALIGN_BY)}")
+    require_one_of("by", by, ALIGN_BY)
     count = rule.count(len(pairs))
     similarity = _fitted(pairs, count, with_scale, by) if count else Similarity.identity()
     thinness = min(_thinness(t.centres[:count]) for t in (pairs.estimate, pairs.truth)) if count else 0.0

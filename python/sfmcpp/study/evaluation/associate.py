@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_one_of
 from sfmcpp.sensors import interpolate_poses
 
 # As evo's default.
@@ -63,8 +64,7 @@ def associate(
     InvalidArgument
         If nothing matches; one has no times and the other not as many poses; or an option breaks its rule.
     """
-    if match not in MATCHES:
-        raise InvalidArgument(f"match = {match!r}: must be one of {', '.join(MATCHES)}")
+    require_one_of("match", match, MATCHES)
     if not (estimate.stamped and truth.stamped):
         return _by_order(estimate, truth)
     if match == "interpolate":

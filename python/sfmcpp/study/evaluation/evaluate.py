@@ -88,15 +88,9 @@ def evaluate(
         Whether the alignment changes the scale.
     align_by : str
         ``"positions"`` or ``"poses"``; see :func:`align`.
-    match : str
-        ``"nearest"`` or ``"interpolate"``; see :func:`associate`.
-    max_difference_s : float, optional
+    match, max_difference_s
         See :func:`associate`.
-    delta : float
-        See :func:`rpe`.
-    delta_unit : str
-        See :func:`rpe`.
-    all_pairs : bool
+    delta, delta_unit, all_pairs
         See :func:`rpe`.
 
     Returns

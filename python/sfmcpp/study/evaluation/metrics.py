@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_one_of, require_positive
 
 RELATIONS = ("translation_part", "rotation_angle_deg", "full_transformation")
 DELTA_UNITS = ("frames", "m")
@@ -167,8 +167,7 @@ def pairs_apart(
     poses: FloatArray, delta: float, delta_unit: str, all_pairs: bool, relative_tolerance: float
 ) -> NDArray[np.int64]:
     """Rows (k, 2) of pairs of poses `delta` apart; the parameters are those of :func:`rpe`."""
-    if delta_unit not in DELTA_UNITS:
-        raise InvalidArgument(f"delta_unit = {delta_unit!r}: must be one of {', '.join(DELTA_UNITS)}")
+    require_one_of("delta_unit", delta_unit, DELTA_UNITS)
     require_positive("delta", delta)
     if delta_unit == "frames":
         return _pairs_by_frames(len(poses), delta, all_pairs)

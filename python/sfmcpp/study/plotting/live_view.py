@@ -42,17 +42,7 @@ Colors = NDArray[np.uint8]
 
 
 def load_viser() -> ModuleType:
-    """Viser, which serves the page.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If it is not installed; the message says how to.
-    """
+    """Viser, which serves the page; a ModuleNotFoundError says how to install it."""
     try:
         import viser
     except ModuleNotFoundError as error:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import atomic_files
 
 _TEMPLATE = "scene_page.html"
 # Directions that differ by less are the same: a camera that looks straight up or down.
@@ -126,16 +126,9 @@ def _data(scene: Scene) -> dict[str, Any]:
 
 
 def view_from_world(cameras: FloatArray) -> FloatArray:
-    """Rotation to x right, y ahead, z up: up as the cameras' tops in the mean, ahead as the first one looks.
+    """Rotation to x right, y ahead, z up: up as tops of `cameras` (K, 3, 4) in the mean, ahead as the first.
 
-    Parameters
-    ----------
-    cameras : (K, 3, 4) float64
-        ``[R | c]``, world_from_camera, y down in the camera; none gives the first one's axes.
-
-    Returns
-    -------
-    (3, 3) float64
+    Without cameras it is that of one with the axes of the world.
     """
     axes = cameras[:, :, :3] if len(cameras) else np.eye(3)[None]
     up = _unit(-axes[:, :, 1].mean(axis=0), fallback=-axes[0, :, 1])

@@ -1,4 +1,4 @@
-"""A trajectory beside the truth, and its error along the way."""
+"""Trajectories: beside the truth, from above with their map, and how their scale holds."""
 
 from __future__ import annotations
 
@@ -6,8 +6,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sfmcpp.study.evaluation import Evaluation
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.study.evaluation import Evaluation, Matched, scale_ratios
 from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
+from sfmcpp.weighting.criteria import MEDIAN_WIDTH, running_median
+
+# Room around the paths for points, as a share of the paths' extent; farther points are cut off.
+_MARGIN = 0.15
+# The axis shows at least this much beside 1.
+_LEAST_DEVIATION = 0.05
 
 
 def plot_evaluation(evaluation: Evaluation) -> Figure:
@@ -56,3 +63,114 @@ def _draw_errors(axes: Axes, evaluation: Evaluation) -> None:
     axes.set_xlabel("seconds" if stamped else "frame")
     axes.set_ylabel(f"position error [m]   (mean {evaluation.mean_3d_error_m:.3g} m)")
     axes.set_ylim(bottom=0.0)
+
+
+def plot_top_view(
+    path: FloatArray,
+    keyframes: FloatArray,
+    points: FloatArray,
+    *,
+    truth: FloatArray | None = None,
+    alignment: str = "",
+    unit: str = "",
+) -> Figure:
+    """Plot a path from above, x to the right and z upwards, in the frame of a camera that looks along z.
+
+    Parameters
+    ----------
+    path : (n, 3) float64
+        Centres of the camera, in order.
+    keyframes : (K, 3) float64
+        Centres of the keyframes.
+    points : (N, 3) float64
+        Points of the map; those far from the paths are cut off.
+    truth : (m, 3) float64, optional
+        True centres, in the same frame.
+    alignment : str
+        How the path was brought to the truth, for the legend.
+    unit : str
+        Of lengths; empty for a map of unknown scale.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not shown, not registered with pyplot.
+    """
+    figure = new_figure(7, 7)
+    axes = figure.subplots()
+    axes.plot(points[:, 0], points[:, 2], ".", color="#b8c4ce", markersize=1.5, label="points", zorder=1)
+    if truth is not None:
+        axes.plot(truth[:, 0], truth[:, 2], color=MUTED, linewidth=1.6, linestyle="--", label="truth")
+    label = f"estimate, {alignment}" if alignment else "estimate"
+    axes.plot(path[:, 0], path[:, 2], color=COLORS[0], linewidth=1.6, label=label)
+    axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
+    axes.plot(path[0, 0], path[0, 2], "o", color=COLORS[1], markersize=6, label="start")
+    _frame(axes, path if truth is None else np.concatenate([path, truth]))
+    axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (scale unknown)")
+    axes.set_ylabel(f"z, ahead [{unit}]" if unit else "z, ahead (scale unknown)")
+    axes.legend(fontsize=9, frameon=False)
+    style_axes(axes)
+    return figure
+
+
+def _frame(axes: Axes, paths: FloatArray) -> None:
+    """Show a square around the paths, the same length in both directions."""
+    low, high = paths[:, [0, 2]].min(axis=0), paths[:, [0, 2]].max(axis=0)
+    half = (0.5 + _MARGIN) * float((high - low).max()) or 1.0
+    (x, z) = (low + high) / 2
+    axes.set_xlim(x - half, x + half)
+    axes.set_ylim(z - half, z + half)
+    axes.set_aspect("equal", adjustable="box")
+
+
+def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
+    """Plot the length of each step over that of the true one (thesis eq. 5.25), and a running median.
+
+    Parameters
+    ----------
+    pairs : Matched
+        Keyframes, in metres or scaled to them, and their true poses. Steps of a standing camera do not count.
+    scaled : str
+        How the scale was brought to metres, for the legend.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not shown, not registered with pyplot.
+    """
+    seconds, ratios = _ratios(pairs)
+    figure = new_figure(10, 4)
+    axes = figure.subplots()
+    axes.axhline(1.0, color=MUTED, linewidth=1.0, linestyle="--", label="truth")
+    label = f"step from keyframe to keyframe{', ' if scaled else ''}{scaled}"
+    axes.plot(seconds, ratios, ".", color=COLORS[5], markersize=5, label=label)
+    if len(ratios) >= MEDIAN_WIDTH:
+        smooth = running_median(ratios)
+        shown = np.isfinite(smooth)
+        text = f"median of {MEDIAN_WIDTH}"
+        axes.plot(seconds[shown], smooth[shown], color=COLORS[0], linewidth=1.6, label=text)
+    mean = f"   (mean {ratios.mean():.4g})" if len(ratios) else ""
+    axes.set_ylabel(f"estimated over true length{mean}")
+    axes.set_xlabel("seconds" if pairs.truth.stamped else "frame")
+    axes.set_ylim(*_limits(ratios))
+    axes.legend(fontsize=9, frameon=False, loc="lower left")
+    style_axes(axes)
+    return figure
+
+
+def _ratios(pairs: Matched) -> tuple[FloatArray, FloatArray]:
+    """Seconds since the start, and the ratio of the step that ends there; standing steps are left out."""
+    ours, true = pairs.estimate.poses, pairs.truth.poses
+    found = [scale_ratios(ours[k - 1 : k + 1], true[k - 1 : k + 1]) for k in range(1, len(true))]
+    moving = np.array([len(ratio) > 0 for ratio in found], dtype=bool)
+    times = pairs.truth.t_s
+    ratios = np.concatenate([np.empty(0), *found])
+    return times[1:][moving] - times[0], ratios
+
+
+def _limits(ratios: FloatArray) -> tuple[float, float]:
+    """From a little below the least to a little above the largest, 1 inside."""
+    low = min(1 - _LEAST_DEVIATION, float(ratios.min(initial=1.0)))
+    high = max(1 + _LEAST_DEVIATION, float(ratios.max(initial=1.0)))
+    room = 0.05 * (high - low)
+    return low - room, high + room

@@ -1,14 +1,27 @@
-"""How much each sensor counted over a SLAM run, and how well it agreed with the images."""
+"""How much each sensor counted over a SLAM run, and the curves that its weights were chosen from."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
+from sfmcpp.weighting import WeightSelection
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
+
+# Keyframes drawn for each sensor, spread evenly over the run.
+SHOWN = 6
+# Relative increases of the images' error below this are rounding, and drawn here.
+SMALLEST_INCREASE = 1e-5
+# So are errors of the constraint below this share of the largest; a logarithmic axis has no place for zero.
+_SMALLEST_ERROR = 1e-12
+
+Chosen = tuple[float, WeightSelection]
 
 
 def plot_weights(records: list[KeyframeRecord]) -> Figure:
@@ -64,3 +77,114 @@ def _draw_weights(axes: Axes, name: str, color: str, series: tuple[np.ndarray, .
         markersize=5,
         transform=axes.get_xaxis_transform(),
     )
+
+
+def has_curves(records: Sequence[KeyframeRecord]) -> bool:
+    """Whether any weight of a run was chosen from a curve, not prescribed."""
+    return any(True for record in records for _ in _curves(record))
+
+
+def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
+    """Plot the curves of some keyframes of each sensor, a row each.
+
+    Left, what the images lose against what the constraint gains as its weight grows; right, what the
+    criterion minimises, scaled to [0, 1], over the weight. A dot is the chosen weight; a cross at the left
+    edge is λ = 0.
+
+    Parameters
+    ----------
+    records : sequence of KeyframeRecord
+        Of a run with sensors.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not shown, not registered with pyplot.
+    """
+    start = records[0].t_s if records else 0.0
+    names = sorted({selection.constraint.name for record in records for selection in _curves(record)})
+    figure = new_figure(10, 4 * max(len(names), 1))
+    panels = figure.subplots(max(len(names), 1), 2, squeeze=False)
+    for name, (errors, scores) in zip(names, panels, strict=True):
+        for chosen, color in zip(_spread([*_of_sensor(records, name, start)]), COLORS, strict=False):
+            _draw_errors(errors, chosen, color)
+            _draw_scores(scores, chosen, color)
+        _finish(errors, scores, name, _first(records, name))
+    for axes in panels.flat:
+        style_axes(axes)
+    return figure
+
+
+def _curves(record: KeyframeRecord) -> Iterator[WeightSelection]:
+    """Weights that were chosen; prescribed ones have no score that differs."""
+    for selection in record.selections:
+        if np.ptp(_finite(selection.score)) > 0:
+            yield selection
+
+
+def _of_sensor(records: Sequence[KeyframeRecord], name: str, start_s: float) -> Iterator[Chosen]:
+    for record in records:
+        for selection in _curves(record):
+            if selection.constraint.name == name:
+                yield record.t_s - start_s, selection
+
+
+def _spread(chosen: Sequence[Chosen]) -> list[Chosen]:
+    """At most `SHOWN`, from the first to the last."""
+    rows = np.unique(np.linspace(0, len(chosen) - 1, SHOWN).round().astype(int))
+    return [chosen[row] for row in rows]
+
+
+def _draw_errors(axes: Axes, chosen: Chosen, color: str) -> None:
+    seconds, selection = chosen
+    increase = np.maximum(selection.vision / selection.vision[0] - 1, SMALLEST_INCREASE)
+    error = np.maximum(selection.constraint_error, _SMALLEST_ERROR * selection.constraint_error.max())
+    axes.plot(error, increase, color=color, linewidth=1.2)
+    at = selection.weights == selection.weight
+    label = f"{seconds:.4g} s: λ = {selection.weight:.3g}"
+    axes.plot(
+        error[at],
+        increase[at],
+        "o",
+        color=color,
+        markersize=6,
+        clip_on=False,
+        label=label,
+    )
+
+
+def _draw_scores(axes: Axes, chosen: Chosen, color: str) -> None:
+    _, selection = chosen
+    weights, height = selection.weights, _scaled(selection.score)
+    axes.plot(weights[weights > 0], height[weights > 0], color=color, linewidth=1.2)
+    at = weights == selection.weight
+    if selection.weight > 0:
+        axes.plot(weights[at], height[at], "o", color=color, markersize=6, clip_on=False)
+    else:
+        axes.plot(0.01, height[at][0], "x", color=color, markersize=6, transform=axes.get_yaxis_transform())
+
+
+def _finite(score: FloatArray) -> FloatArray:
+    finite = score[np.isfinite(score)]
+    return finite if len(finite) else np.zeros(1)
+
+
+def _scaled(score: FloatArray) -> FloatArray:
+    """From 0 to 1; gaps where the criterion may not choose."""
+    low, high = np.min(_finite(score)), np.max(_finite(score))
+    return np.where(np.isfinite(score), (score - low) / (high - low), np.nan)
+
+
+def _first(records: Sequence[KeyframeRecord], name: str) -> WeightSelection:
+    return next(selection for _, selection in _of_sensor(records, name, 0.0))
+
+
+def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> None:
+    errors.set_xscale("log")
+    errors.set_yscale("log")
+    scores.set_xscale("log")
+    errors.set_xlabel(f"mean squared error of the {name} [{example.constraint.unit}²]")
+    errors.set_ylabel("relative increase of that of the images")
+    scores.set_xlabel("weight λ")
+    scores.set_ylabel(f"score of {example.method}, scaled")
+    errors.legend(fontsize=8, frameon=False)

@@ -14,7 +14,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows
 from sfmcpp.sources.io.colmap.camera_models import MODELS, NAME_OF_NUMBER, unsupported
 from sfmcpp.sources.io.colmap.tables import NO_POINT, CameraTable, ImageTable, Int64Array, PointTable, Tables
-from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.rows import exclusive_sums
 
 FILES = ("cameras.bin", "images.bin", "points3D.bin")

@@ -21,10 +21,9 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.compression import read_bytes
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.rows import format_strings, ragged_text
-from sfmcpp.sources.io.tracks import tokens_of_items
+from sfmcpp.sources.io.rows import format_strings, ragged_text, tokens_of_items
 
 FILES = ("cameras.txt", "images.txt", "points3D.txt")
 _IMAGE_NUMBERS, _POINT_NUMBERS = 9, 8

@@ -38,8 +38,7 @@ from sfmcpp.sources.io.colmap.tables import (
 )
 from sfmcpp.sources.io.intrinsics import PERSPECTIVE, as_perspective
 from sfmcpp.sources.io.poses import pose_from_cameras
-from sfmcpp.sources.io.rows import exclusive_sums
-from sfmcpp.sources.io.tracks import by_point, keypoint_ranks
+from sfmcpp.sources.io.rows import by_point, exclusive_sums, keypoint_ranks
 
 _UNKNOWN_ERROR = -1.0
 

@@ -52,13 +52,35 @@ def test_residual_is_that_of_the_definition(tmp_path: Path) -> None:
     np.testing.assert_allclose(residuals(problem), [[expected[0], -expected[1]]], rtol=1e-13)
 
 
-def test_unregistered_cameras_stay_and_are_written_as_zeros(tmp_path: Path) -> None:
+def test_unregistered_cameras_are_no_cameras_and_are_written_as_zeros(tmp_path: Path) -> None:
     problem = read(bundler_file(tmp_path))
-    np.testing.assert_array_equal(problem.cameras[1], np.eye(3, 4))
-    np.testing.assert_array_equal(problem.intrinsics[1], 0)
+    assert problem.num_cameras == 1
     write(problem, tmp_path / "again.out")
     written = [line.split() for line in (tmp_path / "again.out").read_text().split("\n")[7:12]]
     np.testing.assert_array_equal(np.array(written, dtype=float), np.zeros((5, 3)))
+
+
+def test_unregistered_cameras_keep_their_places_in_a_bundler_file_alone(tmp_path: Path) -> None:
+    lines = SMALL.split("\n")
+    head, first, second, rest = lines[:2], lines[2:7], lines[7:12], lines[12:]
+    rest[2] = "1 1 42 1.5 -2.5"
+    (tmp_path / "bundle.out").write_text("\n".join([*head, *second, *first, *rest]) + "\n")
+    problem = read(tmp_path / "bundle.out")
+    assert (problem.num_cameras, problem.camera_index.tolist()) == (1, [0])
+    np.testing.assert_array_equal(problem.intrinsics, [[500, 0.1, -0.01]])
+    write(problem, tmp_path / "problem.npz")
+    write(read(tmp_path / "problem.npz"), tmp_path / "again.out")
+    assert (tmp_path / "again.out").read_text().split("\n")[2:7] == ["0.0 0.0 0.0"] * 5
+    assert_same_problem(read(tmp_path / "again.out"), problem)
+    write(problem, tmp_path / "model")
+    model = read(tmp_path / "model")
+    assert (model.num_cameras, model.metadata.image_names) == (1, ["image_000002"])
+
+
+def test_a_point_seen_by_an_unregistered_camera_is_named_with_its_line(tmp_path: Path) -> None:
+    error = refusal(bundler_file(tmp_path, {15: "1 1 42 1.5 -2.5"}))
+    assert "camera 1 observes this point, and is all zeros: not registered" in str(error)
+    assert error.line == 15
 
 
 def test_rounded_rotations_become_rotations(tmp_path: Path) -> None:
@@ -75,8 +97,6 @@ def test_rounded_rotations_become_rotations(tmp_path: Path) -> None:
 def test_random_problems_survive_writing_and_reading(seed: int) -> None:
     problem = random_problem(seed, "bal", {"f": 900, "k1": 0.2, "k2": 0.1})
     rng = np.random.default_rng(seed)
-    idle = np.setdiff1d(np.arange(problem.num_cameras), problem.camera_index)
-    problem.cameras[idle], problem.intrinsics[idle] = np.eye(3, 4), 0
     keys = rng.integers(0, 9999, problem.num_observations)
     problem.metadata.extra["bundler_keys"] = keys
     with tempfile.TemporaryDirectory() as folder, no_warnings():
@@ -136,6 +156,10 @@ def test_damage_is_named_with_its_line(
 
 def test_metadata_of_another_length_are_refused(tmp_path: Path) -> None:
     problem = read(bundler_file(tmp_path))
+    problem.metadata.extra["bundler_registered"] = np.array([True, True])
+    with pytest.raises(DatasetError, match="bundler_registered tells of 2 cameras: must be 1"):
+        write(problem, tmp_path / "x.out")
+    del problem.metadata.extra["bundler_registered"]
     problem.metadata.extra["bundler_keys"] = np.arange(5)
     with pytest.raises(DatasetError, match="bundler_keys has 5 entries: must be 1"):
         write(problem, tmp_path / "x.out")

@@ -8,7 +8,7 @@ import pytest
 import sfmcpp
 from sfmcpp import InvalidArgument
 from sfmcpp.sources.synthetic import circle_scene
-from sfmcpp.sources.synthetic.distortion import undistorted_radius
+from sfmcpp.sources.synthetic.image_geometry import undistorted_radius
 
 
 @pytest.mark.parametrize("distortion", [(0.0, 0.0), (-0.2, 0.0), (-0.2, 0.02), (0.3, -0.05), (0.5, 2.0)])

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from sfmcpp.geometry import so3
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
 from sfmcpp.sources.synthetic.observation import observe
-from sfmcpp.sources.synthetic.sight import Sight
-from sfmcpp.sources.synthetic.spatial_grid import SpatialGrid
+from sfmcpp.sources.synthetic.sight import Sight, SpatialGrid
 
 
 def random_cameras(rng: np.random.Generator, count: int) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from scipy import ndimage
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sources.vision import CORNERS, FeatureTracks, KltSettings, follow_features, track_features
+from sfmcpp.sources.vision import CORNERS, KltSettings, follow_features
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -37,6 +37,17 @@ def moved(step_px: tuple[float, float], count: int) -> list[np.ndarray]:
     return [texture((k * step_px[0], k * step_px[1])) for k in range(count)]
 
 
+class FeatureTracks:
+    """What all frames see, by frame and then by track."""
+
+    def __init__(self, images: Iterable[np.ndarray], settings: KltSettings | None = None) -> None:
+        views = list(follow_features(images, settings))
+        self.num_frames = len(views)
+        self.frame_index = np.repeat(np.arange(len(views)), [len(view.tracks) for view in views])
+        self.track_index = np.concatenate([np.empty(0, np.int32), *(view.tracks for view in views)])
+        self.pixels = np.concatenate([np.empty((0, 2)), *(view.pixels for view in views)])
+
+
 def track(tracks: FeatureTracks, number: int) -> tuple[np.ndarray, np.ndarray]:
     mask = tracks.track_index == number
     return tracks.frame_index[mask], tracks.pixels[mask]
@@ -47,7 +58,7 @@ def track(tracks: FeatureTracks, number: int) -> tuple[np.ndarray, np.ndarray]:
 def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(
     step_px: tuple[float, float], corners: str
 ) -> None:
-    found = track_features(moved(step_px, 4), replace(SETTINGS, corners=corners))
+    found = FeatureTracks(moved(step_px, 4), replace(SETTINGS, corners=corners))
     errors = []
     for number in range(found.track_index.max() + 1):
         frames, pixels = track(found, number)
@@ -63,7 +74,7 @@ def test_corners_are_the_strongest_around_by_their_own_measure(corners: str) -> 
     settings = replace(SETTINGS, corners=corners, quality=0.2)
     image = texture((0, 0))
     response = corner_responses(image)[corners]
-    columns, rows = track_features([image], settings).pixels.astype(int).T
+    columns, rows = FeatureTracks([image], settings).pixels.astype(int).T
     border = settings.window_px // 2
     inner = response[border:-border, border:-border]
     least = {"shi-tomasi": 0.2, "harris": 0.2**2}[corners] * inner.max()
@@ -83,7 +94,7 @@ def corner_responses(image: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_the_two_kinds_of_corners_differ() -> None:
-    one, other = (track_features([texture((0, 0))], replace(SETTINGS, corners=c)).pixels for c in CORNERS)
+    one, other = (FeatureTracks([texture((0, 0))], replace(SETTINGS, corners=c)).pixels for c in CORNERS)
     assert len(one) != len(other) or (one != other).any()
 
 
@@ -105,17 +116,8 @@ def test_features_come_frame_by_frame_and_no_older_image_is_kept() -> None:
         assert features.pixels.shape == (len(features.tracks), 2)
 
 
-def test_collected_features_are_those_of_each_frame() -> None:
-    images = moved((3.0, 1.0), 4)
-    found = track_features(images, SETTINGS)
-    for number, features in enumerate(follow_features(images, SETTINGS)):
-        here = found.frame_index == number
-        np.testing.assert_array_equal(found.track_index[here], features.tracks)
-        np.testing.assert_array_equal(found.pixels[here], features.pixels)
-
-
 def test_a_track_ends_where_its_square_leaves_the_image() -> None:
-    found = track_features(moved((-15.0, 0.0), 8), SETTINGS)
+    found = FeatureTracks(moved((-15.0, 0.0), 8), SETTINGS)
     border = SETTINGS.window_px // 2
     assert found.pixels[:, 0].min() >= border
     assert found.pixels[:, 0].max() <= WIDTH - 1 - border
@@ -127,7 +129,7 @@ def test_a_track_ends_where_its_square_leaves_the_image() -> None:
 
 def test_every_cell_is_filled_in_every_frame_and_no_more_than_asked_for_at_the_start() -> None:
     settings = replace(SETTINGS, min_distance_px=6, quality=1e-3)
-    found = track_features(moved((3.0, 1.0), 6), settings)
+    found = FeatureTracks(moved((3.0, 1.0), 6), settings)
     cells = np.floor(found.pixels / [WIDTH, HEIGHT] * [settings.columns, settings.rows]).astype(int)
     counts = np.zeros((6, settings.columns, settings.rows), dtype=int)
     np.add.at(counts, (found.frame_index, cells[:, 0], cells[:, 1]), 1)
@@ -136,7 +138,7 @@ def test_every_cell_is_filled_in_every_frame_and_no_more_than_asked_for_at_the_s
 
 
 def test_new_corners_keep_their_distance_from_all_others() -> None:
-    found = track_features([texture((0, 0))], SETTINGS)
+    found = FeatureTracks([texture((0, 0))], SETTINGS)
     difference = np.linalg.norm(found.pixels[:, None] - found.pixels[None], axis=2)
     np.fill_diagonal(difference, np.inf)
     assert difference.min() >= SETTINGS.min_distance_px
@@ -144,21 +146,21 @@ def test_new_corners_keep_their_distance_from_all_others() -> None:
 
 def test_a_track_sees_consecutive_frames_and_its_number_is_never_used_again() -> None:
     scenes = [*moved((-6.0, 4.0), 4), *(texture((0, 0), seed=2) for _ in range(3))]
-    found = track_features(scenes, SETTINGS)
+    found = FeatureTracks(scenes, SETTINGS)
     for number in range(found.track_index.max() + 1):
         frames, _ = track(found, number)
         np.testing.assert_array_equal(frames, np.arange(frames[0], frames[0] + len(frames)))
 
 
 def test_another_picture_ends_nearly_all_tracks() -> None:
-    found = track_features([texture((0, 0)), texture((0, 0), seed=2)], SETTINGS)
+    found = FeatureTracks([texture((0, 0)), texture((0, 0), seed=2)], SETTINGS)
     first, second = (found.track_index[found.frame_index == k] for k in range(2))
     assert len(np.intersect1d(first, second)) < 0.1 * len(first)
 
 
 def test_a_blank_image_has_no_tracks_and_those_after_it_are_new() -> None:
     blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
-    found = track_features([texture((0, 0)), blank, texture((0, 0))], SETTINGS)
+    found = FeatureTracks([texture((0, 0)), blank, texture((0, 0))], SETTINGS)
     first, none, last = (found.track_index[found.frame_index == k] for k in range(3))
     assert len(none) == 0
     assert last.min() > first.max()
@@ -167,10 +169,10 @@ def test_a_blank_image_has_no_tracks_and_those_after_it_are_new() -> None:
 @pytest.mark.parametrize("threads", [1, 4])
 def test_the_same_images_give_the_same_tracks_whatever_the_threads(threads: int) -> None:
     images, before = moved((4.3, -2.2), 4), cv2.getNumThreads()
-    reference = track_features(images, SETTINGS)
+    reference = FeatureTracks(images, SETTINGS)
     try:
         cv2.setNumThreads(threads)
-        again = track_features(images, SETTINGS)
+        again = FeatureTracks(images, SETTINGS)
     finally:
         cv2.setNumThreads(before)
     for name in ("frame_index", "track_index", "pixels"):
@@ -178,8 +180,8 @@ def test_the_same_images_give_the_same_tracks_whatever_the_threads(threads: int)
 
 
 def test_no_frame_and_frames_smaller_than_the_window_have_no_tracks() -> None:
-    assert track_features([]).num_frames == 0
-    tiny = track_features([np.eye(9, dtype=np.uint8) * 255] * 2, SETTINGS)
+    assert FeatureTracks([]).num_frames == 0
+    tiny = FeatureTracks([np.eye(9, dtype=np.uint8) * 255] * 2, SETTINGS)
     assert (tiny.num_frames, len(tiny.pixels)) == (2, 0)
 
 
@@ -199,6 +201,6 @@ def test_unknown_corners_are_refused_by_name() -> None:
 
 def test_frames_of_another_kind_or_size_are_refused() -> None:
     with pytest.raises(InvalidArgument, match=r"frames\[0\] is float64"):
-        track_features([np.zeros((20, 30))])
+        FeatureTracks([np.zeros((20, 30))])
     with pytest.raises(InvalidArgument, match=r"frames\[1\] has shape \(20, 31\)"):
-        track_features([np.zeros((20, 30), np.uint8), np.zeros((20, 31), np.uint8)])
+        FeatureTracks([np.zeros((20, 30), np.uint8), np.zeros((20, 31), np.uint8)])

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from sfmcpp.slam import KeyframeRecord
-from sfmcpp.study.plotting.trade_off import SHOWN, has_curves, plot_trade_off
+from sfmcpp.study.plotting.weights import SHOWN, has_curves, plot_trade_off
 from sfmcpp.weighting import ConflictReport, PoseConstraint, WeightSelection
 
 WEIGHTS = np.array([0.0, 0.1, 1.0, 10.0])

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfmcpp.cli.camera_files import find_intrinsics, read_intrinsics
-from sfmcpp.cli.slam_images import ImageStream, open_images
-from sfmcpp.cli.slam_job import ImageOptions
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.vision import Frames, KltSettings, open_frames, track_features
+from sfmcpp.sources.cameras import find_intrinsics, read_intrinsics
+from sfmcpp.sources.frames import ImageStream, open_images
+from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
 ROW = "700 0 600 {} 0 770 180 0 0 0 1 0"
-CAMERA = ImageOptions(intrinsics=(90.0, 1.0, 32.0, 24.0, 0.0))
+CAMERA = (90.0, 1.0, 32.0, 24.0, 0.0)
 
 
 def write_images(folder: Path, count: int = 3) -> Path:
@@ -30,22 +29,21 @@ def write_images(folder: Path, count: int = 3) -> Path:
     return folder
 
 
-def times_of(images: Path, options: ImageOptions, stamps: np.ndarray | None = None) -> list[float]:
-    return [frame.t_s for frame in open_images(images, options, stamps)[0]]
+def times_of(images: Path, fps: float | None = None, stamps: np.ndarray | None = None) -> list[float]:
+    return [frame.t_s for frame in open_images(images, CAMERA, fps, stamps=stamps)[0]]
 
 
 def test_frames_see_the_tracks_of_all_images_read_one_after_the_other(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images", 6)
     stream, _ = open_images(images, CAMERA)
-    expected = track_features(open_frames(images))
+    expected = list(follow_features(open_frames(images)))
     frames = list(stream)
     assert [frame.number for frame in frames] == list(range(6))
-    for frame in frames:
-        here = expected.frame_index == frame.number
-        np.testing.assert_array_equal(frame.view.tracks, expected.track_index[here])
-        np.testing.assert_array_equal(frame.view.pixels, expected.pixels[here])
+    for frame, view in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(frame.view.tracks, view.tracks)
+        np.testing.assert_array_equal(frame.view.pixels, view.pixels)
     assert len(stream) == 6
-    assert stream.num_tracks == expected.track_index.max() + 1 > 0
+    assert stream.num_tracks == max(view.tracks.max() for view in expected) + 1 > 0
     assert stream.seconds > 0
 
 
@@ -61,8 +59,8 @@ def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_named(tmp
 
 def test_the_corners_asked_for_are_followed(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images")
-    harris = ImageOptions(CAMERA.intrinsics, corners="harris")
-    one, other = (next(iter(open_images(images, options)[0])).view.pixels for options in (CAMERA, harris))
+    streams = [open_images(images, CAMERA, corners=corners)[0] for corners in ("shi-tomasi", "harris")]
+    one, other = (next(iter(stream)).view.pixels for stream in streams)
     assert one.shape != other.shape or (one != other).any()
 
 
@@ -93,7 +91,7 @@ class LongerVideo(Frames):
 
 def test_a_video_with_fewer_frames_than_declared_is_counted_as_it_is(tmp_path: Path) -> None:
     video = LongerVideo(write_video(tmp_path / "clip.avi", 5), declared=6)
-    stream = ImageStream(video, np.array(CAMERA.intrinsics), lambda number: 0.1 * number, KltSettings())
+    stream = ImageStream(video, np.array(CAMERA), lambda number: 0.1 * number, KltSettings())
     assert len(stream) == 6
     assert [frame.number for frame in stream] == list(range(5))
     assert len(stream) == 5
@@ -147,13 +145,12 @@ def test_times_come_from_the_user_then_the_sensors_then_the_file_then_a_tenth_of
     tmp_path: Path,
 ) -> None:
     images, stamps = write_images(tmp_path / "images"), np.array([50.0, 50.2, 50.3, 50.5])
-    np.testing.assert_allclose(times_of(images, CAMERA), [0, 0.1, 0.2])
+    np.testing.assert_allclose(times_of(images), [0, 0.1, 0.2])
     (tmp_path / "times.txt").write_text("7\n7.5\n9\n")
-    np.testing.assert_array_equal(times_of(images, CAMERA), [7, 7.5, 9])
-    np.testing.assert_array_equal(times_of(images, CAMERA, stamps), [50, 50.2, 50.3])
-    twice = ImageOptions(CAMERA.intrinsics, fps=2.0)
-    np.testing.assert_array_equal(times_of(images, twice, stamps), [50, 50.5, 51])
-    np.testing.assert_array_equal(times_of(images, twice), [0, 0.5, 1])
+    np.testing.assert_array_equal(times_of(images), [7, 7.5, 9])
+    np.testing.assert_array_equal(times_of(images, stamps=stamps), [50, 50.2, 50.3])
+    np.testing.assert_array_equal(times_of(images, 2.0, stamps), [50, 50.5, 51])
+    np.testing.assert_array_equal(times_of(images, 2.0), [0, 0.5, 1])
 
 
 @pytest.mark.parametrize(("listed", "accepted"), [(3, False), (4, True), (5, True), (6, True), (7, False)])
@@ -161,16 +158,16 @@ def test_a_video_may_have_a_few_times_fewer_than_it_declares_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listed: int, accepted: bool
 ) -> None:
     video = LongerVideo(write_video(tmp_path / "clip.avi", 5), declared=6)
-    monkeypatch.setattr("sfmcpp.cli.slam_images.open_frames", lambda path: video)
+    monkeypatch.setattr("sfmcpp.sources.frames.open_frames", lambda path: video)
     (tmp_path / "times.txt").write_text("".join(f"{k}\n" for k in range(listed)))
     if not accepted:
         with pytest.raises(DatasetError, match=f"holds {listed} times for 6 images"):
             open_images(video.path, CAMERA)
     elif listed < 5:
         with pytest.raises(DatasetError, match="image 4 has no time: 4 are known; give --fps"):
-            times_of(video.path, CAMERA)
+            times_of(video.path)
     else:
-        assert times_of(video.path, CAMERA) == list(range(5))
+        assert times_of(video.path) == list(range(5))
 
 
 @pytest.mark.parametrize(
@@ -188,7 +185,7 @@ def test_times_that_cannot_be_are_refused(tmp_path: Path, content: str, told: st
 
 def test_a_drive_shorter_than_the_images_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="3 images for 2 stamps of the sensors' drive: give --fps"):
-        open_images(write_images(tmp_path / "images"), CAMERA, np.array([0.0, 0.1]))
+        open_images(write_images(tmp_path / "images"), CAMERA, stamps=np.array([0.0, 0.1]))
 
 
 def test_true_poses_beside_the_images_get_their_times(tmp_path: Path) -> None:

@@ -7,15 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from sfmcpp.cli.slam_input import Measurements, SlamInput
-from sfmcpp.cli.slam_job import Measured, SlamJob
-from sfmcpp.cli.slam_report import lines_of, make_report
-from sfmcpp.slam import KeyframeRecord, SlamResult, SlamSettings, TrackSequence
+from sfmcpp.slam import KeyframeRecord, SlamResult, SlamRun, SlamSettings, TrackSequence
+from sfmcpp.sources.drives import Drive
+from sfmcpp.study import SlamReport
 
-SOURCE = Path("drive.csv")
-JOB = SlamJob(SOURCE, Path("out"), SlamSettings(), ("odometer", "imu"))
-FRAMES = TrackSequence(np.arange(4.0), [0, 1], [0, 3], np.zeros((2, 2)), [500, 1, 320, 240, 0])
-GIVEN = SlamInput(FRAMES, None, Measurements(SOURCE, {}))
+
+class Frames(TrackSequence):
+    """Tracks that took as long as images."""
+
+    def __init__(self, seconds: float | None) -> None:
+        super().__init__(np.arange(4.0), [0, 1], [0, 3], np.zeros((2, 2)), [500, 1, 320, 240, 0])
+        self.seconds = seconds
 
 
 def record(frame: int, **sigmas: float) -> KeyframeRecord:
@@ -23,37 +25,33 @@ def record(frame: int, **sigmas: float) -> KeyframeRecord:
     return KeyframeRecord(frame, 0.1 * frame, 50, 5, {"resection": 1.0}, weights, sigmas)
 
 
-def measured(seconds_tracking: float | None = None, warnings: tuple[str, ...] = ()) -> Measured:
+def measured(seconds_tracking: float | None = None, warnings: tuple[str, ...] = ()) -> SlamReport:
     records = [record(1, odometer=0.5, imu=2.9), record(2, odometer=4.25, imu=0.1), record(3, odometer=8.0)]
     result = SlamResult(records=records, warnings=list(warnings), lost=[2], restarts=[3], message="")
-    return Measured(result, 4, 2.0, 0.1, False, seconds_tracking)
-
-
-def table(of: Measured) -> str:
-    return "\n".join(lines_of(JOB, GIVEN, of, None, []))
+    drive = Drive(Path("drive.csv"), Frames(seconds_tracking), seconds_read=0.1)
+    return SlamReport(SlamRun(drive, SlamSettings(), ("odometer", "imu"), result, 4, 2.0, False))
 
 
 def test_a_sensor_that_lies_is_named_with_how_often_and_how_much() -> None:
-    text = table(measured())
+    text = measured().table()
     assert "odometer disagrees with the images at 2 of 3 keyframes, by up to 8.0 σ" in text
     assert "imu disagrees" not in text
 
 
 def test_what_is_wrong_with_a_stream_is_in_the_table_and_in_the_report() -> None:
     of = measured(warnings=("stream 'speed': leaps",))
-    assert "warning         stream 'speed': leaps" in table(of)
-    assert make_report(JOB, GIVEN, of, None)["warnings"] == ["stream 'speed': leaps"]
+    assert "warning         stream 'speed': leaps" in str(of)
+    assert of.to_dict()["warnings"] == ["stream 'speed': leaps"]
 
 
 def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
-    assert "images" not in table(measured()).replace("the images", "")
-    assert "images          0.500 of these seconds with their corners, 125 ms an image" in table(
-        measured(0.5)
-    )
+    assert "images" not in measured().table().replace("the images", "")
+    told = "images          0.500 of these seconds with their corners, 125 ms an image"
+    assert told in measured(0.5).table()
 
 
 def test_the_report_is_plain_and_holds_no_curves() -> None:
-    report = make_report(JOB, GIVEN, measured(), None)
+    report = measured().to_dict()
     assert json.loads(json.dumps(report)) == report
     assert report["input"] == {"path": "drive.csv", "frames": 4, "tracks": 4, "corners": None}
     assert report["lost_frames"] == [2]

@@ -1,23 +1,32 @@
-"""The table at the end of a solve."""
+"""What a solve shows on a terminal: its last iterations while it runs, a table at its end."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 from rich.console import Console
+from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from sfmcpp.ba import Summary
+from sfmcpp.ba import Iteration, Summary
 from sfmcpp.cli.exit_codes import say
-from sfmcpp.cli.report import peak_memory_bytes
+from sfmcpp.cli.targets import Targets
 from sfmcpp.model import Problem
+from sfmcpp.study.report_files import peak_memory_bytes
 
+ROWS = 8
+REFRESHES_PER_SECOND = 8.0
+
+Listener = Callable[[Iteration], None]
 WIDTH_OF_FILES = 120
 
-ENDINGS = {
+TERMINATIONS = {
     "converged": ("converged", "green"),
     "max_iterations": ("stopped at the limit of iterations", "yellow"),
     "max_seconds": ("stopped at the limit of time", "yellow"),
@@ -28,7 +37,7 @@ ENDINGS = {
 
 
 def print_summary(
-    source: Path, problem: Problem, summary: Summary, seconds_read: float, written: Iterable[Path]
+    source: Path, problem: Problem, summary: Summary, seconds_read: float, targets: Targets
 ) -> None:
     """Print what was solved, how it ended and what was written."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
@@ -39,8 +48,10 @@ def print_summary(
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
     for warning in summary.warnings:
         table.add_row("warning", Text(warning, style="yellow"))
-    for path in written:
+    for path in targets:
         table.add_row("written", Text(str(path)))
+    if targets.problem is None:
+        table.add_row("result", "not kept: -o FILE writes it")
     say(_rendered(table))
 
 
@@ -65,11 +76,11 @@ def _size(source: Path, problem: Problem) -> Iterator[Row]:
 
 
 def _result(summary: Summary) -> Iterator[Row]:
-    words, style = ENDINGS[summary.termination]
+    words, style = TERMINATIONS[summary.termination]
     accepted = sum(iteration.accepted for iteration in summary.iterations[1:])
     yield "cost", f"{summary.initial_cost:.6e} → {summary.final_cost:.6e}"
     yield "RMS [px]", f"{summary.initial_rms_px:.6g} → {summary.final_rms_px:.6g}"
-    yield "ending", Text(words, style=style).append(f": {summary.message}", style="default")
+    yield "termination", Text(words, style=style).append(f": {summary.message}", style="default")
     yield "iterations", f"{max(len(summary.iterations) - 1, 0)} ({accepted} accepted)"
 
 
@@ -82,3 +93,53 @@ def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
     yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"
     yield "seconds", f"{summary.seconds_total:.3f}, and {seconds_read:.3f} to read the input"
     yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
+
+
+class RecentIterations:
+    """The last iterations as a table; drawn by a thread of its own, so that listening costs an append."""
+
+    def __init__(self) -> None:
+        self._iterations: deque[Iteration] = deque(maxlen=ROWS + 1)
+
+    def add(self, iteration: Iteration) -> None:
+        """Take note of an iteration."""
+        self._iterations.append(iteration)
+
+    def __rich__(self) -> Table:
+        table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2))
+        for column in ("iteration", "cost", "decrease", "damping", "seconds"):
+            table.add_column(column, justify="right", no_wrap=True)
+        iterations = list(self._iterations)
+        if iterations and iterations[0].iteration == 0:
+            table.add_row(*_cells(None, iterations[0]))
+        for previous, current in pairwise(iterations):
+            table.add_row(*_cells(previous, current), style="" if current.accepted else "dim")
+        return table
+
+
+@contextmanager
+def shown_progress(*, quiet: bool) -> Iterator[Listener | None]:
+    """Show the iterations given to the listener; None if nobody would see them."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    recent = RecentIterations()
+    console = Console(stderr=True)
+    with Live(recent, console=console, refresh_per_second=REFRESHES_PER_SECOND, redirect_stdout=False):
+        yield recent.add
+
+
+def _cells(previous: Iteration | None, current: Iteration) -> tuple[str, ...]:
+    return (
+        str(current.iteration),
+        f"{current.cost:.6e}",
+        "" if previous is None else _decrease(previous, current),
+        "" if previous is None else f"{current.damping:.1e}",
+        f"{current.seconds:.3f}",
+    )
+
+
+def _decrease(previous: Iteration, current: Iteration) -> str:
+    if not current.accepted:
+        return "rejected"
+    return f"{1 - current.cost / previous.cost:.2e}" if previous.cost > 0 else "0"

@@ -1,0 +1,194 @@
+"""A SLAM run over a drive: what the command line does, from Python."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.sensors import Mounting, local_positions
+from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, MotionSensor, Odometer
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.slam import run_slam
+from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.sources.drives import Drive, open_drive
+
+# Sensors that tell where the camera is in their own world.
+_ABSOLUTE = {"gps", "ins"}
+
+
+@dataclass(frozen=True, eq=False)
+class SlamRun:
+    """What a run over a drive gave.
+
+    Attributes
+    ----------
+    drive : Drive
+        What was read.
+    settings : SlamSettings
+        What decided about keyframes, poses and points.
+    sensors : tuple of str
+        Names of the sensors used beside the camera.
+    result : SlamResult
+        The map, the poses, and what happened at each keyframe.
+    frames : int
+        Frames looked at.
+    seconds : float
+        How long it took, without opening the drive [s].
+    interrupted : bool
+        Whether the callback ended it.
+    """
+
+    drive: Drive
+    settings: SlamSettings
+    sensors: tuple[str, ...]
+    result: SlamResult
+    frames: int
+    seconds: float
+    interrupted: bool
+
+    @property
+    def world(self) -> WorldMap | None:
+        """The map; None if none could be started, `result.message` says why."""
+        return self.result.world
+
+    @property
+    def fps(self) -> float:
+        """Frames looked at per second."""
+        return self.frames / self.seconds if self.seconds > 0 else math.inf
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether the map is in the world of a sensor that tells positions or poses."""
+        return self.result.metric and not _ABSOLUTE.isdisjoint(self.sensors)
+
+    @property
+    def totals(self) -> dict[str, int]:
+        """Count frames, poses, bridged and lost frames, keyframes and points."""
+        result, world = self.result, self.world
+        return {
+            "frames": self.frames,
+            "poses": len(result.poses),
+            "bridged": len(result.bridged),
+            "lost": len(result.lost),
+            "keyframes": 0 if world is None else len(world.keyframes),
+            "points": 0 if world is None else int(np.count_nonzero(world.known)),
+        }
+
+    def trajectory(self) -> Trajectory:
+        """All frames with a pose, in order."""
+        return self.result.trajectory()
+
+
+def run(
+    source: str | PathLike[str] | Drive,
+    sensors: Sequence[str] = (),
+    *,
+    weights: str = "loo",
+    window: int = 8,
+    seed: int = 0,
+    callback: Callable[[int, SlamResult], object] | None = None,
+    **opening: Any,
+) -> SlamRun:
+    """Follow a camera and map what it sees, keyframe by keyframe: ``sfmcpp slam`` from Python.
+
+    Parameters
+    ----------
+    source : path-like or Drive
+        A folder of undistorted images, a video, a KITTI drive (.mat) or a file of tracks; or what
+        :func:`sfmcpp.sources.drives.open_drive` made of one.
+    sensors : sequence of str
+        What to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
+    weights : str
+        How sensors are weighed; see :class:`SlamSettings`.
+    window : int
+        Keyframes that the local adjustment moves.
+    seed : int
+        Of all random samples.
+    callback : callable, optional
+        Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
+        True.
+    **opening
+        For a path: the keyword arguments of :func:`sfmcpp.sources.drives.open_drive`, such as `sensor_file`,
+        `mounting` and `camera`.
+
+    Returns
+    -------
+    SlamRun
+        :class:`sfmcpp.study.SlamReport` measures it against the truth, and writes its files.
+
+    Raises
+    ------
+    DatasetError
+        If a file cannot be read, or does not hold what is asked for.
+    InvalidArgument
+        If an option breaks its rule, or the input lacks what a sensor needs.
+    """
+    settings = SlamSettings(window=window, seed=seed, weights=weights)
+    drive = source if isinstance(source, Drive) else open_drive(source, **opening)
+    used = motion_sensors(drive, sensors)
+    listener = _Listener(callback)
+    started = time.perf_counter()
+    result = run_slam(drive.frames, settings, used, listener)
+    seconds = time.perf_counter() - started
+    return SlamRun(drive, settings, tuple(sensors), result, listener.frames, seconds, listener.ended)
+
+
+def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
+    """Make sensors of the streams of a drive, on its mounting.
+
+    Parameters
+    ----------
+    drive : Drive
+        What was measured.
+    names : sequence of str
+        The sensors: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
+
+    Returns
+    -------
+    list of MotionSensor
+
+    Raises
+    ------
+    DatasetError
+        If the drive's file lacks what a sensor needs, or its streams cannot be right.
+    InvalidArgument
+        If a sensor is unknown or named twice, or the input lacks what it needs.
+    """
+    streams = drive.streams_of(names)
+    return [_MAKERS[name](name, stream, drive.mounting) for name, stream in zip(names, streams, strict=True)]
+
+
+def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
+    return Gps(local_positions(stream) if stream.kind == "geodetic" else stream, mounting, name)
+
+
+def _at_camera(mounting: Mounting | None) -> Mounting:
+    return mounting or Mounting(np.eye(3), np.zeros(3))
+
+
+_MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]] = {
+    "odometer": lambda name, stream, mounting: Odometer(stream, name),
+    "imu": lambda name, stream, mounting: Gyroscope(stream, _at_camera(mounting), name),
+    "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
+    "gps": _gps,
+}
+
+
+class _Listener:
+    """Counts frames, and passes them on."""
+
+    def __init__(self, callback: Callable[[int, SlamResult], object] | None) -> None:
+        self._callback, self.frames, self.ended = callback, 0, False
+
+    def __call__(self, frame: int, result: SlamResult) -> bool:
+        self.frames = frame + 1
+        self.ended = self._callback is not None and self._callback(frame, result) is True
+        return self.ended

@@ -1,0 +1,133 @@
+"""Cameras and mountings of a drive, as the user says them or as data sets put them beside their images.
+
+``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
+one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
+alone.
+``K.txt`` holds a 3×3 calibration matrix.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors import Mounting
+from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.number_text import NumberText
+
+CALIBRATION_FILES = ("calib.txt", "K.txt")
+_PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
+
+
+def places_beside(source: Path) -> tuple[Path, ...]:
+    """Folders in which files about a folder of images or a video are looked for, the nearest first."""
+    folder = source.resolve()
+    return (folder, folder.parent) if folder.is_dir() else (folder.parent,)
+
+
+def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
+    """``(f, aspect, cx, cy, skew)`` (5,) of ``(f, cx, cy)`` or of all five [px].
+
+    Raises
+    ------
+    InvalidArgument
+        If there are not as many, one is not finite, or f or aspect is not positive.
+    """
+    given = tuple(float(number) for number in numbers)
+    values = np.array((given[0], 1.0, *given[1:], 0.0) if len(given) == 3 else given)
+    if len(values) != 5 or not np.isfinite(values).all() or values[:2].min() <= 0:
+        rule = "must be f, cx, cy or f, aspect, cx, cy, skew in pixels, f and aspect positive"
+        raise InvalidArgument(f"camera = {given}: {rule}")
+    return values
+
+
+def find_intrinsics(source: Path) -> FloatArray:
+    """Read the camera of a folder of images or a video from the file nearest to it.
+
+    Returns
+    -------
+    (5,) float64
+        ``(f, aspect, cx, cy, skew)`` in pixels.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such file, or it holds no camera.
+    """
+    for place in places_beside(source):
+        for name in CALIBRATION_FILES:
+            if (place / name).is_file():
+                return read_intrinsics(place / name)
+    where = " or ".join(CALIBRATION_FILES)
+    reason = f"its camera is not known: there is no {where} beside it; give --camera F,CX,CY in pixels"
+    raise DatasetError(source, reason)
+
+
+def read_intrinsics(path: Path) -> FloatArray:
+    """Read ``(f, aspect, cx, cy, skew)`` (5,) from a file named ``calib.txt`` or ``K.txt``."""
+    with failures_named(path):
+        data = read_bytes(path)
+    matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
+    if not np.allclose(matrices, matrices[0], rtol=1e-9):
+        raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
+    (f, skew, cx), (zero, fv, cy), last = matrix = matrices[0]
+    if not (f > 0 and fv > 0 and zero == 0 and np.array_equal(last, [0, 0, 1])):
+        rule = "must be [[fu, skew, cu], [0, fv, cv], [0, 0, 1]], fu and fv positive"
+        raise DatasetError(path, f"the calibration matrix is {matrix.tolist()}: {rule}")
+    return np.array([f, fv / f, cx, cy, skew])
+
+
+def mounting_of(told: str | Path | Mounting | None) -> Mounting | None:
+    """How the camera sits on the body of the sensors.
+
+    Parameters
+    ----------
+    told : str, Path, Mounting or None
+        ``"camera"``: the sensors have the axes of the camera (x right, y down, z ahead). ``"forward"``: those
+        of a vehicle (ISO 8855: x ahead, y left, z up), whose camera looks ahead. Else a file with the pose
+        body_from_camera: three rows ``[R | t]``, or four, the last 0 0 0 1.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, or holds no pose.
+    """
+    if told is None or isinstance(told, Mounting):
+        return told
+    if told == "camera":
+        return Mounting(np.eye(3), np.zeros(3))
+    return Mounting.forward_looking() if told == "forward" else _read_mounting(Path(told))
+
+
+def _read_mounting(path: Path) -> Mounting:
+    with failures_named(path):
+        numbers = NumberText(path, read_bytes(path).replace(b",", b" "), comments=True).values
+    if len(numbers) not in (12, 16):
+        raise DatasetError(path, f"holds {len(numbers)} numbers: must be 12 or 16, the rows of [R | t]")
+    pose = numbers.reshape(-1, 4)
+    if len(pose) == 4 and not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise DatasetError(path, f"its last row is {pose[3].tolist()}: must be 0 0 0 1")
+    try:
+        return Mounting(pose[:3, :3].T, pose[:3, 3])
+    except InvalidArgument as error:
+        raise DatasetError(path, f"body_from_camera holds no rotation: {error}") from error
+
+
+def _square(path: Path, data: bytes) -> FloatArray:
+    values = NumberText(path, data.replace(b",", b" "), comments=True).values
+    if len(values) != 9:
+        raise DatasetError(path, f"holds {len(values)} numbers: must be 9, a calibration matrix")
+    return values.reshape(1, 3, 3)
+
+
+def _projections(path: Path, data: bytes) -> FloatArray:
+    lines = data.decode("utf-8", "replace").splitlines()
+    rows = [found[1].encode() for line in lines if (found := _PROJECTION.fullmatch(line.strip()))]
+    if not rows:
+        raise DatasetError(path, "holds no row of 12 numbers, the projection matrix of a camera")
+    return NumberText(path, b"\n".join(rows)).values.reshape(-1, 3, 4)[:, :, :3]

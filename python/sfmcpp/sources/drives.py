@@ -1,0 +1,178 @@
+"""Drives: frames of a camera, what sensors measured beside it, and the truth where it is known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import looked_up
+from sfmcpp.model.sensor_kinds import SENSORS
+from sfmcpp.sensors import Mounting, require_agreement, require_overlap
+from sfmcpp.sources.cameras import mounting_of
+from sfmcpp.sources.frames import FrameSource, TrackSequence, open_images
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.sources.io.sensor_csv import read_sensor_csv
+from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
+
+_ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What a SLAM run reads.
+
+    Attributes
+    ----------
+    path : Path
+        The input.
+    frames : FrameSource
+        What the frames see; images are read while a run goes on.
+    truth : Trajectory or None
+        True poses, where the input knows them.
+    streams : mapping of str to SensorStream
+        What sensors measured, by kind.
+    mounting : Mounting or None
+        How the camera sits on the body of the sensors, where the user or a file tells.
+    sensor_file : Path or None
+        Where the streams come from, if not from the input.
+    seconds_read : float
+        Spent on opening it [s].
+    """
+
+    path: Path
+    frames: FrameSource
+    truth: Trajectory | None = None
+    streams: Mapping[str, SensorStream] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    sensor_file: Path | None = None
+    seconds_read: float = 0.0
+
+    def streams_of(self, sensors: Sequence[str]) -> list[SensorStream]:
+        """Find the best stream for each of the `sensors`, by their names.
+
+        Raises
+        ------
+        DatasetError
+            If the file of sensors lacks what a sensor needs; its streams contradict each other; or a sensor
+            was not on while the images were taken.
+        InvalidArgument
+            If the input lacks what a sensor needs, or a sensor is unknown or named twice.
+        """
+        found = [self._stream_of(name) for name in sensors]
+        if len(set(sensors)) < len(sensors):
+            raise InvalidArgument(f"sensors = {list(sensors)}: one is named twice")
+        try:
+            require_agreement(list(self.streams.values()) if sensors else ())
+            for stream in found:
+                require_overlap(stream, *self.frames.span_s)
+        except InvalidArgument as error:
+            raise DatasetError(self.sensor_file or self.path, str(error)) from error
+        return found
+
+    def _stream_of(self, name: str) -> SensorStream:
+        kinds = looked_up("sensor", name, SENSORS)
+        for kind in kinds:
+            if kind in self.streams:
+                return self.streams[kind]
+        wanted = " or ".join(kinds)
+        if self.sensor_file is not None:
+            raise DatasetError(self.sensor_file, f"holds no {wanted}, which the sensor {name!r} needs")
+        raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
+
+
+def open_drive(
+    path: str | PathLike[str],
+    *,
+    sensor_file: str | PathLike[str] | None = None,
+    mounting: str | Path | Mounting | None = None,
+    camera: Sequence[float] | None = None,
+    fps: float | None = None,
+    corners: str = CORNERS[0],
+) -> Drive:
+    """Open images or read tracks, with the sensors and the truth that come with them.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.
+    sensor_file : path-like, optional
+        Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
+        Default: those that the input holds.
+    mounting : str, Path or Mounting, optional
+        How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.cameras.mounting_of`.
+        Default: what a drive tells.
+    camera : sequence of float, optional
+        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+    fps : float, optional
+        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+    corners : str
+        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+
+    Returns
+    -------
+    Drive
+
+    Raises
+    ------
+    DatasetError
+        If a file cannot be read, is of a kind that is not taken, or there are options of images for tracks.
+    """
+    started = time.perf_counter()
+    source = Path(path)
+    apart = None if sensor_file is None else _read_sensors(Path(sensor_file))
+    try:
+        frames, truth, own = _read_input(source, camera, fps, corners, apart)
+    except InvalidArgument as error:
+        raise DatasetError(source, str(error)) from error
+    used = apart or own
+    how = mounting_of(mounting) or used.mounting or own.mounting
+    file = None if sensor_file is None else Path(sensor_file)
+    seconds = time.perf_counter() - started
+    return Drive(source, frames, truth, used.streams, how, file, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sensors:
+    """Streams by kind; how they are mounted and when images were taken, where their file tells."""
+
+    streams: Mapping[str, SensorStream] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    image_t_s: FloatArray | None = None
+
+
+def _read_sensors(file: Path) -> _Sensors:
+    if file.suffix.lower() == ".mat":
+        return _sensors_of(read_kitti_mat(file))
+    return _Sensors(read_sensor_csv(file))
+
+
+def _sensors_of(drive: KittiDrive) -> _Sensors:
+    streams: dict[str, SensorStream] = {s.kind: s for s in (drive.velocity, drive.angular_rate)}
+    return _Sensors(streams, Mounting(drive.camera_from_body, drive.lever_arm_m), drive.t_s)
+
+
+def _read_input(
+    source: Path, camera: Sequence[float] | None, fps: float | None, corners: str, apart: _Sensors | None
+) -> tuple[FrameSource, Trajectory | None, _Sensors]:
+    suffix = source.suffix.lower()
+    if suffix in PICTURES and not source.is_dir():
+        raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
+    if source.is_dir() or suffix in VIDEOS:
+        stamps = None if apart is None else apart.image_t_s
+        return *open_images(source, camera, fps, corners, stamps), _Sensors()
+    if (camera, fps, corners) != (None, None, CORNERS[0]):
+        raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
+    if suffix == ".mat":
+        drive = read_kitti_mat(source)
+        sequence = TrackSequence(
+            drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics
+        )
+        return sequence, drive.truth, _sensors_of(drive)
+    return TrackSequence(**vars(read_tracks(source))), None, _Sensors()

@@ -1,0 +1,314 @@
+"""Frames of one camera, one after the other: tracks read from a file, or corners followed through images."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Trajectory
+from sfmcpp.model.arrays import FloatArray, finite_array, require_increasing
+from sfmcpp.model.checks import require_positive
+from sfmcpp.model.frames import Frame, View
+from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside
+from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.trajectories import read_trajectory
+from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
+
+_FOLDER_FPS = 10.0
+_TIMES = "times.txt"
+_TRUTH = "poses.txt"
+
+TimeOf = Callable[[int], float]
+
+
+class FrameSource(ABC):
+    """Where frames come from, one after the other.
+
+    Attributes
+    ----------
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)`` of the camera.
+    num_tracks : int
+        Tracks met so far.
+    corners : str or None
+        What is followed in images; None for tracks that were followed before.
+    seconds : float or None
+        Spent so far on reading images and following corners [s]; None where there are no images.
+    """
+
+    intrinsics: FloatArray
+    num_tracks: int = 0
+    corners: str | None = None
+    seconds: float | None = None
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first frame and of the last one expected [s]."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many frames are expected."""
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame]:
+        """Give the frames in order; later ones have later times."""
+
+
+class TrackSequence(FrameSource):
+    """Tracks of one calibrated camera over n frames.
+
+    Parameters
+    ----------
+    t_s : (n,)
+        Time of each frame [s], increasing.
+    frame_index, track_index : (M,) int
+        Frame and track of each observation.
+    pixels : (M, 2)
+        Where the frame sees the track [px].
+    intrinsics : (5,)
+        ``(f, aspect, cx, cy, skew)``.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, an index is out of range, the stamps do not increase, or
+        a frame sees a track twice.
+    """
+
+    def __init__(
+        self,
+        t_s: ArrayLike,
+        frame_index: ArrayLike,
+        track_index: ArrayLike,
+        pixels: ArrayLike,
+        intrinsics: ArrayLike,
+    ) -> None:
+        self.t_s = finite_array("t_s", t_s, (-1,))
+        require_increasing("t_s", self.t_s)
+        self.intrinsics = finite_array("intrinsics", intrinsics, (5,))
+        frames = np.asarray(frame_index, dtype=np.int32)
+        tracks = np.asarray(track_index, dtype=np.int32)
+        seen = finite_array("pixels", pixels, (len(frames), 2))
+        if len(tracks) != len(frames):
+            raise InvalidArgument(f"track_index: {len(tracks)} entries for {len(frames)} observations")
+        if len(frames) and not (frames.min() >= 0 and frames.max() < len(self.t_s)):
+            raise InvalidArgument(f"frame_index: must be in [0, {len(self.t_s)})")
+        if len(tracks) and tracks.min() < 0:
+            raise InvalidArgument("track_index: must not be negative")
+        order = np.lexsort((tracks, frames))
+        self._tracks, self._pixels, ordered = tracks[order], seen[order], frames[order]
+        if ((np.diff(self._tracks) == 0) & (np.diff(ordered) == 0)).any():
+            raise InvalidArgument("track_index: a frame sees a track twice")
+        self._begin = np.searchsorted(ordered, np.arange(len(self.t_s) + 1))
+        self.num_tracks = int(tracks.max()) + 1 if len(tracks) else 0
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.frame, range(len(self)))
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and of the last frame [s]."""
+        return float(self.t_s[0]), float(self.t_s[-1])
+
+    def frame(self, number: int) -> Frame:
+        """Frame of that number."""
+        return Frame(number, float(self.t_s[number]), self.view(number))
+
+    def view(self, frame: int) -> View:
+        """What `frame` sees."""
+        span = slice(self._begin[frame], self._begin[frame + 1])
+        return View(self._tracks[span], self._pixels[span])
+
+
+class ImageStream(FrameSource):
+    """Frames of a camera, each image read and its corners followed when the frame is asked for.
+
+    Parameters
+    ----------
+    images : Frames
+        A folder or a video.
+    intrinsics : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
+    time_of : callable
+        Time of the image of that number [s].
+    settings : KltSettings
+        How corners are found and followed.
+    """
+
+    def __init__(
+        self, images: Frames, intrinsics: FloatArray, time_of: TimeOf, settings: KltSettings
+    ) -> None:
+        self._images, self._time_of, self._settings = images, time_of, settings
+        self._count = len(images)
+        self.intrinsics = intrinsics
+        self.corners = settings.corners
+        self.seconds: float = 0.0
+
+    def __len__(self) -> int:
+        """Frames expected; those that there were, once all have been seen."""
+        return self._count
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first image, and of the last one expected that has a time [s]."""
+        first_s = self._time_of(0)
+        try:
+            return first_s, self._time_of(self._count - 1)
+        except DatasetError:  # the run tells which image has no time
+            return first_s, first_s
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.num_tracks, self.seconds, number = 0, 0.0, 0
+        stream = follow_features(self._images, self._settings)
+        while (seen := self._timed_next(stream)) is not None:
+            self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
+            yield Frame(number, self._time_of(number), seen)
+            number += 1
+        self._count = number
+
+    def _timed_next(self, stream: Iterator[View]) -> View | None:
+        started = time.perf_counter()
+        features = next(stream, None)
+        self.seconds += time.perf_counter() - started
+        return features
+
+
+def open_images(
+    source: Path,
+    camera: Sequence[float] | None = None,
+    fps: float | None = None,
+    corners: str = CORNERS[0],
+    stamps: FloatArray | None = None,
+) -> tuple[ImageStream, Trajectory | None]:
+    """Open a folder of images or a video; the first image is looked at, and no other.
+
+    The images are taken to be free of distortion. The truth is ``poses.txt``, with the images or one folder
+    above, where there is one.
+
+    Parameters
+    ----------
+    source : Path
+        The folder or the video.
+    camera : sequence of float, optional
+        ``(f, cx, cy)`` or ``(f, aspect, cx, cy, skew)`` in pixels. Default: ``calib.txt`` or ``K.txt``, with
+        the images or one folder above.
+    fps : float, optional
+        Images per second.
+    corners : str
+        What is followed, one of :data:`sfmcpp.sources.vision.CORNERS`.
+    stamps : (n,) float64, optional
+        Times of the first n images or more as the sensors know them [s]. With `fps` only the first counts.
+
+    Returns
+    -------
+    stream : ImageStream
+        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, the frame rate of the video,
+        ten a second. While it runs, it raises a DatasetError that names the image which cannot be read, or
+        has no time.
+    truth : Trajectory or None
+        As many poses as images, at their times unless it has its own.
+
+    Raises
+    ------
+    DatasetError
+        If the first image cannot be read, or what is found beside the images does not fit them; without a
+        camera, or a frame rate, it says where one can be put.
+    InvalidArgument
+        If `camera` is none, `fps` is not positive, or there are no such `corners`.
+    """
+    settings = KltSettings(corners=corners)
+    images = open_frames(source)
+    intrinsics = find_intrinsics(source) if camera is None else intrinsics_of(camera)
+    time_of = _time_of(images, fps, stamps)
+    truth = _truth(images, time_of)
+    _require_principal_point_inside(images, intrinsics)
+    return ImageStream(images, intrinsics, time_of, settings), truth
+
+
+def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> TimeOf:
+    if fps is not None:
+        require_positive("fps", fps)
+        return _even(fps, 0.0 if stamps is None else float(stamps[0]))
+    if stamps is not None:
+        if len(stamps) < len(images):
+            reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
+            raise DatasetError(images.path, reason)
+        return _looked_up(images.path, stamps)
+    listed = _beside(images.path, _TIMES)
+    if listed is not None:
+        return _looked_up(images.path, _listed_times(listed, images))
+    return _even(_own_fps(images))
+
+
+def _even(fps: float, start_s: float = 0.0) -> TimeOf:
+    return lambda number: start_s + number / fps
+
+
+def _looked_up(source: Path, t_s: FloatArray) -> TimeOf:
+    def time_of(number: int) -> float:
+        if number >= len(t_s):
+            raise DatasetError(source, f"image {number} has no time: {len(t_s)} are known; give --fps")
+        return float(t_s[number])
+
+    return time_of
+
+
+def _own_fps(images: Frames) -> float:
+    if images.fps is not None:
+        return images.fps
+    if images.path.is_dir():
+        return _FOLDER_FPS
+    raise DatasetError(images.path, "the video tells no frame rate: give --fps")
+
+
+def _beside(source: Path, name: str) -> Path | None:
+    return next((place / name for place in places_beside(source) if (place / name).is_file()), None)
+
+
+def _listed_times(path: Path, images: Frames) -> FloatArray:
+    with failures_named(path):
+        text = NumberText(path, read_bytes(path), comments=True)
+    text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
+    _require_as_many(path, len(text.values), "times", images)
+    later = np.diff(text.values, prepend=-np.inf) > 0
+    if not later.all():
+        worst = int(np.argmin(later))
+        raise text.error(f"time {text.values[worst]:.9g} s: must be later than the one before", worst)
+    return text.values
+
+
+def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:
+    path = _beside(images.path, _TRUTH)
+    if path is None:
+        return None
+    truth = read_trajectory(path)
+    if truth.stamped:
+        return truth
+    _require_as_many(path, len(truth), "poses", images)
+    return Trajectory(np.array([time_of(number) for number in range(len(truth))]), truth.poses)
+
+
+def _require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
+    """As many as images; what a video says of itself can be a few too many."""
+    if count not in range(images.fewest, len(images) + 1):
+        raise DatasetError(path, f"holds {count} {what} for {len(images)} images: must be as many")
+
+
+def _require_principal_point_inside(images: Frames, intrinsics: FloatArray) -> None:
+    _, _, cx, cy, _ = intrinsics
+    height, width = next(iter(images)).shape
+    if not (0 < cx < width and 0 < cy < height):
+        size = f"{width}×{height}"
+        reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
+        raise DatasetError(images.path, reason)

@@ -1,0 +1,120 @@
+"""Noise on a problem: wrong observations among the right ones, and starts away from its present state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import so3
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.checks import require_not_negative, require_positive, require_share
+
+# Streams of their own: with that of a scene, equal seeds would tie the noise to the positions of the points.
+_PERTURBED, _OUTLIERS = (1,), (2,)
+
+
+def add_outliers(
+    problem: Problem, share: float, *, sigma_px: float | None = None, seed: int
+) -> tuple[Problem, BoolArray]:
+    """Copy `problem` with a share of its observations replaced by wrong ones.
+
+    Parameters
+    ----------
+    problem : Problem
+        Left untouched.
+    share : float
+        Share of the observations to replace, between 0 and 1; rounded to a whole number of them.
+    sigma_px : float, optional
+        Standard deviation of what is added to each coordinate [px]; some of it is small. Default: the
+        observations are replaced by places uniform in the image.
+    seed : int
+        Same seed, same outliers; a larger share keeps those of a smaller one.
+
+    Returns
+    -------
+    problem : Problem
+        The copy.
+    is_outlier : (M,) bool
+        Which observations were replaced.
+
+    Raises
+    ------
+    InvalidArgument
+        If `share` is not between 0 and 1, `sigma_px` is not positive, or the sizes of the images are needed
+        and unknown.
+    """
+    require_share("share", share)
+    if sigma_px is not None:
+        require_positive("sigma_px", sigma_px)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_OUTLIERS))
+    chosen = rng.permutation(problem.num_observations)[: round(share * problem.num_observations)]
+    if sigma_px is None:
+        wrong = _anywhere_in_image(problem, rng)
+    else:
+        wrong = problem.pixels + sigma_px * rng.standard_normal(problem.pixels.shape)
+    result = problem.copy()
+    result.pixels[chosen] = wrong[chosen]
+    is_outlier = np.zeros(problem.num_observations, dtype=np.bool_)
+    is_outlier[chosen] = True
+    return result, is_outlier
+
+
+def _anywhere_in_image(problem: Problem, rng: np.random.Generator) -> FloatArray:
+    """(M, 2) a place in the image of each observation."""
+    sizes = problem.metadata.image_sizes
+    if sizes is None:
+        raise InvalidArgument("sigma_px = None: must be given where the problem knows no image sizes")
+    # Pixels of BAL's model are counted from the image centre.
+    first_corner = -0.5 if problem.camera_model == "bal" else 0.0
+    shares = first_corner + rng.uniform(size=problem.pixels.shape)
+    places: FloatArray = shares * sizes[problem.camera_index]
+    return places
+
+
+def perturb(
+    problem: Problem,
+    *,
+    point_sigma_m: float = 0.0,
+    position_sigma_m: float = 0.0,
+    rotation_sigma_deg: float = 0.0,
+    seed: int,
+) -> Problem:
+    """Copy `problem` with Gaussian noise on its points and poses (thesis §4.4.1.3).
+
+    Fixed points and fixed cameras stay where they are. The same seed gives the same directions at every
+    noise level, and each of the three kinds of noise is independent of the levels of the others.
+
+    Parameters
+    ----------
+    problem : Problem
+        Left untouched.
+    point_sigma_m : float
+        Standard deviation of each coordinate of the points [m].
+    position_sigma_m : float
+        Standard deviation of each coordinate of the camera centres [m].
+    rotation_sigma_deg : float
+        Standard deviation of each component of the rotation vector w in ``R ← R exp([w]×)`` [deg].
+    seed : int
+        Seed of the noise.
+
+    Raises
+    ------
+    InvalidArgument
+        If a standard deviation is negative or not finite.
+    """
+    require_not_negative("point_sigma_m", point_sigma_m)
+    require_not_negative("position_sigma_m", position_sigma_m)
+    require_not_negative("rotation_sigma_deg", rotation_sigma_deg)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_PERTURBED))
+    cameras = problem.num_cameras
+    point_steps = point_sigma_m * rng.standard_normal((problem.num_points, 3))
+    position_steps = position_sigma_m * rng.standard_normal((cameras, 3))
+    rotation_steps_rad = np.deg2rad(rotation_sigma_deg) * rng.standard_normal((cameras, 3))
+
+    result = problem.copy()
+    free_points, free_cameras = ~problem.fixed_points, ~problem.fixed_cameras
+    result.points[free_points] += point_steps[free_points]
+    result.centres[free_cameras] += position_steps[free_cameras]
+    result.rotations[free_cameras] = (problem.rotations @ so3.exp(rotation_steps_rad))[free_cameras]
+    return result

@@ -1,0 +1,53 @@
+"""`report.json`: what a run did, as plain values for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import resource
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.sources.io.files import atomic_files
+
+
+def write_report(report: dict[str, Any], path: Path) -> None:
+    """Write a report as JSON, made of plain values; the file appears complete or not at all.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be written.
+    """
+    text = json.dumps(plain(report), indent=1, allow_nan=False)
+    with atomic_files(path) as (stream,):
+        stream.write(text.encode() + b"\n")
+
+
+def plain(value: Any) -> Any:
+    """Lists and numbers of all that a report holds; None where one is not finite: JSON has no word for it."""
+    if isinstance(value, dict):
+        return {str(name): plain(member) for name, member in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(member) for member in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def peak_memory_bytes() -> int:
+    """Largest resident memory of this process so far [bytes].
+
+    Linux tells it by process image; the portable figure there includes what the parent held when it forked.
+    """
+    with suppress(OSError):
+        match = re.search(r"^VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+        if match:
+            return 1024 * int(match[1])
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -1,0 +1,146 @@
+"""The files of a SLAM run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import Problem, Trajectory
+from sfmcpp.slam.export import problem_of
+from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.trajectories import write_trajectory
+from sfmcpp.study.evaluation import Matched, associate
+from sfmcpp.study.plotting import save_figure
+from sfmcpp.study.plotting.scene_page import Scene, save_scene_page
+from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
+from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
+from sfmcpp.study.report_files import write_report
+from sfmcpp.study.slam_report import SlamReport
+
+REPORT = "report.json"
+# Counts that the page shows.
+_FACTS = ("frames", "keyframes", "points", "bridged", "lost")
+
+Step = tuple[str, Callable[[Path], None]]
+
+
+def write_files(report: SlamReport, folder: Path) -> list[Path]:
+    """Write all files of a run, or the report alone if there is no map, and go on where one fails.
+
+    Raises
+    ------
+    DatasetError
+        If any could not be written.
+    """
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    complaints: list[DatasetError] = []
+    for name, step in _steps(report):
+        try:
+            step(folder / name)
+            written.append(folder / name)
+        except DatasetError as error:
+            complaints.append(error)
+    if complaints:
+        first, *others = complaints
+        raise DatasetError(first.path, "; ".join([first.reason, *map(str, others)]), first.line)
+    return written
+
+
+def _steps(report: SlamReport) -> Iterator[Step]:
+    run, world = report.run, report.run.world
+    if world is not None:
+        problem, records = problem_of(world), run.result.records
+        trajectory, keyframes = run.trajectory(), run.result.keyframe_trajectory()
+        yield "trajectory.txt", partial(write_trajectory, trajectory)
+        yield "keyframes.txt", partial(write_trajectory, keyframes)
+        yield "model", partial(_write_model, problem)
+        yield "points.ply", partial(write, problem)
+        yield "trajectory.png", partial(_draw, report, trajectory, problem)
+        yield "view.html", lambda path: save_scene_page(_scene(report, trajectory, problem), path)
+    yield REPORT, lambda path: write_report(report.to_dict(), path)
+    if world is not None:
+        if any(record.weights for record in records):
+            yield "weights.png", lambda path: save_figure(plot_weights(records), path)
+        if has_curves(records):
+            yield "trade_off.png", lambda path: save_figure(plot_trade_off(records), path)
+        pairs = _true_keyframes(report, keyframes)
+        if pairs is not None:
+            yield "scale.png", partial(_draw_scale, report, pairs)
+
+
+def _write_model(problem: Problem, folder: Path) -> None:
+    for name in ("colmap-text", "colmap-binary"):
+        write(problem, folder, format=name)
+
+
+def _draw(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Path) -> None:
+    """From above, in the frame of the first camera; of the first true one where there is a truth."""
+    comparison = report.comparison
+    if comparison is None:
+        place, truth = _at_first_pose(trajectory), None
+    else:
+        there = _at_first_pose(comparison.truth)
+        place, truth = there @ comparison.alignment.similarity, there.apply(comparison.truth.centres)
+    seen = (trajectory.centres, problem.centres, problem.points)
+    figure = plot_top_view(
+        *map(place.apply, seen),
+        truth=truth,
+        alignment=report.alignment,
+        unit=_unit(report, truth is not None),
+    )
+    save_figure(figure, path)
+
+
+def _unit(report: SlamReport, aligned: bool = False) -> str:
+    return "m" if aligned or report.run.result.metric else ""
+
+
+def _at_first_pose(trajectory: Trajectory) -> Similarity:
+    """Move the world so that the first camera is at the origin, x right and z ahead."""
+    first = trajectory.poses[0]
+    return Similarity(1.0, first[:, :3], first[:, 3]).inverse()
+
+
+def _true_keyframes(report: SlamReport, keyframes: Trajectory) -> Matched | None:
+    """Keyframes and their true poses; None if nothing is compared, or the truth knows none of them."""
+    truth = report.run.drive.truth
+    if truth is None or report.comparison is None:
+        return None
+    try:
+        return associate(keyframes, truth)
+    except InvalidArgument:
+        return None
+
+
+def _draw_scale(report: SlamReport, pairs: Matched, path: Path) -> None:
+    """A map in metres is measured as it is, any other once it is aligned."""
+    comparison, found = report.comparison, pairs.estimate
+    if report.run.result.metric or comparison is None:
+        save_figure(plot_scale_ratio(pairs), path)
+        return
+    scaled = found.with_poses(comparison.alignment.similarity.apply_to_poses(found.poses))
+    save_figure(plot_scale_ratio(Matched(scaled, pairs.truth), scaled=report.alignment), path)
+
+
+def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scene:
+    run, comparison = report.run, report.comparison
+    scene = Scene(
+        run.drive.path.stem,
+        problem.points,
+        trajectory.centres,
+        problem.cameras,
+        truth_name="",
+        unit=_unit(report),
+        facts={name: f"{run.totals[name]:,}" for name in _FACTS},
+    )
+    if comparison is None:
+        return scene
+    true = comparison.alignment.similarity.inverse().apply(comparison.truth.centres)
+    return replace(scene, truth=true, truth_name=f"truth, {report.alignment}")

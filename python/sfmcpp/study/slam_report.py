@@ -1,0 +1,192 @@
+"""A SLAM run measured: against the truth, as a report, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, fields
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.study.evaluation import Evaluation, evaluate
+from sfmcpp.study.report_files import peak_memory_bytes, plain
+from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
+
+if TYPE_CHECKING:
+    from sfmcpp.slam import KeyframeRecord, SlamRun
+
+# What an evaluation is asked for, and what legends say of it; the next where one is not determined. A map in
+# the world of a GPS or an INS is measured as `evaluate` measures by itself; any other by its drift.
+_DRIFT = (
+    ("aligned to its first tenth", {"align_to": "first:0.1", "align_by": "poses"}),
+    ("aligned to all of it", {"align_to": "all", "align_by": "poses"}),
+)
+_GEOREFERENCED = (("aligned to all of it", {"align_to": "all", "align_by": "positions"}), *_DRIFT[1:])
+
+
+class SlamReport:
+    """What a SLAM run gave, for people, for programs and as files.
+
+    Parameters
+    ----------
+    run : SlamRun
+        What :func:`sfmcpp.slam.run` returned.
+    """
+
+    def __init__(self, run: SlamRun) -> None:
+        self.run = run
+
+    @property
+    def comparison(self) -> Evaluation | None:
+        """The trajectory against the truth; None without truth, or if it does not determine the scale."""
+        return self._measured[1]
+
+    @property
+    def alignment(self) -> str:
+        """How the trajectory was brought to the truth for that, in words."""
+        return self._measured[0]
+
+    @cached_property
+    def _measured(self) -> tuple[str, Evaluation | None]:
+        run = self.run
+        if run.drive.truth is None or run.world is None:
+            return "", None
+        for words, options in _GEOREFERENCED if run.georeferenced else _DRIFT:
+            try:
+                return words, evaluate(run.trajectory(), run.drive.truth, **options)  # type: ignore[arg-type]
+            except InvalidArgument:
+                continue
+        return "", None
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain values; what is not finite is None."""
+        run, frames, result = self.run, self.run.drive.frames, self.run.result
+        content = {
+            "input": {
+                "path": str(run.drive.path),
+                "frames": len(frames),
+                "tracks": frames.num_tracks,
+                "corners": frames.corners,
+            },
+            "settings": asdict(run.settings),
+            "sensors": run.sensors,
+            "message": result.message,
+            "interrupted": run.interrupted,
+            "totals": run.totals,
+            "fps": run.fps,
+            "seconds": run.seconds,
+            "seconds_read": run.drive.seconds_read,
+            "seconds_tracking": frames.seconds,
+            "peak_memory_bytes": peak_memory_bytes(),
+            "bridged_frames": result.bridged,
+            "lost_frames": result.lost,
+            "restart_frames": result.restarts,
+            "correction_frames": result.corrections,
+            "metric": result.metric,
+            "warnings": result.warnings,
+            "keyframes": [_keyframe(record) for record in result.records],
+            "truth": None if self.comparison is None else self.comparison.to_dict(),
+        }
+        found: dict[str, Any] = plain(content)
+        return found
+
+    def write(self, folder: str | PathLike[str]) -> list[Path]:
+        """Write trajectories, map, report, pictures and a page of the map; without a map the report alone.
+
+        Parameters
+        ----------
+        folder : path-like
+            Where to, made if missing; files of these names are replaced, others left alone.
+
+        Returns
+        -------
+        list of Path
+            What was written.
+
+        Raises
+        ------
+        DatasetError
+            If a file could not be written, the others are; or Matplotlib is not installed.
+        """
+        require_pictures(Path(folder))
+        from sfmcpp.study.slam_files import write_files
+
+        return write_files(self, Path(folder))
+
+    def table(self, written: Iterable[Path] = ()) -> str:
+        """Make a table of it.
+
+        Parameters
+        ----------
+        written : iterable of Path
+            Files to list at its end.
+        """
+        rows = [*self._rows(), *(("written", str(path)) for path in written)]
+        return "\n".join(f"{name:<16}{value}" for name, value in rows)
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        run, count, comparison = self.run, self.run.totals, self.comparison
+        frames = run.drive.frames
+        yield "input", str(run.drive.path)
+        yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
+        yield "of these", f"{count['bridged']:,} from the frame before alone, {count['lost']:,} predicted"
+        yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
+        yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
+        if frames.seconds is not None:
+            each = 1e3 * frames.seconds / max(run.frames, 1)
+            told = f"{frames.seconds:.3f} of these seconds with their corners, {each:.3g} ms an image"
+            yield "images", told
+        if run.sensors:
+            yield "sensors", f"{', '.join(run.sensors)}; weights {self._weights()}"
+        for name in run.sensors:
+            yield from self._conflict(name)
+        for warning in run.result.warnings:
+            yield "warning", warning
+        if comparison is not None:
+            error, length = comparison.mean_3d_error_m, comparison.truth.length_m
+            yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}"
+
+    def _stages(self) -> str:
+        """Mean milliseconds of each stage of a keyframe."""
+        records = self.run.result.records
+        names = dict.fromkeys(name for record in records for name in record.milliseconds)
+        means = {name: np.mean([r.milliseconds.get(name, 0.0) for r in records]) for name in names}
+        listed = ", ".join(f"{name} {mean:.2g}" for name, mean in means.items())
+        return f"ms a keyframe: {listed}" if listed else "no keyframe after the start"
+
+    def _weights(self) -> str:
+        """How they were chosen, and the median for each sensor."""
+        records = self.run.result.records
+        found = {name: [r.weights[name] for r in records if name in r.weights] for name in self.run.sensors}
+        medians = [f"{name} {np.median(values):.3g}" for name, values in found.items() if values]
+        rule = f"by {self.run.settings.weights}"
+        return f"{rule}, in the median {', '.join(medians)}" if medians else rule
+
+    def _conflict(self, name: str) -> Iterator[tuple[str, str]]:
+        """Where a sensor disagrees with the images, and by how much."""
+        told = [r.conflicts[name] for r in self.run.result.records if name in r.conflicts]
+        worse = [sigmas for sigmas in told if sigmas > CONFLICT_SIGMAS]
+        if worse:
+            where = f"at {len(worse):,} of {len(told):,} keyframes"
+            yield "conflict", f"{name} disagrees with the images {where}, by up to {max(worse):.1f} σ"
+
+
+def require_pictures(folder: Path) -> None:
+    """Raise a DatasetError, which names the folder of a run, if no picture can be drawn."""
+    try:
+        import sfmcpp.study.plotting  # noqa: F401
+    except ModuleNotFoundError as error:
+        reason = f"its trajectory.png needs {error.name}: pip install 'sfmcpp[plot]'"
+        raise DatasetError(folder, reason) from None
+
+
+def _keyframe(record: KeyframeRecord) -> dict[str, Any]:
+    """All but the curves that the weights were chosen from: a hundred numbers each."""
+    return {f.name: getattr(record, f.name) for f in fields(record) if f.name != "selections"}

@@ -1,0 +1,144 @@
+"""`sfmcpp.slam.run` and `sfmcpp.study.SlamReport` do from Python what `sfmcpp slam` does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import run as run_command
+from cli_helpers import strict_json
+from sfmcpp import slam, study
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.slam import SlamResult
+from sfmcpp.sources.drives import Drive, open_drive
+from sfmcpp.sources.frames import TrackSequence
+from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
+from sfmcpp.study.evaluation import evaluate
+
+FIRST_S, STEP_S = 100.0, 0.1
+UTM_M = np.array([691_000.0, 5_334_000.0, 520.0])
+
+
+def scene(num_cameras: int = 24) -> sfmcpp.Problem:
+    length_m, points = 0.5 * num_cameras, 60 * num_cameras
+    return sfmcpp.corridor_scene(num_cameras, points, length_m=length_m, pixel_sigma_px=0.3, seed=2)
+
+
+def bend() -> sfmcpp.Problem:
+    """The first corner of a street loop."""
+    whole = sfmcpp.street_loop_scene(160, 8000, pixel_sigma_px=0.3, seed=2)
+    first = whole.camera_index < 50
+    arrays = (whole.camera_index[first], whole.point_index[first], whole.pixels[first])
+    return sfmcpp.Problem("calibrated", whole.cameras[:50], whole.intrinsics[:50], whole.points, *arrays)
+
+
+def times(problem: sfmcpp.Problem) -> np.ndarray:
+    return FIRST_S + STEP_S * np.arange(problem.num_cameras)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """Tracks, and the speed beside them."""
+    problem = scene()
+    arrays = (problem.camera_index, problem.point_index, problem.pixels, problem.intrinsics[0])
+    write_tracks(CameraTracks(times(problem), *arrays), tmp_path / "drive.csv")
+    speed = problem.centres[1, 0] / STEP_S
+    rows = [f"{99.5 + STEP_S * k:.1f},{speed}" for k in range(40)]
+    (tmp_path / "speed.csv").write_text("\n".join(["t [s],speed [m/s]", *rows]) + "\n")
+    return tmp_path / "drive.csv", tmp_path / "speed.csv"
+
+
+def test_the_files_are_those_of_the_command_line_byte_for_byte(
+    tmp_path: Path, files: tuple[Path, Path]
+) -> None:
+    drive, speed = files
+    command = ("--sensor", "odometer", "--sensor-file", speed, "--weights", "ltn", "--seed", "3")
+    told = run_command("slam", drive, *command, "-o", tmp_path / "shell")
+    assert (told.returncode, told.stderr) == (0, "")
+    found = study.SlamReport(slam.run(drive, ["odometer"], weights="ltn", seed=3, sensor_file=speed))
+    written = found.write(tmp_path / "python")
+    assert [path.name for path in written] == [
+        Path(line.split()[1]).name for line in told.stdout.splitlines() if line.startswith("written")
+    ]
+    for path in sorted((tmp_path / "shell").rglob("*.*")):
+        twin = tmp_path / "python" / path.relative_to(tmp_path / "shell")
+        if path.name != "report.json":
+            assert path.read_bytes() == twin.read_bytes(), path.name
+    ours, theirs = (strict_json(tmp_path / name / "report.json") for name in ("python", "shell"))
+    assert ours.keys() == theirs.keys()
+    for name in ("input", "settings", "sensors", "totals", "metric", "warnings", "interrupted"):
+        assert ours[name] == theirs[name]
+    lines = [line for line in told.stdout.splitlines() if not line.startswith(("seconds", "written"))]
+    assert [line for line in str(found).splitlines() if not line.startswith("seconds")] == lines
+
+
+def test_a_run_gives_the_map_and_ends_where_the_callback_says(files: tuple[Path, Path]) -> None:
+    seen: list[int] = []
+
+    def until_the_tenth(frame: int, result: SlamResult) -> bool:
+        seen.append(frame)
+        return frame == 9
+
+    whole, part = slam.run(files[0]), slam.run(files[0], callback=until_the_tenth)
+    assert (whole.frames, whole.interrupted, part.frames, part.interrupted) == (24, False, 10, True)
+    assert seen == list(range(10))
+    assert len(whole.trajectory()) == 24
+    assert whole.world is not None
+    assert whole.totals["points"] == np.count_nonzero(whole.world.known) > 0
+
+
+def georeferenced(problem: sfmcpp.Problem) -> Drive:
+    """A drive with GPS in UTM-like metres, its truth in a world of its own."""
+    t_s = times(problem)
+    noise = np.random.default_rng(0).normal(0, 0.3, problem.centres.shape)
+    gps = SensorStream(t_s, problem.centres + UTM_M + noise, "position", "gps")
+    turn = so3.exp(np.array([0.0, 0.0, 2.0]))
+    truth = np.concatenate([turn @ problem.rotations, (problem.centres @ turn.T)[:, :, None]], axis=2)
+    frames = TrackSequence(
+        t_s, problem.camera_index, problem.point_index, problem.pixels, problem.intrinsics[0]
+    )
+    return Drive(Path("drive"), frames, Trajectory(t_s, truth), {"position": gps})
+
+
+@pytest.mark.parametrize(("problem", "by"), [(scene(40), "poses"), (bend(), "positions")])
+def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp.Problem, by: str) -> None:
+    """By positions, which is how `evaluate` measures; a straight way takes orientations too."""
+    drive = georeferenced(problem)
+    found = study.SlamReport(slam.run(drive, ["gps"]))
+    assert found.run.georeferenced
+    middle = problem.centres.mean(axis=0) + UTM_M
+    np.testing.assert_allclose(found.run.trajectory().centres.mean(axis=0), middle, atol=1.0)
+    assert found.comparison is not None
+    assert drive.truth is not None
+    expected = evaluate(found.run.trajectory(), drive.truth, align_by=by)
+    assert found.comparison.mean_3d_error_m == expected.mean_3d_error_m
+    assert found.comparison.alignment.by == by
+    assert "aligned to all of it" in str(found)
+
+
+def test_a_run_without_a_world_is_measured_by_its_drift() -> None:
+    drifting = study.SlamReport(slam.run(georeferenced(scene(40))))
+    assert not drifting.run.georeferenced
+    assert "aligned to its first tenth" in str(drifting)
+
+
+def test_what_a_drive_lacks_is_named(files: tuple[Path, Path]) -> None:
+    drive, speed = files
+    with pytest.raises(InvalidArgument, match="sensor = 'radar': must be one of odometer, imu, ins, gps"):
+        slam.run(drive, ["radar"])
+    with pytest.raises(InvalidArgument, match="one is named twice"):
+        slam.run(drive, ["odometer", "odometer"], sensor_file=speed)
+    with pytest.raises(DatasetError, match=r"speed\.csv: holds no pose, which the sensor 'ins' needs"):
+        slam.run(drive, ["ins"], sensor_file=speed)
+    with pytest.raises(DatasetError, match="camera, fps, corners: are for images"):
+        open_drive(drive, camera=(700, 320, 240))
+    opened = open_drive(drive, sensor_file=speed)
+    late = replace(opened, streams={"speed": opened.streams["speed"].shifted(1e4)})
+    with pytest.raises(DatasetError, match=r"speed\.csv: stream 'speed' lasts from"):
+        slam.run(late, ["odometer"])
