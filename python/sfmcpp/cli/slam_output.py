@@ -15,7 +15,6 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.slam import KeyframeRecord
-from sfmcpp.slam.export import problem_of
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Alignment, Evaluation, Matched, associate
@@ -55,7 +54,7 @@ def write_results(
     """
     world = measured.result.world
     assert world is not None
-    problem = problem_of(world)
+    problem = world.whole_problem(min_views=2).problem
     trajectory = measured.result.trajectory()
     keyframes = measured.result.keyframe_trajectory()
     comparison = compare(trajectory, given.truth)

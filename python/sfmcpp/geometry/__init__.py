@@ -5,6 +5,7 @@ from sfmcpp.geometry.optimal_triangulation import correct_matches, triangulate_o
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
+    mean_reprojection_errors_px,
     reliable_points,
     reprojection_errors_px,
     triangulation_angles_deg,
@@ -26,6 +27,7 @@ __all__ = [
     "depths",
     "fit_pose_similarity",
     "fit_similarity",
+    "mean_reprojection_errors_px",
     "pose_inliers",
     "refine_points",
     "relative_pose",

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry._tracks import intrinsics_of_observations, num_views, require_calibrated
+from sfmcpp.geometry._tracks import intrinsics_of_observations, num_views, require_metric
 from sfmcpp.geometry.epipolar import fundamental_matrix
 from sfmcpp.geometry.pinhole import homogeneous
 from sfmcpp.geometry.triangulation import triangulate_midpoint
@@ -100,7 +100,7 @@ def triangulate_optimal(problem: Problem) -> FloatArray:
         If the problem has another camera model, numbers that are not finite or indices out of range, or a
         point not seen twice.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     _require_two_views(problem)
     first, second = np.argsort(problem.point_index, kind="stable").reshape(-1, 2).T
     cameras, intrinsics = problem.cameras[problem.camera_index], intrinsics_of_observations(problem)

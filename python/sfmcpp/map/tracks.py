@@ -1,0 +1,86 @@
+"""Which keypoint sees which point, and the way back: the keypoints of a point as a chain of rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.map.column import Column
+from sfmcpp.model.arrays import BoolArray, IndexArray
+
+Rows = NDArray[np.intp]
+NONE = -1
+
+
+class Tracks:
+    """Points of keypoints, and keypoints of points.
+
+    Each point knows its first and its last keypoint, each keypoint the next one of its point: what is asked
+    of some points costs what they have, however large the map is.
+    """
+
+    def __init__(self) -> None:
+        self._point = Column(np.int32, fill=NONE)
+        self._next = Column(np.intp, fill=NONE)
+        self._first, self._last = Column(np.intp, fill=NONE), Column(np.intp, fill=NONE)
+
+    @property
+    def point(self) -> IndexArray:
+        """(K,) point that each keypoint sees, or -1."""
+        return self._point.rows
+
+    def grow_keypoints(self, count: int) -> None:
+        """Append keypoints that see no point."""
+        self._point.grow(count)
+        self._next.grow(count)
+
+    def grow_points(self, count: int) -> None:
+        """Append points that no keypoint sees."""
+        self._first.grow(count)
+        self._last.grow(count)
+
+    def of(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
+        """Keypoints of all `points`, and for each the place in `points`, in no particular order."""
+        place = np.arange(len(points))
+        row = self._first.rows[points]
+        rows, places = [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
+        while len(row):
+            seen = row >= 0
+            row, place = row[seen], place[seen]
+            rows.append(row)
+            places.append(place)
+            row = self._next.rows[row]
+        return np.concatenate(rows), np.concatenate(places)
+
+    def in_order(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
+        """The same, point after point, the keypoints of each in the order they were linked."""
+        rows, places = self.of(points)
+        order = np.argsort(places, kind="stable")
+        return rows[order], places[order]
+
+    def link(self, rows: Rows, points: NDArray[np.integer]) -> None:
+        """Let keypoints that see nothing see `points`, each behind the others of its point."""
+        if not len(rows):
+            return
+        order = np.argsort(points, kind="stable")
+        rows, points = rows[order], points[order]
+        is_first = np.append(True, points[1:] != points[:-1])
+        is_last = np.append(is_first[1:], True)
+        seen, begin, end = points[is_first], rows[is_first], rows[is_last]
+        self._next.rows[rows] = np.where(is_last, NONE, np.append(rows[1:], NONE))
+        before = self._last.rows[seen]
+        follows = before >= 0
+        self._next.rows[before[follows]] = begin[follows]
+        self._first.rows[seen[~follows]] = begin[~follows]
+        self._last.rows[seen] = end
+        self._point.rows[rows] = points
+
+    def unlink(self, rows: Rows) -> None:
+        """Let keypoints see nothing."""
+        points = self.point[rows]
+        points = np.unique(points[points >= 0])
+        members, places = self.in_order(points)
+        self._point.rows[rows] = NONE
+        stays: BoolArray = self.point[members] >= 0
+        self._first.rows[points] = self._last.rows[points] = NONE
+        self.link(members[stays], points[places[stays]])
