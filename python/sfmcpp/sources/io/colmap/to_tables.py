@@ -59,7 +59,8 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
     images, keypoint_index = _images(problem, folder, cameras.ids, point_ids)
     order, counts = by_point(problem)
-    errors = mean_reprojection_errors_px(problem, problem.points)
+    with np.errstate(all="ignore"):
+        errors = mean_reprojection_errors_px(problem, problem.points)
     points = PointTable(
         folder,
         None,
