@@ -83,7 +83,7 @@ def problem_of_map(world: Map) -> Problem:
     tracks = place[world.observations_of(local.points)]
     tracks = tracks[tracks >= 0]
     rows = world.keypoints_of(images)
-    counts = np.diff(world.keypoint_begin)[images]
+    counts = world.keypoint_counts[images]
     image = np.repeat(np.arange(len(images)), counts)
     rank = np.arange(len(rows)) - exclusive_sums(counts)[image]
     loose = place[rows] == NONE

@@ -147,7 +147,7 @@ class Map(Store):
         images = self.add_images(
             other.image_names,
             np.asarray(cameras)[other.image_cameras],
-            np.diff(other.keypoint_begin),
+            other.keypoint_counts,
             other.keypoints,
             poses=place.apply_to_poses(other.poses),
             colors=other.keypoint_colors,

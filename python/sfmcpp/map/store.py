@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.map.column import Column
-from sfmcpp.map.tracks import Rows, Tracks
+from sfmcpp.map.table import Table
+from sfmcpp.map.tracks import NONE, Rows, Tracks
 from sfmcpp.model import camera_model as camera_model_of
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 
@@ -41,45 +41,62 @@ class Store:
         self.camera_model = model.name
         self.camera_names: list[str] = []
         self.image_names: list[str] = []
+        if not model.metric:
+            rule = "must be 'calibrated', 'perspective' or 'bal'"
+            raise InvalidArgument(f"camera_model = {model.name!r}: {rule}")
         width = (len(model.intrinsics),)
         fixed = [name not in model.free_by_default for name in model.intrinsics]
-        self._intrinsics, self._fixed = Column(np.float64, width), Column(np.bool_, width, fixed)
-        self._camera_size, self._camera_id = Column(np.int64, (2,)), Column(np.int64)
-        self._pose, self._camera = Column(np.float64, (3, 4), np.nan), Column(np.int32)
-        self._image_id, self._begin = Column(np.int64), Column(np.intp)
-        self._pixel, self._image = Column(np.float64, (2,)), Column(np.int32)
-        self._keypoint_color = Column(np.uint8, (3,))
-        self._scale = Column(np.float64, fill=np.nan)
-        self._position, self._error = Column(np.float64, (3,), np.nan), Column(np.float64, fill=UNKNOWN_ERROR)
-        self._color, self._point_id = Column(np.uint8, (3,)), Column(np.int64)
+        self._cameras = Table(
+            intrinsics=(np.float64, width, np.nan),
+            fixed=(np.bool_, width, fixed),
+            sizes=(np.int64, (2,), 0),
+            ids=(np.int64, (), 0),
+        )
+        self._images = Table(
+            poses=(np.float64, (3, 4), np.nan),
+            cameras=(np.int32, (), 0),
+            begin=(np.intp, (), 0),
+            counts=(np.intp, (), 0),
+            ids=(np.int64, (), 0),
+        )
+        self._keypoints = Table(
+            keypoints=(np.float64, (2,), np.nan),
+            images=(np.int32, (), 0),
+            colors=(np.uint8, (3,), 0),
+            scales=(np.float64, (), np.nan),
+        )
+        self._points = Table(
+            positions=(np.float64, (3,), np.nan),
+            colors=(np.uint8, (3,), 0),
+            errors=(np.float64, (), UNKNOWN_ERROR),
+            ids=(np.int64, (), 0),
+        )
         self._tracks = Tracks()
-        self._begin.grow(1)
-        self._largest_id = {"camera": 0, "image": 0, "point": 0}
 
     @property
     def intrinsics(self) -> FloatArray:
         """(G, K) intrinsics of each camera, in the order of the camera model."""
-        return self._intrinsics.rows
+        return self._cameras["intrinsics"]
 
     @property
     def fixed_intrinsics(self) -> BoolArray:
         """(G, K) which of them no adjustment changes."""
-        return self._fixed.rows
+        return self._cameras["fixed"]
 
     @property
     def camera_sizes(self) -> NDArray[np.int64]:
         """(G, 2) width and height of each camera's images [px]; 0 where unknown."""
-        return self._camera_size.rows
+        return self._cameras["sizes"]
 
     @property
     def camera_ids(self) -> NDArray[np.int64]:
         """(G,) identifier of each camera in files."""
-        return self._camera_id.rows
+        return self._cameras["ids"]
 
     @property
     def poses(self) -> FloatArray:
         """(I, 3, 4) pose ``[R | c]`` of each image, world_from_camera; not a number without one."""
-        return self._pose.rows
+        return self._images["poses"]
 
     @property
     def registered(self) -> BoolArray:
@@ -89,22 +106,27 @@ class Store:
     @property
     def image_cameras(self) -> IndexArray:
         """(I,) camera of each image."""
-        return self._camera.rows
+        return self._images["cameras"]
 
     @property
     def image_ids(self) -> NDArray[np.int64]:
         """(I,) identifier of each image in files."""
-        return self._image_id.rows
+        return self._images["ids"]
 
     @property
     def keypoint_begin(self) -> Rows:
-        """(I + 1,) first keypoint of each image; those of one image follow each other."""
-        return self._begin.rows
+        """(I,) first keypoint of each image; those of one image follow each other."""
+        return self._images["begin"]
+
+    @property
+    def keypoint_counts(self) -> Rows:
+        """(I,) how many keypoints each image has."""
+        return self._images["counts"]
 
     @property
     def keypoints(self) -> FloatArray:
         """(K, 2) image position of each keypoint [px]."""
-        return self._pixel.rows
+        return self._keypoints["keypoints"]
 
     @property
     def keypoint_points(self) -> IndexArray:
@@ -114,22 +136,22 @@ class Store:
     @property
     def keypoint_images(self) -> IndexArray:
         """(K,) image of each keypoint."""
-        return self._image.rows
+        return self._keypoints["images"]
 
     @property
     def keypoint_colors(self) -> NDArray[np.uint8]:
         """(K, 3) red, green, blue at each keypoint; black where unknown."""
-        return self._keypoint_color.rows
+        return self._keypoints["colors"]
 
     @property
     def keypoint_scales(self) -> FloatArray:
         """(K,) size of what was detected at each keypoint [px]; not a number where unknown."""
-        return self._scale.rows
+        return self._keypoints["scales"]
 
     @property
     def points(self) -> FloatArray:
         """(N, 3) position of each point; not a number without one."""
-        return self._position.rows
+        return self._points["positions"]
 
     @property
     def known(self) -> BoolArray:
@@ -139,17 +161,17 @@ class Store:
     @property
     def point_colors(self) -> NDArray[np.uint8]:
         """(N, 3) red, green, blue of each point; black where unknown."""
-        return self._color.rows
+        return self._points["colors"]
 
     @property
     def point_errors(self) -> FloatArray:
         """(N,) mean reprojection error of each point [px] at the last :meth:`update_errors`; else -1."""
-        return self._error.rows
+        return self._points["errors"]
 
     @property
     def point_ids(self) -> NDArray[np.int64]:
         """(N,) identifier of each point in files."""
-        return self._point_id.rows
+        return self._points["ids"]
 
     @property
     def num_images(self) -> int:
@@ -190,13 +212,12 @@ class Store:
         InvalidArgument
             If a shape is wrong.
         """
-        begin, count = len(self.intrinsics), len(np.asarray(intrinsics))
-        self._intrinsics.grow(count, intrinsics, "intrinsics")
-        self._fixed.grow(count, fixed, "fixed")
-        self._camera_size.grow(count, sizes, "sizes")
-        self._camera_id.grow(count, self._ids("camera", count, ids), "ids")
+        count = len(np.asarray(intrinsics))
+        new = self._cameras.grow(
+            count, intrinsics=intrinsics, fixed=fixed, sizes=sizes, ids=_ids(self._cameras, count, ids)
+        )
         self.camera_names += names or [""] * count
-        return np.arange(begin, begin + count)
+        return new
 
     def add_images(
         self,
@@ -244,28 +265,27 @@ class Store:
         InvalidArgument
             If a shape is wrong, there is no such camera or point, or an image would see a point twice.
         """
-        begin, count = self.num_images, len(names)
-        chosen, per_image = np.asarray(cameras, dtype=np.intp), np.asarray(counts, dtype=np.intp)
-        if ((chosen < 0) | (chosen >= len(self.intrinsics))).any():
-            raise InvalidArgument(f"cameras = {chosen}: must be from 0 to {len(self.intrinsics) - 1}")
-        total, new_images = int(per_image.sum()), np.arange(begin, begin + count)
-        rows, seen = np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-        if points is not None:
-            rows = np.flatnonzero(np.asarray(points) >= 0)
-            seen = np.asarray(points, dtype=np.intp)[rows]
-            self._require_once(seen, np.repeat(new_images, per_image)[rows])
-        self._camera.grow(count, chosen, "cameras")
-        self._begin.grow(count, self.keypoint_begin[-1] + np.cumsum(per_image), "counts")
-        self._pose.grow(count, poses, "poses")
-        self._image_id.grow(count, self._ids("image", count, ids), "ids")
-        self._pixel.grow(total, keypoints, "keypoints")
-        self._image.grow(total, np.repeat(new_images, per_image))
-        self._keypoint_color.grow(total, colors, "colors")
-        self._scale.grow(total, scales, "scales")
-        self._tracks.grow_keypoints(total)
-        self._tracks.link(len(self.keypoints) - total + rows, seen)
+        counts, cameras = np.asarray(counts, dtype=np.intp), np.asarray(cameras, dtype=np.intp)
+        if counts.shape != (len(names),):
+            raise InvalidArgument(f"counts: shape {counts.shape}, must be ({len(names)},)")
+        if ((cameras < 0) | (cameras >= len(self.intrinsics))).any():
+            raise InvalidArgument(f"cameras = {cameras}: must be from 0 to {len(self.intrinsics) - 1}")
+        total = int(counts.sum())
+        images = np.repeat(np.arange(self.num_images, self.num_images + len(names)), counts)
+        seen = np.full(total, NONE) if points is None else np.asarray(points, dtype=np.intp)
+        if seen.shape != (total,):
+            raise InvalidArgument(f"points: shape {seen.shape}, must be ({total},)")
+        sees = np.flatnonzero(seen >= 0)
+        self._require_once(seen[sees], images[sees])
+        begin = len(self._keypoints) + np.cumsum(counts) - counts
+        ids = _ids(self._images, len(names), ids)
+        of_images = {"poses": poses, "cameras": cameras, "begin": begin, "counts": counts, "ids": ids}
+        self._images.check(len(names), **of_images)
+        self._keypoints.grow(total, keypoints=keypoints, images=images, colors=colors, scales=scales)
+        new = self._images.grow(len(names), **of_images)
+        self._tracks.link(self._tracks.grow_keypoints(total)[sees], seen[sees])
         self.image_names += names
-        return new_images
+        return new
 
     def _require_once(self, points: Rows, images: NDArray[np.integer]) -> None:
         """Raise InvalidArgument unless there are all `points`, and no image sees one twice."""
@@ -299,27 +319,26 @@ class Store:
         InvalidArgument
             If a shape is wrong.
         """
-        begin, count = len(self.points), len(np.asarray(positions))
-        self._position.grow(count, positions, "positions")
-        self._color.grow(count, colors, "colors")
-        self._error.grow(count)
-        self._point_id.grow(count, self._ids("point", count, ids), "ids")
+        count = len(np.asarray(positions))
+        ids = _ids(self._points, count, ids)
+        new = self._points.grow(count, positions=positions, colors=colors, ids=ids)
         self._tracks.grow_points(count)
-        return np.arange(begin, begin + count)
-
-    def _ids(self, kind: str, count: int, given: ArrayLike | None) -> NDArray[np.int64]:
-        largest = self._largest_id[kind]
-        ids = np.arange(largest + 1, largest + 1 + count) if given is None else np.asarray(given, np.int64)
-        self._largest_id[kind] = int(ids.max(initial=largest))
-        return ids
+        return new
 
     def keypoints_of(self, images: ArrayLike) -> Rows:
         """Rows of the keypoints of `images` (i,), image after image."""
         numbers = np.asarray(images, dtype=np.intp)
-        begin, end = self.keypoint_begin[numbers], self.keypoint_begin[numbers + 1]
-        counts = end - begin
-        return np.asarray(np.repeat(end - np.cumsum(counts), counts) + np.arange(counts.sum()))
+        begin, counts = self.keypoint_begin[numbers], self.keypoint_counts[numbers]
+        return np.asarray(np.repeat(begin + counts - np.cumsum(counts), counts) + np.arange(counts.sum()))
 
     def observations_of(self, points: ArrayLike) -> Rows:
         """Keypoints that see one of `points` (n,), point after point, in the order they were told of."""
         return self._tracks.in_order(np.asarray(points, dtype=np.intp))[0]
+
+
+def _ids(table: Table, count: int, given: ArrayLike | None) -> NDArray[np.int64]:
+    """Identifiers of new rows: those given, else the next ones."""
+    if given is not None:
+        return np.asarray(given, dtype=np.int64)
+    first = int(table["ids"].max(initial=0)) + 1
+    return np.arange(first, first + count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.map.column import Column
+from sfmcpp.map.table import Table
 from sfmcpp.model.arrays import BoolArray, IndexArray
 
 Rows = NDArray[np.intp]
@@ -20,36 +20,33 @@ class Tracks:
     """
 
     def __init__(self) -> None:
-        self._point = Column(np.int32, fill=NONE)
-        self._next = Column(np.intp, fill=NONE)
-        self._first, self._last = Column(np.intp, fill=NONE), Column(np.intp, fill=NONE)
+        self._keypoints = Table(point=(np.int32, (), NONE), next=(np.intp, (), NONE))
+        self._points = Table(first=(np.intp, (), NONE), last=(np.intp, (), NONE))
 
     @property
     def point(self) -> IndexArray:
         """(K,) point that each keypoint sees, or -1."""
-        return self._point.rows
+        return self._keypoints["point"]
 
-    def grow_keypoints(self, count: int) -> None:
-        """Append keypoints that see no point."""
-        self._point.grow(count)
-        self._next.grow(count)
+    def grow_keypoints(self, count: int) -> Rows:
+        """Append keypoints that see no point; their rows."""
+        return self._keypoints.grow(count)
 
     def grow_points(self, count: int) -> None:
         """Append points that no keypoint sees."""
-        self._first.grow(count)
-        self._last.grow(count)
+        self._points.grow(count)
 
     def of(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
         """Keypoints of all `points`, and for each the place in `points`, in no particular order."""
         place = np.arange(len(points))
-        row = self._first.rows[points]
+        row = self._points["first"][points]
         rows, places = [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
         while len(row):
             seen = row >= 0
             row, place = row[seen], place[seen]
             rows.append(row)
             places.append(place)
-            row = self._next.rows[row]
+            row = self._keypoints["next"][row]
         return np.concatenate(rows), np.concatenate(places)
 
     def in_order(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
@@ -67,20 +64,20 @@ class Tracks:
         is_first = np.append(True, points[1:] != points[:-1])
         is_last = np.append(is_first[1:], True)
         seen, begin, end = points[is_first], rows[is_first], rows[is_last]
-        self._next.rows[rows] = np.where(is_last, NONE, np.append(rows[1:], NONE))
-        before = self._last.rows[seen]
+        self._keypoints["next"][rows] = np.where(is_last, NONE, np.append(rows[1:], NONE))
+        before = self._points["last"][seen]
         follows = before >= 0
-        self._next.rows[before[follows]] = begin[follows]
-        self._first.rows[seen[~follows]] = begin[~follows]
-        self._last.rows[seen] = end
-        self._point.rows[rows] = points
+        self._keypoints["next"][before[follows]] = begin[follows]
+        self._points["first"][seen[~follows]] = begin[~follows]
+        self._points["last"][seen] = end
+        self._keypoints["point"][rows] = points
 
     def unlink(self, rows: Rows) -> None:
         """Let keypoints see nothing."""
         points = self.point[rows]
         points = np.unique(points[points >= 0])
         members, places = self.in_order(points)
-        self._point.rows[rows] = NONE
+        self._keypoints["point"][rows] = NONE
         stays: BoolArray = self.point[members] >= 0
-        self._first.rows[points] = self._last.rows[points] = NONE
+        self._points["first"][points] = self._points["last"][points] = NONE
         self.link(members[stays], points[places[stays]])

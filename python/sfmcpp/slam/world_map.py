@@ -55,7 +55,8 @@ class Keyframe:
     @property
     def view(self) -> View:
         """What it sees, outliers left out."""
-        rows = slice(*self.world.keypoint_begin[self.image : self.image + 2])
+        begin = self.world.keypoint_begin[self.image]
+        rows = slice(begin, begin + self.world.keypoint_counts[self.image])
         tracks = self.world.keypoint_points[rows]
         return View(tracks, self.world.keypoints[rows]).only(tracks >= 0)
 
