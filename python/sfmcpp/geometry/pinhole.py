@@ -62,7 +62,7 @@ def to_normalised(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:
         flat, rows = pixels.reshape(-1, 2), intrinsics.reshape(-1, _DISTORTED)
         index = np.arange(len(flat)) if len(rows) == len(flat) else np.zeros(len(flat), dtype=np.intp)
         pixels = undistorted_pixels(flat, rows, index).reshape(pixels.shape)
-    f, aspect, cx, cy, skew = np.moveaxis(intrinsics[..., :PINHOLE], -1, 0)
+    f, aspect, cx, cy, skew = np.moveaxis(intrinsics, -1, 0)[:PINHOLE]
     y = (pixels[..., 1] - cy) / (aspect * f)
     x = (pixels[..., 0] - cx - skew * y) / f
     return np.stack([x, y], axis=-1)
@@ -106,7 +106,7 @@ def to_pixels(normalised: FloatArray, intrinsics: FloatArray) -> FloatArray:
     (..., 2) float64
         Image positions [px].
     """
-    f, aspect, cx, cy, skew = np.moveaxis(intrinsics[..., :PINHOLE], -1, 0)
+    f, aspect, cx, cy, skew = np.moveaxis(intrinsics, -1, 0)[:PINHOLE]
     x, y = normalised[..., 0], normalised[..., 1]
     if intrinsics.shape[-1] > PINHOLE:
         radial, _, p1, p2 = _lens(normalised, intrinsics)
@@ -120,7 +120,7 @@ def to_pixels(normalised: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 def image_slopes(normalised: FloatArray, intrinsics: FloatArray) -> FloatArray:
     """Derivatives (..., 2, 2) of :func:`to_pixels` with respect to the image points (..., 2)."""
-    f, aspect, _, _, skew = np.moveaxis(intrinsics[..., :PINHOLE], -1, 0)
+    f, aspect, _, _, skew = np.moveaxis(intrinsics, -1, 0)[:PINHOLE]
     slopes = np.zeros((*normalised.shape[:-1], 2, 2))
     slopes[..., 0, 0], slopes[..., 0, 1], slopes[..., 1, 1] = f, skew, aspect * f
     if intrinsics.shape[-1] == PINHOLE:

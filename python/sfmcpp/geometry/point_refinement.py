@@ -110,7 +110,7 @@ def _jacobians(problem: Problem, in_camera: FloatArray) -> FloatArray:
     """(M, 2, 3) derivatives of the residuals with respect to the world point (note eqs 6 and 10)."""
     depth = in_camera[:, 2:]
     slopes = image_slopes(in_camera[:, :2] / depth, intrinsics_of_observations(problem))
-    towards = -(slopes * in_camera[:, None, :2]).sum(axis=2) / depth
+    towards = -(slopes[:, :, 0] * in_camera[:, :1] + slopes[:, :, 1] * in_camera[:, 1:2]) / depth
     by_camera_point = np.concatenate([slopes, towards[:, :, None]], axis=2)
     by_camera_point /= (depth * _sigma(problem))[:, :, None]
     camera_from_world = np.swapaxes(problem.rotations, 1, 2)[problem.camera_index]

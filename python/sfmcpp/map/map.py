@@ -179,10 +179,11 @@ class Map(Store):
         points = seen[(seen >= 0) & np.isfinite(self.points[seen, 0])].astype(np.intp)
         rows = np.sort(self._tracks.of(points)[0])
         rows = rows[self.registered[self.keypoint_images[rows]]]
-        seeing = self.keypoint_images[rows]
-        used = np.unique(np.concatenate([free, seeing, np.asarray(also, dtype=np.intp)]))
-        local = self._part(used, points, rows)
-        local.problem.fixed_cameras[:] = ~np.isin(used, free) | ~np.isin(used, seeing)
+        moves, sees, used = np.zeros((3, self.num_images), dtype=np.bool_)
+        moves[free], sees[self.keypoint_images[rows]] = True, True
+        used[np.asarray(also, dtype=np.intp)] = True
+        local = self._part(np.flatnonzero(used | moves | sees), points, rows)
+        local.problem.fixed_cameras[:] = ~(moves & sees)[local.images]
         return local
 
     def whole_problem(self, min_views: int = 1) -> LocalProblem:

@@ -91,12 +91,16 @@ class WorldMap(Map):
     ) -> Keyframe:
         """Make a keyframe of a frame; its new tracks have no points yet."""
         view = frame.view
-        missing = max(int(view.tracks.max(initial=-1)) + 1 - len(self.points), 0)
-        self.add_points(np.full((missing, 3), np.nan))
+        self._make_room(int(view.tracks.max(initial=-1)) + 1)
         name, count = f"frame_{frame.number:06d}", len(view.tracks)
         (image,) = self.add_images([name], [0], [count], view.pixels, points=view.tracks, poses=pose[None])
         self.keyframes.append(Keyframe(self, int(image), frame.number, frame.t_s, list(constraints)))
         return self.keyframes[-1]
+
+    def _make_room(self, num_tracks: int) -> None:
+        missing = num_tracks - len(self.points)
+        if missing > 0:
+            self.add_points(np.full((missing, 3), np.nan))
 
     def append(self, part: WorldMap, similarity: Similarity) -> None:
         """Take over another map of later keyframes, placed by `similarity`, world_from_part.
@@ -104,7 +108,7 @@ class WorldMap(Map):
         Images tie it to nothing before: the local adjustment will not look behind its first keyframe.
         """
         self.part_start = len(self.keyframes)
-        self.add_points(np.full((max(len(part.points) - len(self.points), 0), 3), np.nan))
+        self._make_room(len(part.points))
         self.join(part, similarity, cameras=[0], points=np.arange(len(part.points)))
         for keyframe in part.keyframes:
             image = self.part_start + keyframe.image
