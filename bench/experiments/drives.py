@@ -95,7 +95,7 @@ def rotation_deg(found: Evaluation) -> float:
 def _scale(result: SlamResult, drive: Drive, metres: float) -> float:
     assert result.world is not None
     frames = [keyframe.frame for keyframe in result.world.keyframes]
-    steps = metres * np.linalg.norm(np.diff(result.world.poses()[:, :, 3], axis=0), axis=1)
+    steps = metres * np.linalg.norm(np.diff(result.world.poses[:, :, 3], axis=0), axis=1)
     true = np.linalg.norm(np.diff(drive.truth.poses[frames][:, :, 3], axis=0), axis=1)
     return float(np.mean(steps[true > MIN_STEP_M] / true[true > MIN_STEP_M]))
 

@@ -12,7 +12,7 @@ from experiments.description import Experiment, Row
 from experiments.drives import sensor_of_drive, sequence_of
 from experiments.real_problems import data_folder
 from experiments.report import Report
-from sfmcpp.slam import Slam, SlamResult, SlamSettings, WorldMap
+from sfmcpp.slam import Frame, Slam, SlamResult, SlamSettings, WorldMap
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
@@ -74,9 +74,10 @@ def _choose(result: SlamResult, known: np.ndarray, suite: SensorSuite, found: Se
     """Choose for the newest keyframe by the points known before it (eq. 5.15)."""
     assert result.world is not None
     *earlier, newest = result.world.keyframes
-    world = WorldMap(result.world.intrinsics)
+    world = WorldMap(result.world.intrinsics[0])
     for keyframe in earlier:
-        world.add(keyframe)
+        frame = Frame(keyframe.frame, keyframe.t_s, keyframe.view)
+        world.add(frame, keyframe.pose, keyframe.constraints)
     before = np.flatnonzero(known)
     world.points[before] = result.world.points[before]
     rotation = newest.pose[:, :3]

@@ -3,6 +3,7 @@
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
+    mean_reprojection_errors_px,
     reliable_points,
     reprojection_errors_px,
     triangulation_angles_deg,
@@ -20,6 +21,7 @@ __all__ = [
     "depths",
     "fit_pose_similarity",
     "fit_similarity",
+    "mean_reprojection_errors_px",
     "pose_inliers",
     "refine_points",
     "relative_pose",

@@ -1,4 +1,4 @@
-"""Matches between two calibrated cameras, and what a relative pose makes of them."""
+"""Matches between two cameras of known intrinsics, and what a relative pose makes of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
-from sfmcpp.geometry.pinhole import homogeneous, intrinsics_row, mean_focal_px, to_normalised, unit
+from sfmcpp.geometry.pinhole import (
+    PINHOLE,
+    homogeneous,
+    image_slopes,
+    intrinsics_row,
+    mean_focal_px,
+    to_normalised,
+    to_pixels,
+    unit,
+)
 from sfmcpp.geometry.rotation_fit import angles_rad, fit_rotation
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 
@@ -22,15 +31,19 @@ class Matches:
     Attributes
     ----------
     pixels_1, pixels_2 : (N, 2) float64
-        Image positions [px].
+        Where lenses without distortion would have seen them [px].
     intrinsics_1, intrinsics_2 : (5,) float64
         ``(f, aspect, cx, cy, skew)`` of each camera.
+    slopes_1, slopes_2 : (N, 2, 2) float64 or None
+        Derivatives of these positions with respect to those seen; None without distortion.
     """
 
     pixels_1: FloatArray
     pixels_2: FloatArray
     intrinsics_1: FloatArray
     intrinsics_2: FloatArray
+    slopes_1: FloatArray | None = None
+    slopes_2: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.pixels_1)
@@ -73,11 +86,14 @@ class Matches:
         """(N,) Sampson errors [px] of a second `camera`; infinite for points not in front of both."""
         f = fundamental_matrix(_FIRST_CAMERA, camera, self.intrinsics_1, self.intrinsics_2)
         in_front = in_front_of_both(_FIRST_CAMERA, camera, *self.normalised)
-        return np.where(in_front, sampson_errors_px(f, self.pixels_1, self.pixels_2), np.inf)
+        errors = sampson_errors_px(f, self.pixels_1, self.pixels_2, self.slopes_1, self.slopes_2)
+        return np.where(in_front, errors, np.inf)
 
     def select(self, chosen: BoolArray) -> Matches:
         """Some of the matches."""
-        return replace(self, pixels_1=self.pixels_1[chosen], pixels_2=self.pixels_2[chosen])
+        names = ("pixels_1", "pixels_2", "slopes_1", "slopes_2")
+        arrays = {name: getattr(self, name) for name in names}
+        return replace(self, **{name: a[chosen] for name, a in arrays.items() if a is not None})
 
 
 def checked_matches(
@@ -88,4 +104,15 @@ def checked_matches(
     second = finite_array("pixels_2", pixels_2, (len(first), 2))
     row_1 = intrinsics_row("intrinsics_1", intrinsics_1)
     row_2 = row_1 if intrinsics_2 is None else intrinsics_row("intrinsics_2", intrinsics_2)
-    return Matches(first, second, row_1, row_2)
+    first, slopes_1 = _ideal(first, row_1)
+    second, slopes_2 = _ideal(second, row_2)
+    return Matches(first, second, row_1[:PINHOLE], row_2[:PINHOLE], slopes_1, slopes_2)
+
+
+def _ideal(pixels: FloatArray, row: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    """Pixels without the distortion of the lens, and their derivatives with respect to those with it."""
+    if len(row) == PINHOLE:
+        return pixels, None
+    at = to_normalised(pixels, row)
+    pinhole = row[:PINHOLE]
+    return to_pixels(at, pinhole), image_slopes(at, pinhole) @ np.linalg.inv(image_slopes(at, row))

@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.pinhole import homogeneous, to_normalised
+from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, pinhole_rows, to_normalised, undistorted_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
 
 
-def require_calibrated(problem: Problem) -> None:
-    """Raise InvalidArgument unless `problem` has known, undistorted cameras and observations of its own."""
-    if problem.camera_model != "calibrated":
-        raise InvalidArgument(f"camera_model = {problem.camera_model!r}: must be 'calibrated'")
+def require_metric(problem: Problem) -> None:
+    """Raise InvalidArgument unless `problem` has poses, known intrinsics and observations of its own."""
+    if not problem.is_metric:
+        rule = "must be 'calibrated', 'perspective' or 'bal'"
+        raise InvalidArgument(f"camera_model = {problem.camera_model!r}: {rule}")
     for name in ("cameras", "intrinsics", "pixels"):
         array = getattr(problem, name)
         finite_array(name, array, array.shape)
@@ -39,13 +40,17 @@ def _require_in_range(name: str, index: IndexArray, size: int) -> None:
 
 
 def intrinsics_of_observations(problem: Problem) -> FloatArray:
-    """(M, 5) intrinsics of the camera of each observation."""
-    return np.asarray(problem.intrinsics[problem.intrinsics_index[problem.camera_index]])
+    """(M, 5) intrinsics of the camera of each observation, (M, 12) where there is distortion."""
+    return np.asarray(pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index]])
 
 
 def normalised_pixels(problem: Problem) -> FloatArray:
     """(M, 2) observed image points at depth one."""
-    return to_normalised(problem.pixels, intrinsics_of_observations(problem))
+    rows, index = pinhole_rows(problem.intrinsics), problem.intrinsics_index[problem.camera_index]
+    pixels = problem.pixels
+    if rows.shape[1] > PINHOLE:
+        pixels = undistorted_pixels(pixels, rows, index)
+    return to_normalised(pixels, rows[index, :PINHOLE])
 
 
 def observed_rays(problem: Problem) -> FloatArray:

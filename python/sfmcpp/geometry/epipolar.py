@@ -34,7 +34,13 @@ def fundamental_matrix(
     return np.asarray(left @ essential @ inverse_calibration(intrinsics_2))
 
 
-def sampson_errors_px(fundamental: FloatArray, pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray:
+def sampson_errors_px(
+    fundamental: FloatArray,
+    pixels_1: FloatArray,
+    pixels_2: FloatArray,
+    slopes_1: FloatArray | None = None,
+    slopes_2: FloatArray | None = None,
+) -> FloatArray:
     """First-order distance of matches from the epipolar geometry (Hartley & Zisserman, eq. 11.9).
 
     Parameters
@@ -42,7 +48,10 @@ def sampson_errors_px(fundamental: FloatArray, pixels_1: FloatArray, pixels_2: F
     fundamental : (3, 3) or (N, 3, 3) float64
         See :func:`fundamental_matrix`.
     pixels_1, pixels_2 : (N, 2) float64
-        Image positions [px].
+        Image positions [px], distortion taken out.
+    slopes_1, slopes_2 : (N, 2, 2) float64, optional
+        Their derivatives with respect to the positions seen, in which the distance is measured. Default:
+        there is no distortion.
 
     Returns
     -------
@@ -51,10 +60,17 @@ def sampson_errors_px(fundamental: FloatArray, pixels_1: FloatArray, pixels_2: F
     """
     line_1 = np.einsum("...ij,...j->...i", fundamental, homogeneous(pixels_2))
     line_2 = np.einsum("...ji,...j->...i", fundamental, homogeneous(pixels_1))
-    slope = np.sqrt((line_1[..., :2] ** 2).sum(-1) + (line_2[..., :2] ** 2).sum(-1))
+    normal_1, normal_2 = _carried(line_1, slopes_1), _carried(line_2, slopes_2)
+    slope = np.sqrt((normal_1**2).sum(-1) + (normal_2**2).sum(-1))
     algebraic = np.abs((homogeneous(pixels_1) * line_1).sum(-1))
     errors: FloatArray = np.divide(algebraic, slope, out=np.full_like(slope, np.inf), where=slope > 0)
     return errors
+
+
+def _carried(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
+    """Gradients (N, 2) of ``line · (u, v, 1)`` with respect to the positions seen."""
+    normals = lines[..., :2]
+    return normals if slopes is None else np.einsum("ni,nij->nj", normals, slopes)
 
 
 def in_front_of_both(

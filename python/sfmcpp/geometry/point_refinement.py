@@ -8,12 +8,12 @@ from sfmcpp.geometry._tracks import (
     intrinsics_of_observations,
     num_views,
     points_in_cameras,
-    require_calibrated,
+    require_metric,
     require_points,
     sum_by_point,
     sum_outer_by_point,
 )
-from sfmcpp.geometry.pinhole import to_pixels
+from sfmcpp.geometry.pinhole import image_slopes, to_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
@@ -35,7 +35,7 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``; its observations are weighted by its standard deviations.
+        Of any metric camera model; its observations are weighted by its standard deviations.
     points : (N, 3) float64
         World points to start from. Those that are not finite, behind a camera that observes them, or observed
         less than twice, stay.
@@ -49,10 +49,10 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
     Raises
     ------
     InvalidArgument
-        If `points` has another shape, `max_steps` is below one, the problem has another camera model,
+        If `points` has another shape, `max_steps` is below one, the problem is projective, has
         numbers that are not finite or indices out of range.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     require_count("max_steps", max_steps, 1)
     best: FloatArray = require_points(problem, points).copy()
     costs = _costs(problem, best)
@@ -108,11 +108,10 @@ def _steps(
 
 def _jacobians(problem: Problem, in_camera: FloatArray) -> FloatArray:
     """(M, 2, 3) derivatives of the residuals with respect to the world point (note eqs 6 and 10)."""
-    x, y, depth = in_camera.T
-    f, aspect, _, _, skew = intrinsics_of_observations(problem).T
-    zero = np.zeros_like(f)
-    row_u = np.stack([f, skew, -(f * x + skew * y) / depth], axis=1)
-    row_v = np.stack([zero, aspect * f, -aspect * f * y / depth], axis=1)
-    by_camera_point = np.stack([row_u, row_v], axis=1) / (depth[:, None] * _sigma(problem))[:, :, None]
+    depth = in_camera[:, 2:]
+    slopes = image_slopes(in_camera[:, :2] / depth, intrinsics_of_observations(problem))
+    towards = -(slopes[:, :, 0] * in_camera[:, :1] + slopes[:, :, 1] * in_camera[:, 1:2]) / depth
+    by_camera_point = np.concatenate([slopes, towards[:, :, None]], axis=2)
+    by_camera_point /= (depth * _sigma(problem))[:, :, None]
     camera_from_world = np.swapaxes(problem.rotations, 1, 2)[problem.camera_index]
     return np.asarray(by_camera_point @ camera_from_world)

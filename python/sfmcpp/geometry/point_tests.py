@@ -9,7 +9,7 @@ from sfmcpp.geometry._tracks import (
     intrinsics_of_observations,
     num_views,
     points_in_cameras,
-    require_calibrated,
+    require_metric,
     require_points,
 )
 from sfmcpp.geometry.pinhole import to_pixels, unit
@@ -27,7 +27,7 @@ def depths(problem: Problem, points: FloatArray) -> FloatArray:
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with M observations of N points.
+        Of any metric camera model, with M observations of N points.
     points : (N, 3) float64
         World points.
 
@@ -36,7 +36,7 @@ def depths(problem: Problem, points: FloatArray) -> FloatArray:
     (M,) float64
         In units of the world; not a number where the point is.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     return points_in_cameras(problem, require_points(problem, points))[:, 2]
 
 
@@ -46,7 +46,7 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with M observations of N points.
+        Of any metric camera model, with M observations of N points.
     points : (N, 3) float64
         World points.
 
@@ -55,12 +55,34 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     (M,) float64
         Errors [px]; infinite where the point is not in front of the camera or not a number.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     in_camera = points_in_cameras(problem, require_points(problem, points))
     in_front = in_camera[:, 2] > 0
     in_camera[~in_front] = 1.0
     pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
     return np.where(in_front, np.linalg.norm(pixels - problem.pixels, axis=1), np.inf)
+
+
+def mean_reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
+    """Mean distance of the observations of each point from its image, over the cameras it is in front of.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of any metric camera model, with M observations of N points.
+    points : (N, 3) float64
+        World points.
+
+    Returns
+    -------
+    (N,) float64
+        Errors [px]; not a number where the point is in front of no camera that observes it.
+    """
+    errors = reprojection_errors_px(problem, points)
+    in_front = np.isfinite(errors)
+    total = np.bincount(problem.point_index, np.where(in_front, errors, 0.0), problem.num_points)
+    views = np.bincount(problem.point_index, in_front, problem.num_points)
+    return np.where(views > 0, total / np.maximum(views, 1), np.nan)
 
 
 def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray:
@@ -69,7 +91,7 @@ def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with any number of observations of its N points.
+        Of any metric camera model, with any number of observations of its N points.
     points : (N, 3) float64
         World points.
 
@@ -78,7 +100,7 @@ def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray
     (N,) float64
         Angles [deg], 0 to 180; zero with fewer than two observations or where the point is not a number.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     world = require_points(problem, points)
     rays = unit(world[problem.point_index] - problem.centres[problem.camera_index])
     by_point = np.argsort(problem.point_index, kind="stable")
@@ -120,7 +142,7 @@ def reliable_points(
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with M observations of N points.
+        Of any metric camera model, with M observations of N points.
     points : (N, 3) float64
         World points.
     max_error_px : float

@@ -66,8 +66,9 @@ def relative_pose(
     pixels_1, pixels_2 : (N, 2) float64
         Images of the same N points in both cameras [px].
     intrinsics_1, intrinsics_2 : (5,) float64
-        ``(f, aspect, cx, cy, skew)`` of each camera; the second is the first unless given. With
-        ``(1, 1, 0, 0, 0)`` pixels are normalised image points, and all lengths in px are too.
+        ``(f, aspect, cx, cy, skew)`` of each camera, or with distortion a row of ``"perspective"`` (12,) or
+        ``"bal"`` (3,); the second is the first unless given. With ``(1, 1, 0, 0, 0)`` pixels are normalised
+        image points, and all lengths in px are too.
     threshold_px : float
         Largest error of an inlier [px].
     min_inliers : int

@@ -1,4 +1,4 @@
-"""The pose of a calibrated camera from world points it sees, with outliers."""
+"""The pose of a camera of known intrinsics from world points it sees, with outliers."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def resection(
     pixels : (N, 2) float64
         Their images [px].
     intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)``. With ``(1, 1, 0, 0, 0)`` pixels are normalised image points, and the
-        threshold is one too.
+        ``(f, aspect, cx, cy, skew)``, or with distortion a row of ``"perspective"`` (12,) or ``"bal"`` (3,).
+        With ``(1, 1, 0, 0, 0)`` pixels are normalised image points, and the threshold is one too.
     threshold_px : float
         Largest reprojection error of an inlier [px] (thesis §5.3: about 3).
     min_inliers : int
@@ -110,8 +110,8 @@ def pose_inliers(
         World points.
     pixels : (N, 2) float64
         Their images [px].
-    intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)``.
+    intrinsics : (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)``, and the distortion if there is any.
     threshold_px : float
         Largest reprojection error of an inlier [px].
 

@@ -66,7 +66,9 @@ class Similarity:
         The rotation stays a rotation: what a camera sees does not depend on the scale.
         """
         rotations = self.rotation @ poses[..., :3]
-        return np.concatenate([rotations, self.apply(poses[..., 3])[..., None]], axis=-1)
+        # Row by row: a pose must go to the same bits alone and among others.
+        centres = self.apply(poses[..., None, :, 3])[..., 0, :]
+        return np.concatenate([rotations, centres[..., None]], axis=-1)
 
     def inverse(self) -> Similarity:
         """The map back."""

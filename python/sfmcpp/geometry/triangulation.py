@@ -13,7 +13,7 @@ from sfmcpp.geometry._tracks import (
     normalised_pixels,
     num_views,
     observed_rays,
-    require_calibrated,
+    require_metric,
     sum_by_point,
     sum_outer_by_point,
 )
@@ -37,7 +37,7 @@ def triangulate_linear(problem: Problem) -> FloatArray:
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with any number of observations of each of its N points.
+        Of any metric camera model, with any number of observations of each of its N points.
 
     Returns
     -------
@@ -47,9 +47,9 @@ def triangulate_linear(problem: Problem) -> FloatArray:
     Raises
     ------
     InvalidArgument
-        If the problem has another camera model, numbers that are not finite or indices out of range.
+        If the problem is projective, has numbers that are not finite or indices out of range.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     origin, length = _local_frames(problem)
     _, vectors = np.linalg.eigh(sum_outer_by_point(problem, _linear_rows(problem, origin, length)))
     x, w = vectors[:, :3, 0], vectors[:, 3, 0]
@@ -67,7 +67,7 @@ def triangulate_midpoint(problem: Problem) -> FloatArray:
     Parameters
     ----------
     problem : Problem
-        Of the camera model ``"calibrated"``, with any number of observations of each of its N points.
+        Of any metric camera model, with any number of observations of each of its N points.
 
     Returns
     -------
@@ -77,9 +77,9 @@ def triangulate_midpoint(problem: Problem) -> FloatArray:
     Raises
     ------
     InvalidArgument
-        If the problem has another camera model, numbers that are not finite or indices out of range.
+        If the problem is projective, has numbers that are not finite or indices out of range.
     """
-    require_calibrated(problem)
+    require_metric(problem)
     origin, length = _local_frames(problem)
     left = _across_matrices(problem)
     determined = _determined(left, origin, length)

@@ -9,12 +9,13 @@ from functools import partial
 import numpy as np
 
 from sfmcpp.geometry import pose_inliers
+from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.sequence import View
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import LocalProblem, WeightedMeasurement, WorldMap
+from sfmcpp.slam.world_map import WeightedMeasurement, WorldMap
 from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weights
 
 # Fewer observations than this leave nothing to choose a weight from.
@@ -53,7 +54,7 @@ def fuse(
     seen = _inliers(world, view, pose, settings)
     if len(seen.tracks) < _FEWEST:
         return Fused(pose, usual_weights(world, measurements))
-    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics)
+    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics[0])
     previous = world.keyframes[-1].pose
     methods = ["none" if m.doubtful else settings.weights for m in measurements]
     constraints = [_constraint(m, previous) for m in measurements]
@@ -74,7 +75,7 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
 
     Beside a sum over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
     """
-    place = {int(k): position for position, k in enumerate(local.keyframes)}
+    place = {int(k): position for position, k in enumerate(local.images)}
     count = np.bincount(local.problem.camera_index, minlength=len(place))
     members: dict[tuple[str, str], list[_Member]] = {}
     for k, position in place.items():
@@ -115,7 +116,7 @@ def _group(sensor: str, kind: str, members: Sequence[_Member]) -> ConstraintGrou
 def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> View:
     known = view.only(world.knows(view.tracks))
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
-    return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics, threshold_px))
+    return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics[0], threshold_px))
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:

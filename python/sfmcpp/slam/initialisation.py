@@ -1,16 +1,25 @@
-"""The first three keyframes (thesis §3.3.2): relative pose, triangulation, resection, adjustment."""
+"""The first three keyframes (thesis §3.3.2) of a map, and of a new part of it after the images had lost it.
+
+Relative pose, triangulation, resection, adjustment; then, for a new part, its place in the map.
+"""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
 from sfmcpp.geometry import relative_pose
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.slam.localisation import locate
+from sfmcpp.slam.fusing import usual_weights
+from sfmcpp.slam.localisation import Follower, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
+from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.sequence import Frame, common
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve
 
 # Tracks run out when fewer than this many times the inliers of a pose are left.
@@ -79,23 +88,22 @@ class Initialiser:
         if not found.success:
             self.reason = f"frames {first.number} and {last.number}: {found.message}"
             return None
-        outer = [Keyframe.of(first, np.eye(3, 4)), Keyframe.of(last, found.camera)]
-        pair = self._map(outer)
+        pair = self._map([(first, np.eye(3, 4)), (last, found.camera)])
         triangulate_new(pair, settings)
         middle = self.frames[(len(self.frames) - 1) // 2]
         pose = locate(pair, middle.view, settings)
         if pose is None:
             self.reason = f"frame {middle.number} between the first keyframes has no pose"
             return None
-        world = self._map([outer[0], Keyframe.of(middle, pose), outer[1]])
+        world = self._map([(first, np.eye(3, 4)), (middle, pose), (last, found.camera)])
         tracks = np.flatnonzero(pair.known)
         world.points[tracks] = pair.points[tracks]
         return world if self._adjusted(world) else None
 
-    def _map(self, keyframes: list[Keyframe]) -> WorldMap:
+    def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
         world = WorldMap(self._intrinsics)
-        for keyframe in keyframes:
-            world.add(keyframe)
+        for frame, pose in keyframes:
+            world.add(frame, pose)
         return world
 
     def _adjusted(self, world: WorldMap) -> bool:
@@ -112,3 +120,38 @@ class Initialiser:
             self.reason = f"the first three keyframes leave {points} points only, from {shared} tracks"
             return False
         return True
+
+
+def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:
+    """Put a part that has just started where its frames were followed to, and into the map.
+
+    Its first keyframe stays at the pose that bridges the gap; its scale makes its way as long as the odometer
+    says, or the speed before the loss. From here on sensors constrain its keyframes as all others.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run; its map takes the part in.
+    part : WorldMap
+        Three keyframes of a frame and a unit of their own.
+    sensors : SensorSuite
+        What measures the motion.
+    follower : Follower
+        Tells the length of a way.
+    """
+    world = result.world
+    assert world is not None
+    doubtful = result.doubtful
+    lengths = [
+        follower.length(a.t_s, b.t_s, result.path, doubtful, metric=result.metric)
+        for a, b in pairwise(part.keyframes)
+    ]
+    own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
+    scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
+    # The first camera of the part is its world.
+    anchor = result.poses[part.keyframes[0].frame]
+    for before, keyframe in pairwise(part.keyframes):
+        rotation = anchor[:, :3] @ keyframe.pose[:, :3]
+        measured = sensors.measure(before.t_s, keyframe.t_s, rotation, metric=result.metric)
+        keyframe.constraints = usual_weights(world, measured)
+    world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))

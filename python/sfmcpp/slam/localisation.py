@@ -29,7 +29,7 @@ def locate(world: WorldMap, view: View, settings: SlamSettings) -> FloatArray | 
     found = resection(
         world.points[known.tracks],
         known.pixels,
-        world.intrinsics,
+        world.intrinsics[0],
         threshold_px=settings.resection_threshold_px,
         min_inliers=settings.min_inliers,
         max_iterations=1000,
@@ -44,31 +44,43 @@ class Path:
 
     Attributes
     ----------
-    poses : dict of int to (3, 4) float64
-        Pose of each frame that has one, world_from_camera.
+    between : dict of int to (3, 4) float64
+        Pose of each frame that has one and is no keyframe, world_from_camera; the map has those of keyframes.
     times : dict of int to float
         Time of each frame looked at [s].
+    world : WorldMap or None
+        The map, as soon as there is one.
     """
 
-    poses: dict[int, FloatArray] = field(default_factory=dict)
+    between: dict[int, FloatArray] = field(default_factory=dict)
     times: dict[int, float] = field(default_factory=dict)
+    world: WorldMap | None = None
 
-    def latest(self, count: int, without: Collection[int] = ()) -> list[int]:
-        """Numbers of the last `count` frames with a pose, in order."""
-        return heapq.nlargest(count, (k for k in self.poses if k not in without))[::-1]
+    @property
+    def poses(self) -> dict[int, FloatArray]:
+        """Pose (3, 4) of every frame that has one, put together anew each time."""
+        keyframes = self.world.keyframes if self.world else []
+        return {**self.between, **{keyframe.frame: keyframe.pose for keyframe in keyframes}}
+
+    def latest(self, count: int, without: Collection[int] = ()) -> dict[int, FloatArray]:
+        """Poses of the last `count` frames that have one, in their order."""
+        poses = self.poses
+        last = heapq.nlargest(count, (k for k in poses if k not in without))[::-1]
+        return {number: poses[number] for number in last}
 
     def transform(self, similarity: Similarity, first: int = 0) -> None:
-        """Move the poses of the frames from number `first` on (thesis eq. 5.16)."""
-        for number in [k for k in self.poses if k >= first]:
-            self.poses[number] = similarity.apply_to_poses(self.poses[number])
+        """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
+        for number in [k for k in self.between if k >= first]:
+            self.between[number] = similarity.apply_to_poses(self.between[number])
 
     def predict(self, time_s: float) -> FloatArray:
         """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
-        *earlier, last = self.latest(2)
-        now = self.poses[last]
+        latest = self.latest(2)
+        *earlier, last = latest
+        now = latest[last]
         if not earlier:
             return np.array(now)
-        before, first_s, last_s = self.poses[earlier[0]], self.times[earlier[0]], self.times[last]
+        before, first_s, last_s = latest[earlier[0]], self.times[earlier[0]], self.times[last]
         rotation = now[:, :3] @ before[:, :3].T
         rate = so3.log(before[:, :3].T @ now[:, :3]) / (last_s - first_s)
         # The body keeps its velocity in its own axes: it follows a bend.
@@ -80,7 +92,7 @@ class Path:
         last = self.latest(steps + 1, without)
         if len(last) < 2:
             return 0.0
-        centres = np.stack([self.poses[k][:, 3] for k in last])
+        centres = np.stack([pose[:, 3] for pose in last.values()])
         lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
         return float(np.median(lengths / np.diff([self.times[k] for k in last])))
 
@@ -141,8 +153,8 @@ class Follower:
         if known is not None:
             return known
         guess = path.predict(frame.t_s)
-        last = path.latest(1)[0]
-        now, start_s = path.poses[last], path.times[last]
+        ((last, now),) = path.latest(1).items()
+        start_s = path.times[last]
         turn = self._sensors.rotation(start_s, frame.t_s)
         rotation = guess[:, :3] if turn is None else now[:, :3] @ turn
         centre = self._sensors.centre(frame.t_s, rotation) if metric else None

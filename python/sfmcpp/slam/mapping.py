@@ -6,10 +6,11 @@ import numpy as np
 
 from sfmcpp.ba import Summary
 from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
+from sfmcpp.map import LocalProblem
 from sfmcpp.slam.fusing import constraint_groups
 from sfmcpp.slam.sensing import METRIC_KINDS
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import LocalProblem, WorldMap
+from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve
 
 
@@ -23,7 +24,7 @@ def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
     good = reliable_points(
         local.problem, points, max_error_px=settings.outlier_px, min_angle_deg=settings.min_angle_deg
     )
-    world.points[local.tracks[good]] = points[good]
+    world.points[local.points[good]] = points[good]
     return int(np.count_nonzero(good))
 
 

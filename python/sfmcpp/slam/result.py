@@ -53,10 +53,8 @@ class SlamResult:
 
     Attributes
     ----------
-    world : WorldMap or None
-        The map; None as long as it has not started.
     path : Path
-        Pose of every frame that has one, time of every frame.
+        Pose of every frame that has one, time of every frame, and the map.
     records : list of KeyframeRecord
         One per keyframe after the first three.
     bridged : list of int
@@ -78,7 +76,6 @@ class SlamResult:
         Why there is no map, or empty.
     """
 
-    world: WorldMap | None = None
     path: Path = field(default_factory=Path)
     records: list[KeyframeRecord] = field(default_factory=list)
     bridged: list[int] = field(default_factory=list)
@@ -88,6 +85,11 @@ class SlamResult:
     metric: bool = False
     warnings: list[str] = field(default_factory=list)
     message: str = "there is no frame"
+
+    @property
+    def world(self) -> WorldMap | None:
+        """The map; None as long as it has not started."""
+        return self.path.world
 
     @property
     def poses(self) -> dict[int, FloatArray]:
@@ -101,12 +103,13 @@ class SlamResult:
 
     def trajectory(self) -> Trajectory:
         """All frames with a pose, in order."""
-        frames = sorted(self.poses)
+        poses = self.poses
+        frames = sorted(poses)
         times = np.array([self.path.times[k] for k in frames])
-        return Trajectory(times, np.stack([self.poses[k] for k in frames]))
+        return Trajectory(times, np.stack([poses[k] for k in frames]))
 
     def keyframe_trajectory(self) -> Trajectory:
         """Keyframes alone."""
         assert self.world is not None
         keyframes = self.world.keyframes
-        return Trajectory(np.array([k.t_s for k in keyframes]), self.world.poses())
+        return Trajectory(np.array([k.t_s for k in keyframes]), self.world.poses.copy())

@@ -9,17 +9,16 @@ import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.fusing import fuse
-from sfmcpp.slam.initialisation import Initialiser
+from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import correction, registration
-from sfmcpp.slam.rejoining import rejoin
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.sequence import Frame, FrameSource, View, common
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.slam.world_map import WorldMap
 
 
 class Slam:
@@ -79,25 +78,28 @@ class Slam:
         if world is None:
             self.result.message = initialiser.reason
             return
-        self.result.world, self.result.message = world, ""
+        self.result.path.world, self.result.message = world, ""
         self._relocate(initialiser.frames, world)
         self._initialiser = None
 
     def _relocate(self, frames: Sequence[Frame], world: WorldMap) -> None:
         """Give poses to the frames from which a map has started."""
-        of_keyframes = {keyframe.frame: keyframe.pose for keyframe in world.keyframes}
+        keyframes = {keyframe.frame for keyframe in world.keyframes}
         for frame in frames:
-            pose = of_keyframes.get(frame.number)
-            pose = locate(world, frame.view, self.settings) if pose is None else pose
-            if pose is None:
+            pose = None if frame.number in keyframes else locate(world, frame.view, self.settings)
+            if pose is None and frame.number not in keyframes:
                 continue
             self._place(frame, pose)
             for doubtful in (self.result.bridged, self.result.lost):
                 if frame.number in doubtful:
                     doubtful.remove(frame.number)
 
-    def _place(self, frame: Frame, pose: FloatArray) -> None:
-        self.result.poses[frame.number] = pose
+    def _place(self, frame: Frame, pose: FloatArray | None) -> None:
+        """Say where a frame is; None: it is a keyframe, and the map says it."""
+        between = self.result.path.between
+        between.pop(frame.number, None)
+        if pose is not None:
+            between[frame.number] = pose
         self._last = frame
 
     def _go_on_without_map(self, frame: Frame, clock: _Clock) -> None:
@@ -172,14 +174,13 @@ class Slam:
             world.keyframes[-1].t_s, frame.t_s, pose[:, :3], metric=self.result.metric
         )
         fused = fuse(world, frame.view, pose, measurements, self.settings)
-        world.add(Keyframe(frame.number, frame.t_s, fused.pose, frame.view, fused.constraints))
+        world.add(frame, fused.pose, fused.constraints)
+        self.result.path.between.pop(frame.number, None)
         clock.lap("weights")
         new_points = triangulate_new(world, self.settings)
         clock.lap("triangulation")
         adjust(world, self.settings)
         clock.lap("adjustment")
-        for keyframe in world.keyframes[-self.settings.window :]:
-            self.result.poses[keyframe.frame] = keyframe.pose
         if self.result.metric:
             self._correct_drift()
         else:

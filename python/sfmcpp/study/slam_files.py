@@ -10,7 +10,6 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
-from sfmcpp.slam.export import problem_of
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.trajectories import write_trajectory
@@ -56,7 +55,7 @@ def write_files(report: SlamReport, folder: Path) -> list[Path]:
 def _steps(report: SlamReport) -> Iterator[Step]:
     run, world = report.run, report.run.world
     if world is not None:
-        problem, records = problem_of(world), run.result.records
+        problem, records = world.whole_problem(min_views=2).problem, run.result.records
         trajectory, keyframes = run.trajectory(), run.result.keyframe_trajectory()
         yield "trajectory.txt", partial(write_trajectory, trajectory)
         yield "keyframes.txt", partial(write_trajectory, keyframes)

@@ -35,6 +35,7 @@ PYTHON_LEVELS: list[set[str]] = [
     {"sensors"},
     {"ba"},
     {"weighting", "sources"},
+    {"map"},
     {"slam"},
     {"study"},
     {"cli"},

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
 
 _CHUNK_ROWS = 1 << 14
 _SEPARATOR = "\0"
@@ -71,3 +73,43 @@ def tokens_of_items(first: NDArray[np.int64], counts: NDArray[np.int64], width: 
 
 def _listed(column: Column) -> Sequence[Any]:
     return column.tolist() if isinstance(column, np.ndarray) else column
+
+
+def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.int64]]:
+    """Keypoints of all images, image after image, those that see no point among them.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its metadata may number the keypoints of each image, and hold those without a point.
+
+    Returns
+    -------
+    counts : (C,) int64
+        How many each image has.
+    pixels : (K, 2) float64
+        Where they are [px].
+    rows : (M,) int64
+        The keypoint of each observation.
+
+    Raises
+    ------
+    InvalidArgument
+        If the metadata do not fit the problem.
+    """
+    extra = problem.metadata.extra
+    loose = np.asarray(extra.get("colmap_loose_image", np.empty(0, np.int64)))
+    ranks = np.asarray(extra.get("colmap_keypoint_index", keypoint_ranks(problem)))
+    if len(ranks) != problem.num_observations:
+        raise InvalidArgument(
+            f"metadata colmap_keypoint_index has {len(ranks)} entries: must be {problem.num_observations}"
+        )
+    image = np.concatenate([problem.camera_index, loose])
+    index = np.concatenate([ranks, extra.get("colmap_loose_keypoint_index", np.empty(0, np.int64))])
+    counts = np.bincount(image, minlength=problem.num_cameras)
+    place = exclusive_sums(counts)[image] + index
+    if ((index < 0) | (index >= counts[image])).any() or len(np.unique(place)) != len(place):
+        raise InvalidArgument("metadata colmap_keypoint_index does not number each image's keypoints once")
+    pixels = np.empty((len(place), 2))
+    pixels[place] = np.concatenate([problem.pixels, extra.get("colmap_loose_pixels", np.empty((0, 2)))])
+    return counts, pixels, place[: problem.num_observations]

@@ -149,8 +149,8 @@ class LiveView:
     def _show_map(self, result: SlamResult) -> None:
         world = result.world
         assert world is not None
-        path = np.stack([result.poses[frame] for frame in sorted(result.poses)])
-        keyframes, points = world.poses(), world.points[world.known]
+        path = result.trajectory().poses
+        keyframes, points = world.poses, world.points[world.known]
         if self._scale is None or result.metric != self._metric:
             self._scale, self._metric = _EXTENT / _distance(points, keyframes), result.metric
         self._turn = view_from_world(keyframes[:1])

@@ -259,7 +259,7 @@ GOOD = random_pair(17, 20)
         ({"pixels_2": GOOD.pixels_2[:19]}, r"pixels_2: shape \(19, 2\), must be \(20, 2\)"),
         ({"pixels_2": GOOD.pixels_2 * np.nan}, r"pixels_2\[0, 0\] = nan: must be finite"),
         ({"pixels_1": "text"}, "pixels_1 = 'text': must be an array of numbers"),
-        ({"intrinsics_1": [500.0, 1.0, 0.0]}, r"intrinsics_1: shape \(3,\), must be \(5\)"),
+        ({"intrinsics_1": [500.0, 1.0, 0.0, 0.0]}, r"intrinsics_1: shape \(4,\), must be \(5\)"),
         ({"intrinsics_1": [-500.0, 1.0, 0, 0, 0]}, r"intrinsics_1\[0\] = -500.0: f must be positive"),
         ({"intrinsics_2": [500.0, 0.0, 0, 0, 0]}, r"intrinsics_2\[1\] = 0.0: aspect must be positive"),
         ({"threshold_px": 0.0}, "threshold_px = 0.0: must be finite and positive"),

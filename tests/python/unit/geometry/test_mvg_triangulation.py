@@ -13,7 +13,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from mvg_helpers import Array, project, ragged_problem, residuals_of, views_of
-from sfmcpp import InvalidArgument, Problem, circle_scene
+from sfmcpp import InvalidArgument, Problem, as_projective, circle_scene
 from sfmcpp.geometry import (
     refine_points,
     reprojection_errors_px,
@@ -240,8 +240,8 @@ def test_the_circular_scene_is_found_to_the_accuracy_of_its_pixels(triangulate: 
 
 @pytest.mark.parametrize("triangulate", ALL)
 def test_a_bad_problem_is_named(triangulate: Triangulate) -> None:
-    with pytest.raises(InvalidArgument, match="camera_model = 'bal': must be 'calibrated'"):
-        triangulate(circle_scene(2, 5, camera_model="bal"))
+    with pytest.raises(InvalidArgument, match="camera_model = 'projective': must be 'calibrated'"):
+        triangulate(as_projective(circle_scene(2, 5)))
     problem = circle_scene(2, 5)
     problem.pixels[3, 1] = np.nan
     with pytest.raises(InvalidArgument, match=r"pixels\[3, 1\] = nan: must be finite"):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import Problem
-from sfmcpp.slam import Keyframe, TrackSequence, WorldMap
+from sfmcpp.slam import Frame, TrackSequence, WorldMap
 from sfmcpp.slam.sequence import View
 
 INTRINSICS = np.array([500.0, 1.0, 320.0, 240.0, 0.0])
@@ -53,7 +53,7 @@ def small_map(tracks_seen: list[list[int]], unknown: tuple[int, ...] = ()) -> Wo
         pose = np.eye(3, 4)
         pose[0, 3] = 0.5 * k
         seen = np.array(tracks, dtype=np.int32)
-        world.add(Keyframe(10 * k, STEP_S * k, pose, View(seen, project(pose, points[seen]))))
+        world.add(Frame(10 * k, STEP_S * k, View(seen, project(pose, points[seen]))), pose)
     world.points[:count] = points
     world.points[list(unknown)] = np.nan
     return world

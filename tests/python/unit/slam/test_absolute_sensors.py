@@ -108,7 +108,7 @@ def test_an_odometer_gives_drifted_keyframes_their_scale_back() -> None:
     scene = straight()
     world, before, _ = drifted_and_corrected(scene, Odometer(path_length(scene.cameras)))
     first = len(before) - SlamSettings().registration_keyframes
-    steps = np.linalg.norm(np.diff(world.poses()[first:, :, 3], axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(world.poses[first:, :, 3], axis=0), axis=1)
     true = np.linalg.norm(np.diff(np.stack(before)[first:, :, 3], axis=0), axis=1)
     np.testing.assert_allclose(steps, true, rtol=0.02)
 

@@ -8,7 +8,6 @@ import pytest
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
-from sfmcpp.slam.export import problem_of
 from sfmcpp.sources.synthetic import corridor_scene
 from slam_helpers import STEP_S
 
@@ -59,7 +58,7 @@ def test_an_odometer_tells_the_scale_of_the_new_part() -> None:
 def test_both_parts_are_in_the_map() -> None:
     result = run_slam(cut_sequence())
     assert result.world is not None
-    problem = problem_of(result.world)
+    problem = result.world.whole_problem(min_views=2).problem
     assert problem.num_cameras == len(result.world.keyframes)
     known = np.flatnonzero(result.world.known)
     assert (known < SCENE.num_points).sum() > 100

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.geometry.similarity import Similarity
-from sfmcpp.slam.export import problem_of
+from sfmcpp.map import LocalProblem
 from sfmcpp.slam.mapping import hold_gauge
-from sfmcpp.slam.world_map import LocalProblem, WorldMap
+from sfmcpp.slam.world_map import WorldMap
 from slam_helpers import project, small_map
 
 
@@ -17,7 +17,7 @@ def tracks_of(local: LocalProblem) -> list[list[int]]:
     """Tracks that each camera of a part sees."""
     problem = local.problem
     return [
-        sorted(local.tracks[problem.point_index[problem.camera_index == camera]].tolist())
+        sorted(local.points[problem.point_index[problem.camera_index == camera]].tolist())
         for camera in range(problem.num_cameras)
     ]
 
@@ -35,10 +35,10 @@ def test_the_part_around_the_last_keyframes_is_fixed_where_older_ones_see_their_
     # Keyframe 1 shares no point with the last two; nor does 2, but a sensor may tie it to keyframe 3.
     world = small_map([[0, 1], [0], [3], [1, 2], [1, 2, 3]], unknown=(3,))
     local = world.around(2)
-    assert local.keyframes.tolist() == [0, 2, 3, 4]
+    assert local.images.tolist() == [0, 2, 3, 4]
     assert local.problem.fixed_cameras.tolist() == [True, True, False, False]
     assert tracks_of(local) == [[1], [], [1, 2], [1, 2]]
-    np.testing.assert_array_equal(local.problem.points, world.points[local.tracks])
+    np.testing.assert_array_equal(local.problem.points, world.points[local.points])
     for camera, point, pixel in zip(
         local.problem.camera_index, local.problem.point_index, local.problem.pixels, strict=True
     ):
@@ -48,40 +48,40 @@ def test_the_part_around_the_last_keyframes_is_fixed_where_older_ones_see_their_
 
 def test_around_more_keyframes_than_there_are_nothing_is_fixed() -> None:
     local = small_map([[0, 1], [0, 1], [1]]).around(10)
-    assert local.keyframes.tolist() == [0, 1, 2]
+    assert local.images.tolist() == [0, 1, 2]
     assert not local.problem.fixed_cameras.any()
 
 
 def test_a_keyframe_that_sees_nothing_known_does_not_move() -> None:
     local = small_map([[0, 1], [0, 1], [2], [0, 1]], unknown=(2,)).around(3)
-    assert local.keyframes.tolist() == [0, 1, 2, 3]
+    assert local.images.tolist() == [0, 1, 2, 3]
     assert local.problem.fixed_cameras.tolist() == [True, False, True, False]
 
 
 def test_only_tracks_without_a_point_that_two_recent_keyframes_see_are_triangulated() -> None:
     world = small_map([[0, 1, 2], [1, 3], [1, 2, 3], [0, 2, 3, 4]], unknown=(0, 1, 3, 4))
     local = world.triangulation(3)
-    assert local.keyframes.tolist() == [1, 2, 3]
+    assert local.images.tolist() == [1, 2, 3]
     assert tracks_of(local) == [[1, 3], [1, 3], [3]]
 
 
 def test_what_has_moved_is_taken_over_and_nothing_else() -> None:
     world = small_map([[0, 1], [1, 2], [1, 2]])
     before = world.points.copy()
-    poses = world.poses()
+    poses = world.poses.copy()
     local = world.around(1)
     local.problem.cameras[-1, 0, 3] += 1.0
     local.problem.points += 2.0
     world.take(local)
     np.testing.assert_array_equal(world.points[:3], before[:3] + np.array([[0.0], [2.0], [2.0]]))
-    np.testing.assert_array_equal(world.poses()[:2], poses[:2])
+    np.testing.assert_array_equal(world.poses.copy()[:2], poses[:2])
     assert world.keyframes[2].pose[0, 3] == poses[2, 0, 3] + 1.0
 
 
 def test_a_dropped_observation_is_forgotten_and_a_point_with_too_few_views_too() -> None:
     world = small_map([[0, 1], [0, 1], [0, 1]])
     local = world.around(3)
-    camera, track = local.problem.camera_index, local.tracks[local.problem.point_index]
+    camera, track = local.problem.camera_index, local.points[local.problem.point_index]
     wrong = ((camera == 0) & (track == 0)) | ((camera != 1) & (track == 1))
     world.drop(local, wrong, min_views=2)
     assert [keyframe.view.tracks.tolist() for keyframe in world.keyframes] == [[], [0, 1], [0]]
@@ -126,10 +126,10 @@ def test_cameras_fixed_already_count_for_the_gauge(moving: int, count: int, fixe
 
 def test_the_whole_map_is_all_keyframes_and_the_points_seen_twice() -> None:
     world = small_map([[0, 1, 2], [1, 2, 4], [2, 3, 4]], unknown=(4,))
-    problem = problem_of(world)
+    problem = world.whole_problem(min_views=2).problem
     assert (problem.num_cameras, problem.num_points, problem.num_observations) == (3, 2, 5)
     np.testing.assert_array_equal(problem.points, world.points[[1, 2]])
-    np.testing.assert_array_equal(problem.cameras, world.poses())
+    np.testing.assert_array_equal(problem.cameras, world.poses.copy())
     assert problem.metadata.image_names == ["frame_000000", "frame_000010", "frame_000020"]
     for camera, point, pixel in zip(problem.camera_index, problem.point_index, problem.pixels, strict=True):
         expected = project(problem.cameras[camera], problem.points[[point]])[0]

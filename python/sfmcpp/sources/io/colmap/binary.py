@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ FILES = ("cameras.bin", "images.bin", "points3D.bin")
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")
 _IMAGE = struct.Struct("<I7dI")
+_RIG, _SENSOR = struct.Struct("<II"), struct.Struct("<iI")
 _KEYPOINT = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])
 _POINT = np.dtype(
     [("id", "<i8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_count", "<u8")]
@@ -78,6 +79,15 @@ def read_binary(folder: Path) -> Tables:
     """Tables of the three binary files in `folder`."""
     cameras, images, points = (folder / name for name in FILES)
     return Tables(_read_cameras(cameras), _read_images(images), _read_points(points))
+
+
+def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
+    """Identifier and number of sensors of each rig in a rigs.bin, up to the first with more than one."""
+    records = _Records(path, _RIG.size)
+    for _ in range(records.count):
+        rig, sensors = records.unpack(_RIG)
+        yield rig, sensors
+        records.skip(sensors * _SENSOR.size)
 
 
 def binary_files(tables: Tables) -> Iterable[bytes]:

@@ -18,6 +18,7 @@ from sfmcpp.sources.io.format import Format
 def read_colmap_text(folder: Path) -> Problem:
     """Read cameras.txt, images.txt and points3D.txt; see :func:`read_colmap_binary`."""
     _require_model(folder, text.FILES)
+    _require_single_sensors(folder / "rigs.txt", text.sensors_of_rigs)
     return problem_from_tables(text.read_text(folder), "colmap-text")
 
 
@@ -26,15 +27,18 @@ def read_colmap_binary(folder: Path) -> Problem:
 
     Images become cameras, in the order of the file; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
-    points' tracks. Names, identifiers, sizes, colours, errors and keypoints without a point are metadata.
+    points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
+    points are not kept.
 
     Raises
     ------
     DatasetError
         If a file is missing or damaged, files contradict each other, an image observes a point twice,
-        or a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV.
+        a rig has several sensors, or a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL,
+        RADIAL, OPENCV.
     """
     _require_model(folder, binary.FILES)
+    _require_single_sensors(folder / "rigs.bin", binary.sensors_of_rigs)
     return problem_from_tables(binary.read_binary(folder), "colmap-binary")
 
 
@@ -46,6 +50,7 @@ def write_colmap_text(problem: Problem, folder: Path) -> None:
 def write_colmap_binary(problem: Problem, folder: Path) -> None:
     """Write cameras.bin, images.bin and points3D.bin into `folder`, which is made if it does not exist.
 
+    The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
     Masks and standard deviations are not kept. Pixels stay as they are: COLMAP counts them from the top
     left corner of the image, data sets with the origin elsewhere keep theirs.
 
@@ -82,6 +87,15 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
         raise DatasetError(folder, f"is a directory without a COLMAP model: it lacks {', '.join(missing)}")
+
+
+def _require_single_sensors(path: Path, sensors_of: Callable[[Path], Iterable[tuple[int, int]]]) -> None:
+    """Refuse cameras that are mounted together: they would be solved as if each moved by itself."""
+    if not path.exists():
+        return
+    for rig, sensors in sensors_of(path):
+        if sensors > 1:
+            raise DatasetError(path, f"rig {rig} has {sensors} sensors: rigs are not supported yet")
 
 
 def _has_any(folder: Path, names: tuple[str, ...]) -> bool:

@@ -136,6 +136,5 @@ def _metadata(tables: Tables, source_format: str) -> Metadata:
             "colmap_camera_sizes": tables.cameras.sizes,
             "colmap_image_ids": tables.images.ids,
             "colmap_point_ids": tables.points.ids,
-            "colmap_point_errors": tables.points.errors,
         },
     )

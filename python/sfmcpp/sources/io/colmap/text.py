@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,13 +27,23 @@ from sfmcpp.sources.io.rows import format_strings, ragged_text, tokens_of_items
 
 FILES = ("cameras.txt", "images.txt", "points3D.txt")
 _IMAGE_NUMBERS, _POINT_NUMBERS = 9, 8
-_KEYPOINT, _TRACK = 3, 2
+_KEYPOINT, _TRACK, _RIG_WORDS = 3, 2, 2
 
 
 def read_text(folder: Path) -> Tables:
     """Tables of the three text files in `folder`."""
     cameras, images, points = (folder / name for name in FILES)
     return Tables(_read_cameras(cameras), _read_images(images), _read_points(points))
+
+
+def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
+    """Identifier and number of sensors of each rig in a rigs.txt."""
+    for row, line in enumerate(_read_lines(path)):
+        words = line.split()
+        if not _is_comment(line):
+            if len(words) < _RIG_WORDS or not all(word.isdigit() for word in words[:_RIG_WORDS]):
+                raise DatasetError(path, "the line must start with a rig's id and number of sensors", row + 1)
+            yield int(words[0]), int(words[1])
 
 
 def text_files(tables: Tables) -> Iterable[bytes]:

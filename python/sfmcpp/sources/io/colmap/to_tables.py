@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry import mean_reprojection_errors_px
 from sfmcpp.geometry.quaternions import quaternion_from_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -38,7 +39,7 @@ from sfmcpp.sources.io.colmap.tables import (
 )
 from sfmcpp.sources.io.intrinsics import PERSPECTIVE, as_perspective
 from sfmcpp.sources.io.poses import pose_from_cameras
-from sfmcpp.sources.io.rows import by_point, exclusive_sums, keypoint_ranks
+from sfmcpp.sources.io.rows import all_keypoints, by_point, exclusive_sums
 
 _UNKNOWN_ERROR = -1.0
 
@@ -55,16 +56,17 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     require_valid(problem, folder)
     cameras = _cameras(problem, folder)
     point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
-    keypoint_index = _extra(problem, "colmap_keypoint_index", keypoint_ranks(problem), folder)
-    images = _images(problem, folder, cameras.ids, point_ids, keypoint_index)
+    images, keypoint_index = _images(problem, folder, cameras.ids, point_ids)
     order, counts = by_point(problem)
+    with np.errstate(all="ignore"):
+        errors = mean_reprojection_errors_px(problem, problem.points)
     points = PointTable(
         folder,
         None,
         point_ids,
         positions=problem.points,
         colors=point_colors(problem, (0, 0, 0), folder),
-        errors=_extra(problem, "colmap_point_errors", np.full(problem.num_points, _UNKNOWN_ERROR), folder),
+        errors=np.where(np.isfinite(errors), errors, _UNKNOWN_ERROR),
         track_counts=counts,
         track_images=images.ids[problem.camera_index[order]],
         track_keypoints=keypoint_index[order],
@@ -82,7 +84,6 @@ def _require_readable(tables: Tables) -> None:
     points.require_unique_ids(LARGEST_POINT_ID)
     sizes = (cameras.sizes >= 0) & (cameras.sizes <= LARGEST_COUNT)
     cameras.require(np.asarray(sizes.all(axis=1)), f"its image size must be from 0 to {LARGEST_COUNT}")
-    points.require(np.isfinite(points.errors), "its error is not finite")
     images.require(_finite_keypoints(images), "one of its keypoints is not finite")
 
 
@@ -148,11 +149,17 @@ def _sizes(problem: Problem) -> Int64Array:
 
 
 def _images(
-    problem: Problem, folder: Path, camera_ids: Int64Array, point_ids: Int64Array, keypoint_index: Int64Array
-) -> ImageTable:
+    problem: Problem, folder: Path, camera_ids: Int64Array, point_ids: Int64Array
+) -> tuple[ImageTable, Int64Array]:
+    """Table of the images, and the number of each observation's keypoint within its image."""
     rotations, translations = pose_from_cameras(problem.cameras)
-    counts, keypoints, keypoint_points = _keypoints(problem, folder, point_ids, keypoint_index)
-    return ImageTable(
+    try:
+        counts, keypoints, rows = all_keypoints(problem)
+    except InvalidArgument as error:
+        raise DatasetError(folder, str(error)) from error
+    keypoint_points = np.full(len(keypoints), NO_POINT)
+    keypoint_points[rows] = point_ids[problem.point_index]
+    images = ImageTable(
         folder,
         None,
         _extra(problem, "colmap_image_ids", np.arange(1, problem.num_cameras + 1), folder),
@@ -164,6 +171,7 @@ def _images(
         keypoints=keypoints,
         keypoint_points=keypoint_points,
     )
+    return images, rows - exclusive_sums(counts)[problem.camera_index]
 
 
 def _names(problem: Problem, folder: Path) -> list[str]:
@@ -174,25 +182,3 @@ def _names(problem: Problem, folder: Path) -> list[str]:
             reason = "must not be empty, start or end with white space, or hold a line break or NUL"
             raise DatasetError(folder, f"image name {name!r} {reason}")
     return names
-
-
-def _keypoints(
-    problem: Problem, folder: Path, point_ids: Int64Array, keypoint_index: Int64Array
-) -> tuple[Int64Array, FloatArray, Int64Array]:
-    """Count for each image, pixels and point id (or NO_POINT) of all keypoints, image after image."""
-    extra = problem.metadata.extra
-    loose_image = np.asarray(extra.get("colmap_loose_image", np.empty(0, np.int64)))
-    loose_index = np.asarray(extra.get("colmap_loose_keypoint_index", np.empty(0, np.int64)))
-    loose_pixels = np.asarray(extra.get("colmap_loose_pixels", np.empty((0, 2))))
-    image = np.concatenate([problem.camera_index, loose_image])
-    index = np.concatenate([keypoint_index, loose_index])
-    counts = np.bincount(image, minlength=problem.num_cameras)
-    place = exclusive_sums(counts)[image] + index
-    if ((index < 0) | (index >= counts[image])).any() or len(np.unique(place)) != len(place):
-        raise DatasetError(
-            folder, "metadata colmap_keypoint_index does not number each image's keypoints once"
-        )
-    pixels, ids = np.empty((len(place), 2)), np.full(len(place), NO_POINT)
-    pixels[place] = np.concatenate([problem.pixels, loose_pixels])
-    ids[place[: problem.num_observations]] = point_ids[problem.point_index]
-    return counts, pixels, ids

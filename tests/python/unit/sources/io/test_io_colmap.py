@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import tempfile
 from pathlib import Path
 
@@ -59,7 +60,6 @@ def random_model(seed: int, model: str) -> Problem:
         "colmap_camera_sizes": rng.integers(1, 9999, (rows, 2)),
         "colmap_image_ids": rng.permutation(50)[:cameras],
         "colmap_point_ids": rng.permutation(2**40 + np.arange(50))[:points],
-        "colmap_point_errors": rng.uniform(0, 2, points),
     }
     return problem
 
@@ -121,6 +121,57 @@ def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path) -> None:
     assert not (tmp_path / "cameras.bin").exists()
 
 
+RIGS_TEXT = "# RIG_ID NUM_SENSORS ...\n4 1 CAMERA 7\n9 {} CAMERA 7 CAMERA 8 0\n"
+
+
+def rigs_binary(sensors: int) -> bytes:
+    """Two rigs, the first with one sensor, the second with that many of which one is written."""
+    return struct.pack("<QIIiIIIiI", 2, 4, 1, 0, 7, 9, sensors, 0, 7)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_rig_of_several_sensors_is_refused_and_one_of_a_single_sensor_is_not(
+    tmp_path: Path, format: str
+) -> None:
+    problem = read(small_model(tmp_path))
+    write(problem, tmp_path, format=format)
+    name = "rigs.txt" if format == "colmap-text" else "rigs.bin"
+    for sensors in (1, 2):
+        (tmp_path / name).write_bytes(
+            RIGS_TEXT.format(sensors).encode() if format == "colmap-text" else rigs_binary(sensors)
+        )
+        if sensors == 1:
+            assert_same_problem(read(tmp_path, format=format), problem, intrinsics_rtol=4e-16)
+    with pytest.raises(DatasetError, match="rig 9 has 2 sensors: rigs are not supported yet") as refused:
+        read(tmp_path, format=format)
+    assert refused.value.path == str(tmp_path / name)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_errors_of_points_are_those_of_the_problem_that_is_written(tmp_path: Path, format: str) -> None:
+    problem = random_model(5, "OPENCV")
+    write(problem, tmp_path / "new", format=format)
+    lengths = np.linalg.norm(residuals(problem), axis=1)
+    inside = np.einsum(
+        "mij,mi->mj",
+        problem.rotations[problem.camera_index],
+        problem.points[problem.point_index] - problem.centres[problem.camera_index],
+    )
+    seen = inside[:, 2] > 0
+    for point, error in enumerate(point_errors(tmp_path / "new", format)):
+        mine = seen & (problem.point_index == point)
+        expected = lengths[mine].mean() if mine.any() else -1.0
+        np.testing.assert_allclose(error, expected, rtol=1e-9)
+
+
+def point_errors(folder: Path, format: str) -> np.ndarray:
+    """Column of errors as the files have it."""
+    from sfmcpp.sources.io.colmap import binary, text
+
+    tables = text.read_text(folder) if format == "colmap-text" else binary.read_binary(folder)
+    return tables.points.errors
+
+
 def test_a_changed_parameter_moves_the_camera_to_a_model_that_has_it(tmp_path: Path) -> None:
     problem = random_model(3, "SIMPLE_RADIAL")
     problem.intrinsics[:, problem.intrinsic_names.index("k2")] = 0.25
@@ -155,8 +206,7 @@ def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: st
         ("colmap_camera_ids", [-1], "its id must be from 0"),
         ("colmap_image_ids", [5, 5], "id 5 is used twice"),
         ("colmap_point_ids", [2**60], "its id must be from 0"),
-        ("colmap_point_errors", [np.nan], "its error is not finite"),
-        ("colmap_point_errors", [1.0, 2.0], "has 2 entries: must be 1"),
+        ("colmap_point_ids", [1, 2], "has 2 entries: must be 1"),
         ("colmap_camera_sizes", [[-1, 5]], "its image size must be from 0"),
         ("colmap_loose_pixels", [[np.inf, 1], [2, 3]], "keypoints is not finite"),
         ("colmap_keypoint_index", [1, 1], "does not number each image's keypoints once"),

@@ -61,7 +61,7 @@ def test_the_page_holds_all_points_the_path_and_the_keyframes(view: LiveView, re
     world = result.world
     assert world is not None
     tips = on_page(view, "keyframes").reshape(len(world.keyframes), 8, 2, 3)[:, :4, 0]
-    np.testing.assert_allclose(tips, np.repeat(world.poses()[:, None, :, 3], 4, axis=1), atol=1e-5)
+    np.testing.assert_allclose(tips, np.repeat(world.poses[:, None, :, 3], 4, axis=1), atol=1e-5)
 
 
 def test_the_page_follows_a_run_and_shows_the_last_of_it(view: LiveView, corridor: TrackSequence) -> None:
@@ -98,8 +98,7 @@ def test_a_map_is_drawn_as_large_whatever_its_unit(view: LiveView, corridor: Tra
     similarity = Similarity(250.0, np.eye(3), np.ones(3))
     assert result.world is not None
     result.world.transform(similarity)
-    for frame, pose in result.poses.items():
-        result.poses[frame] = similarity.apply_to_poses(pose)
+    result.path.transform(similarity)
     result.metric = not result.metric
     view.show(result, "")
     np.testing.assert_allclose(view._points.scale * np.ptp(known_points(result), axis=0), size, rtol=1e-6)

@@ -1,0 +1,272 @@
+"""The map: what is done with images, points, and which keypoint sees which point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import Similarity, mean_reprojection_errors_px
+from sfmcpp.map.store import UNKNOWN_ERROR, Store
+from sfmcpp.map.tracks import NONE, Rows
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class LocalProblem:
+    """Part of a map as a bundle adjustment problem, and where its rows are in the map.
+
+    Attributes
+    ----------
+    problem : Problem
+        Its cameras are `images`, its rows of intrinsics `cameras`, its points `points`.
+    images : (C,) int
+        Numbers of images.
+    cameras : (G,) int
+        Numbers of cameras.
+    points : (N,) int
+        Numbers of points.
+    rows : (M,) int
+        Keypoint of each observation.
+    """
+
+    problem: Problem
+    images: Rows
+    cameras: Rows
+    points: Rows
+    rows: Rows
+
+
+class Map(Store):
+    """A map of images, cameras and points; see :class:`Store` for its arrays and for how it grows.
+
+    Parameters
+    ----------
+    camera_model : str
+        Of all cameras: ``"perspective"`` holds what ``"calibrated"`` and ``"bal"`` do.
+    """
+
+    def observe(self, rows: ArrayLike, points: ArrayLike) -> None:
+        """Say which points some keypoints see.
+
+        Parameters
+        ----------
+        rows : (k,) int
+            Keypoints that see no point.
+        points : (k,) int
+            Their points; no image sees one twice.
+
+        Raises
+        ------
+        InvalidArgument
+            If there is no such point, a keypoint sees one already, or an image would see one twice.
+        """
+        chosen, seen = np.asarray(rows, dtype=np.intp), np.asarray(points, dtype=np.intp)
+        if (self.keypoint_points[chosen] != NONE).any() or len(np.unique(chosen)) != len(chosen):
+            raise InvalidArgument("rows: a keypoint sees one point at most")
+        others = self.observations_of(np.unique(seen[(seen >= 0) & (seen < len(self.points))]))
+        both = np.concatenate([chosen, others])
+        self._require_once(np.concatenate([seen, self.keypoint_points[others]]), self.keypoint_images[both])
+        self._tracks.link(chosen, seen)
+
+    def forget(self, rows: ArrayLike) -> None:
+        """Let keypoints `rows` (k,) see nothing; their points keep their positions."""
+        self._tracks.unlink(np.asarray(rows, dtype=np.intp))
+
+    def remove_points(self, points: ArrayLike) -> None:
+        """Take `points` (n,) out of the map: no keypoint sees them, no position; their numbers stay empty."""
+        chosen = np.asarray(points, dtype=np.intp)
+        self.forget(self.observations_of(chosen))
+        self.points[chosen] = np.nan
+
+    def merge(self, kept: int, gone: int) -> None:
+        """Let all that sees the point `gone` see `kept`, except in images that see both; empty `gone`."""
+        rows, kept_rows = self.observations_of([gone]), self.observations_of([kept])
+        self.remove_points([gone])
+        rows = rows[~np.isin(self.keypoint_images[rows], self.keypoint_images[kept_rows])]
+        self.observe(rows, np.full(len(rows), kept))
+
+    def transform(self, similarity: Similarity) -> None:
+        """Move the whole map (thesis eqs 5.16–5.17)."""
+        self.points[:] = similarity.apply(self.points)
+        self.poses[:] = similarity.apply_to_poses(self.poses)
+
+    def join(
+        self,
+        other: Map,
+        similarity: Similarity | None = None,
+        *,
+        cameras: ArrayLike | None = None,
+        points: ArrayLike | None = None,
+    ) -> tuple[Rows, Rows]:
+        """Take over the images and points of another map, which is left as it is.
+
+        Parameters
+        ----------
+        other : Map
+            Of the same camera model.
+        similarity : Similarity, optional
+            Where it is put, this_from_other. Default: where it is.
+        cameras : (G,) int, optional
+            Numbers here of its cameras. Default: they are new.
+        points : (N,) int, optional
+            Numbers here of its points, whose positions its own replace where it knows them. Default: all new.
+
+        Returns
+        -------
+        images : (I,) int
+            Numbers here of its images.
+        points : (N,) int
+            Numbers here of its points.
+
+        Raises
+        ------
+        InvalidArgument
+            If the camera models differ, or an image would see a point twice.
+        """
+        if other.camera_model != self.camera_model:
+            raise InvalidArgument(
+                f"other: camera model {other.camera_model!r}, must be {self.camera_model!r}"
+            )
+        if cameras is None:
+            cameras = self.add_cameras(
+                other.intrinsics,
+                fixed=other.fixed_intrinsics,
+                sizes=other.camera_sizes,
+                names=other.camera_names,
+            )
+        if points is None:
+            points = self.add_points(np.full(other.points.shape, np.nan), colors=other.point_colors)
+        place = Similarity.identity() if similarity is None else similarity
+        numbers = np.asarray(points, dtype=np.intp)
+        known, begin = other.known, len(self.keypoints)
+        self.points[numbers[known]] = place.apply(other.points)[known]
+        images = self.add_images(
+            other.image_names,
+            np.asarray(cameras)[other.image_cameras],
+            other.keypoint_counts,
+            other.keypoints,
+            poses=place.apply_to_poses(other.poses),
+            colors=other.keypoint_colors,
+            scales=other.keypoint_scales,
+        )
+        rows, places = other._tracks.in_order(np.arange(len(other.points)))
+        self.observe(begin + rows, numbers[places])
+        return images, numbers
+
+    def local_problem(self, images: ArrayLike, also: ArrayLike = ()) -> LocalProblem:
+        """Make the problem of some images and their points, and of every image that sees these.
+
+        Free are the `images` that see a point and all these points; other images are fixed.
+
+        Parameters
+        ----------
+        images : (i,) int
+            Images with a pose.
+        also : (a,) int
+            Images that take part, fixed, even if they see nothing of it: for constraints to them.
+
+        Returns
+        -------
+        LocalProblem
+            Images, cameras, points and, within an image, keypoints are in the order of their numbers.
+        """
+        free = np.unique(np.asarray(images, dtype=np.intp))
+        seen = np.unique(self.keypoint_points[self.keypoints_of(free)])
+        points = seen[(seen >= 0) & np.isfinite(self.points[seen, 0])].astype(np.intp)
+        rows = np.sort(self._tracks.of(points)[0])
+        rows = rows[self.registered[self.keypoint_images[rows]]]
+        moves, sees, used = np.zeros((3, self.num_images), dtype=np.bool_)
+        moves[free], sees[self.keypoint_images[rows]] = True, True
+        used[np.asarray(also, dtype=np.intp)] = True
+        local = self._part(np.flatnonzero(used | moves | sees), points, rows)
+        local.problem.fixed_cameras[:] = ~(moves & sees)[local.images]
+        return local
+
+    def whole_problem(self, min_views: int = 1) -> LocalProblem:
+        """Make the problem of all images with a pose and all points; nothing is fixed.
+
+        Parameters
+        ----------
+        min_views : int
+            Fewest images that see a point of it.
+
+        Returns
+        -------
+        LocalProblem
+            With names, sizes and colours as metadata where they are known.
+        """
+        images = np.flatnonzero(self.registered)
+        local = self._seen_points(images, self.known, min_views)
+        metadata = local.problem.metadata
+        metadata.image_names = [self.image_names[i] for i in images]
+        if self.camera_sizes.all():
+            metadata.image_sizes = self.camera_sizes[self.image_cameras[images]]
+        if self.point_colors.any():
+            metadata.point_colors = self.point_colors[local.points]
+        return local
+
+    def untriangulated(self, images: ArrayLike, min_views: int = 2) -> LocalProblem:
+        """Make the problem of the points without a position that some images see.
+
+        Parameters
+        ----------
+        images : (i,) int
+            Images with a pose; only these take part.
+        min_views : int
+            Fewest of them that see a point of it.
+
+        Returns
+        -------
+        LocalProblem
+            Its points are not a number.
+        """
+        return self._seen_points(np.asarray(images, dtype=np.intp), ~self.known, min_views)
+
+    def _seen_points(self, images: Rows, wanted: BoolArray, min_views: int) -> LocalProblem:
+        """Make the problem of `images`, and of the points `wanted` (N,) that enough of them see."""
+        rows = self.keypoints_of(images)
+        rows = rows[self.keypoint_points[rows] >= 0]
+        views = np.bincount(self.keypoint_points[rows], minlength=len(self.points))
+        chosen = wanted & (views >= min_views)
+        return self._part(images, np.flatnonzero(chosen), rows[chosen[self.keypoint_points[rows]]])
+
+    def _part(self, images: Rows, points: Rows, rows: Rows) -> LocalProblem:
+        cameras, camera_of_image = np.unique(self.image_cameras[images], return_inverse=True)
+        place = np.empty(len(self.points), dtype=np.int32)
+        place[points] = np.arange(len(points))
+        problem = Problem(
+            self.camera_model,
+            self.poses[images],
+            self.intrinsics[cameras],
+            self.points[points],
+            np.searchsorted(images, self.keypoint_images[rows]).astype(np.int32),
+            place[self.keypoint_points[rows]],
+            self.keypoints[rows],
+            intrinsics_index=camera_of_image.astype(np.int32),
+            fixed_intrinsics=self.fixed_intrinsics[cameras],
+        )
+        return LocalProblem(problem, images, cameras.astype(np.intp), points, rows)
+
+    def take(self, local: LocalProblem) -> None:
+        """Take over what has moved in `local`: poses, intrinsics and points."""
+        self.poses[local.images] = local.problem.cameras
+        self.intrinsics[local.cameras] = local.problem.intrinsics
+        self.points[local.points] = local.problem.points
+
+    def drop(self, local: LocalProblem, outliers: BoolArray, min_views: int) -> None:
+        """Forget the observations `outliers` (M,) of `local`, and where points with too few views are."""
+        problem = local.problem
+        self.forget(local.rows[outliers])
+        views = np.bincount(problem.point_index[~outliers], minlength=problem.num_points)
+        self.points[local.points[views < min_views]] = np.nan
+
+    def update_errors(self) -> None:
+        """Compute the mean reprojection error of each point anew, over the images it is in front of [px]."""
+        local = self.whole_problem()
+        self.point_errors[:] = UNKNOWN_ERROR
+        errors = mean_reprojection_errors_px(local.problem, local.problem.points)
+        self.point_errors[local.points] = np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)

@@ -1,0 +1,61 @@
+"""Columns of one length that grow at their ends, by doubling: each row is moved a few times at most."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from sfmcpp.errors import InvalidArgument
+
+
+class Table:
+    """Named columns, each of one dtype and one shape of a row.
+
+    Parameters
+    ----------
+    **columns : (dtype, shape of a row, fill)
+        The fill is what a row holds that nothing is given for.
+    """
+
+    def __init__(self, **columns: tuple[DTypeLike, tuple[int, ...], Any]) -> None:
+        self._all: dict[str, NDArray[Any]] = {
+            name: np.empty((0, *shape), dtype=dtype) for name, (dtype, shape, _) in columns.items()
+        }
+        self._fill = {name: fill for name, (_, _, fill) in columns.items()}
+        self._count = self._room = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """View of a column; a later `grow` may leave it behind."""
+        return self._all[name][: self._count]
+
+    def check(self, count: int, **given: ArrayLike | None) -> dict[str, NDArray[Any]]:
+        """Arrays of what is given to `grow`, or InvalidArgument where a shape is wrong."""
+        values = {name: np.asarray(value) for name, value in given.items() if value is not None}
+        for name, value in values.items():
+            shape = (count, *self._all[name].shape[1:])
+            if value.shape != shape:
+                raise InvalidArgument(f"{name}: shape {value.shape}, must be {shape}")
+        return values
+
+    def grow(self, count: int, **given: ArrayLike | None) -> NDArray[np.intp]:
+        """Append `count` rows of what is given, by name, and return their numbers; all of it, or nothing."""
+        values = self.check(count, **given)
+        begin, end = self._count, self._count + count
+        if end > self._room:
+            self._room = max(end, 2 * self._room)
+            self._all = {name: _moved(old, self._room) for name, old in self._all.items()}
+        for name, column in self._all.items():
+            column[begin:end] = values.get(name, self._fill[name])
+        self._count = end
+        return np.arange(begin, end)
+
+
+def _moved(old: NDArray[Any], room: int) -> NDArray[Any]:
+    new = np.empty((room, *old.shape[1:]), dtype=old.dtype)
+    new[: len(old)] = old
+    return new
