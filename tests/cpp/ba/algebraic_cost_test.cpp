@@ -48,7 +48,7 @@ class AlgebraicCostOf : public testing::TestWithParam<CameraModelId> {
   }
   static Step random_step(const LinearizedProblem& work, unsigned seed) {
     Step step = support::random_step(work, seed);
-    linear::scale(0.01, step);
+    linear::scale(work.normal(), 0.01, step);
     return step;
   }
   static Biquadratic sums(LinearizedProblem& work, const Step& step, AlgebraicWeights weights) {

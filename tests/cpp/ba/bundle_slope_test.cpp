@@ -72,7 +72,7 @@ TEST_P(BundleSlopeOf, AtTheStartIsThatOfTheNormalEquations) {
   for (LossKind kind : kLosses) {
     set_loss(kind);
     Step step = support::random_step(work, 8);
-    linear::scale(0.01, step);
+    linear::scale(work.normal(), 0.01, step);
     const linear::Slopes slopes = work.normal().slopes(step);
     const double slope = work.model.slope(work.state, step, work.state);
     EXPECT_NEAR(slope, slopes.camera + slopes.point, 1e-12 * std::abs(slopes.camera));
@@ -96,7 +96,7 @@ TEST_P(BundleSlopeOf, HasTheSameBitsForEveryNumberOfThreads) {
   const support::OwnedProblem large = make_circle_scene(options);
   LinearizedProblem one(large);
   Step step = support::random_step(one, 3);
-  linear::scale(0.01, step);
+  linear::scale(work.normal(), 0.01, step);
   State moved = one.state;
   one.model.plus(one.state, step, {0.5, 0.5}, moved);
   const double slope = one.model.slope(one.state, step, moved);

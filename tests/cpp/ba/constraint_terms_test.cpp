@@ -82,7 +82,7 @@ TEST_P(ConstraintTermsOf, ConstraintsChangeTheGradientByMoreThanItIsCheckedTo) {
 
 TEST_P(ConstraintTermsOf, SlopeAlongAStepIsTheDerivativeOfTheCost) {
   Step step = support::random_step(work, 8);
-  linear::scale(0.01, step);
+  linear::scale(work.normal(), 0.01, step);
   const auto candidate = [&](double length) {
     State result = work.state;
     work.model.plus(work.state, step, {length, length}, result);

@@ -49,9 +49,7 @@ class CameraBlockDiagonalOf : public testing::TestWithParam<support::BlockScene>
 };
 
 TEST_P(CameraBlockDiagonalOf, HoldsTheBlocksOfUWhereThePointsAreHeld) {
-  const AlignedVector<double> none(static_cast<std::size_t>(kPointFactor) *
-                                       static_cast<std::size_t>(linearized.graph.num_points),
-                                   0.0);
+  const std::vector<PointFactor> none(linearized.graph.num_points);
   std::vector<double> rhs, solution;
   blocks.assemble(none.data(), rhs);
   blocks.factor(linearized.normal().camera_damping(damping));
@@ -83,9 +81,7 @@ TEST_P(CameraBlockDiagonalOf, HoldsTheDiagonalBlocksOfTheSchurComplement) {
 }
 
 TEST_P(CameraBlockDiagonalOf, IndefiniteBlocksAreReplacedByTheirDiagonal) {
-  const AlignedVector<double> none(static_cast<std::size_t>(kPointFactor) *
-                                       static_cast<std::size_t>(linearized.graph.num_points),
-                                   0.0);
+  const std::vector<PointFactor> none(linearized.graph.num_points);
   const std::vector<double>& u = linearized.normal().camera_diagonal();
   std::vector<double> rhs, solution, minus_three(u.size());
   for (std::size_t k = 0; k < u.size(); ++k) minus_three[k] = -3.0 * u[k];

@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/block_jacobi.hpp"
-#include "sfmcpp/linear/camera_blocks.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 #include "support/block_diagonal.hpp"
 #include "support/random_constraints.hpp"
 

@@ -52,10 +52,12 @@ TEST_P(NormalEquationsOf, PointBlocksAreThoseOfTheDenseJacobian) {
       v = jp.transpose() * jp;
       b = jp.transpose() * dense.residual;
     }
-    const double* block = normal.point_block(p);
-    const double lower[6] = {v(0, 0), v(1, 0), v(1, 1), v(2, 0), v(2, 1), v(2, 2)};
-    for (int k = 0; k < 6; ++k) EXPECT_NEAR(block[k], lower[k], 1e-12 * v.norm());
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(block[6 + k], b[k], 1e-12 * gradient.norm());
+    const PointBlock& block = normal.point_block(p);
+    MatrixXd lower(3, 3);
+    lower << block.v00, 0, 0, block.v10, block.v11, 0, block.v20, block.v21, block.v22;
+    const MatrixXd difference = lower - MatrixXd(v.triangularView<Eigen::Lower>());
+    EXPECT_LE(difference.cwiseAbs().maxCoeff(), 1e-12 * v.norm());
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(block.rhs[k], b[k], 1e-12 * gradient.norm());
   }
 }
 

@@ -22,10 +22,10 @@ class StepAlgebra : public testing::TestWithParam<support::BlockScene> {
 
 TEST_P(StepAlgebra, IsThatOfTheDenseVectors) {
   const VectorXd dx = flat(x), dy = flat(y);
-  EXPECT_NEAR(dot(x, y), dx.dot(dy), 1e-12 * dx.norm() * dy.norm());
-  add_scaled(-2.5, x, y);
+  EXPECT_NEAR(dot(normal, x, y), dx.dot(dy), 1e-12 * dx.norm() * dy.norm());
+  add_scaled(normal, -2.5, x, y);
   EXPECT_LT((flat(y) - (dy - 2.5 * dx)).norm(), 1e-12 * dy.norm());
-  scale(0.25, x);
+  scale(normal, 0.25, x);
   EXPECT_EQ(flat(x), 0.25 * dx);
 }
 
@@ -38,9 +38,9 @@ TEST_P(StepAlgebra, GradientAndMetricAreThoseOfTheDenseJacobian) {
     EXPECT_LT((flat(metric) - d).norm(), 1e-12 * d.norm());
     const VectorXd dx = flat(x), dy = flat(y);
     const double length = dx.cwiseProduct(d).dot(dx);
-    EXPECT_NEAR(norm(x, metric) / std::sqrt(length), 1.0, 1e-12);
-    EXPECT_NEAR(dot(x, metric, y), dx.cwiseProduct(d).dot(dy), 1e-12 * length);
-    EXPECT_LT((flat(divide(x, metric)) - dx.cwiseQuotient(d)).norm(), 1e-12 * dx.norm());
+    EXPECT_NEAR(norm(normal, x, metric) / std::sqrt(length), 1.0, 1e-12);
+    EXPECT_NEAR(dot(normal, x, metric, y), dx.cwiseProduct(d).dot(dy), 1e-12 * length);
+    EXPECT_LT((flat(divide(normal, x, metric)) - dx.cwiseQuotient(d)).norm(), 1e-12 * dx.norm());
   }
 }
 

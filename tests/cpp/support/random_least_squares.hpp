@@ -75,16 +75,16 @@ class RandomLeastSquares {
   void fill() {
     for (int a = 0; a < graph_.num_observations(); ++a) {
       double* j = normal_.camera_jacobian(a);
-      double* record = normal_.point_record(a);
       for (int row = 0; row < 2; ++row) {
+        auto& [by_point, residual] = normal_.point_record(a).row[row];
         const auto values = jacobian_.row(2 * a + row);
         for (int k = 0; k < kCameraSize; ++k) {
           j[kCameraSize * row + k] = values[kCameraSize * graph_.camera[a] + k];
         }
         for (int k = 0; k < 3; ++k) {
-          record[4 * row + k] = values[kCameras * kCameraSize + 3 * graph_.point[a] + k];
+          by_point[k] = values[kCameras * kCameraSize + 3 * graph_.point[a] + k];
         }
-        record[4 * row + 3] = residual_[2 * a + row];
+        residual = residual_[2 * a + row];
       }
     }
     for (std::size_t c = 0; c < graph_.chunks.size(); ++c) normal_.accumulate(static_cast<int>(c));

@@ -1,5 +1,5 @@
 // The predicted cost of the sparse factorisation against the factor that Eigen computes.
-#include "sfmcpp/linear/block_ordering.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 #include <algorithm>
 #include <random>
