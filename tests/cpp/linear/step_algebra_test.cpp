@@ -2,22 +2,22 @@
 
 #include <gtest/gtest.h>
 
-#include "support/block_diagonal.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
 using Eigen::VectorXd;
-using support::LinearizedProblem;
+using support::RandomSystem;
 
-class StepAlgebra : public testing::TestWithParam<support::BlockScene> {
+class StepAlgebra : public testing::TestWithParam<support::SystemOptions> {
  protected:
   VectorXd flat(const Step& step) const { return flatten(dense, step); }
 
-  LinearizedProblem linearized{make_block_scene(GetParam())};
-  support::DenseSystem dense = make_dense_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const support::DenseSystem& dense = linearized.dense();
   const NormalEquations& normal = linearized.normal();
-  Step x = support::random_step(linearized, 1), y = support::random_step(linearized, 2);
+  Step x = support::random_step(linearized.map, 1), y = support::random_step(linearized.map, 2);
 };
 
 TEST_P(StepAlgebra, IsThatOfTheDenseVectors) {
@@ -46,8 +46,8 @@ TEST_P(StepAlgebra, GradientAndMetricAreThoseOfTheDenseJacobian) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes,
                          StepAlgebra,
-                         testing::ValuesIn(support::kBlockScenes),
-                         [](const auto& test) { return std::string(test.param.name); });
+                         testing::ValuesIn(support::random_systems()),
+                         [](const auto& test) { return test.param.name; });
 
 }  // namespace
 }  // namespace sfmcpp::linear
