@@ -114,7 +114,7 @@ CameraPattern make_camera_pattern(const ObservationGraph& graph, const CameraPai
 CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
                                          const CameraPairs& pairs,
                                          Exchange& exchange) {
-  const CameraPattern mine = make_camera_pattern(graph, pairs);
+  CameraPattern mine = make_camera_pattern(graph, pairs);
   if (exchange.num_ranks() == 1) return mine;
   std::vector<double> cameras;
   for (int i = 0; i < mine.num_rows(); ++i) {

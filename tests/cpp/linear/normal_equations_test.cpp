@@ -68,10 +68,11 @@ TEST_P(NormalEquationsOf, SlopesAndCurvatureAreThoseOfTheDenseModel) {
   EXPECT_NEAR(normal.model_decrease(step) / model_decrease(dense, flat), 1.0, 1e-10);
 }
 
-// Several chunks to a camera, and several parts of every sum over points.
+// Several chunks to a camera.
 TEST_P(NormalEquationsOf, ThreadsDoNotChangeABit) {
   support::SystemOptions options = GetParam();
   options.points = 1200;
+  options.dense = false;
   const RandomSystem one(options);
   options.threads = 3;
   const RandomSystem three(options);
@@ -91,6 +92,38 @@ INSTANTIATE_TEST_SUITE_P(Systems,
                          NormalEquationsOf,
                          testing::ValuesIn(support::random_systems()),
                          [](const auto& test) { return test.param.name; });
+
+// More points than one task sums.
+TEST(NormalEquations, SumsOverManyPointsAreComplete) {
+  support::SystemOptions options{.cameras = 2, .points = 2 * kPointsPerSum + 100, .dense = false};
+  const RandomSystem one(options);
+  options.threads = 3;
+  const RandomSystem three(options);
+  const NormalEquations& normal = one.normal();
+  const Step step = support::random_step(one.map, 7);
+  const Damping damping{0.5, DampingMatrix::kDiagonal};
+  double slope = 0.0, decrease = 0.0, largest = 0.0;
+  for (int k = 0; k < one.map.num_columns; ++k) {
+    const double d = step.camera[k];
+    decrease += 0.5 * d * (normal.camera_rhs()[k] + damping(normal.camera_diagonal()[k]) * d);
+    largest = std::max(largest, std::abs(normal.camera_rhs()[k]));
+  }
+  for (int p = 0; p < options.points; ++p) {
+    const PointBlock& block = normal.point_block(p);
+    for (int k = 0; k < 3; ++k) {
+      const double d = step.point[3L * p + k];
+      slope -= block.rhs[k] * d;
+      decrease += 0.5 * d * (block.rhs[k] + damping(block.diagonal()[k]) * d);
+      largest = std::max(largest, std::abs(block.rhs[k]));
+    }
+  }
+  EXPECT_NEAR(normal.slopes(step).point / slope, 1.0, 1e-10);
+  EXPECT_NEAR(normal.predicted_decrease(step, damping) / decrease, 1.0, 1e-10);
+  EXPECT_EQ(normal.gradient_max_norm(), largest);
+  EXPECT_EQ(three.normal().slopes(step).point, normal.slopes(step).point);
+  EXPECT_EQ(three.normal().predicted_decrease(step, damping),
+            normal.predicted_decrease(step, damping));
+}
 
 TEST(Damping, IdentityAddsLambdaWhateverTheDiagonal) {
   const Damping damping{0.25, DampingMatrix::kIdentity};

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/linear/vector_algebra.hpp"
 #include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
@@ -48,6 +49,27 @@ INSTANTIATE_TEST_SUITE_P(Scenes,
                          StepAlgebra,
                          testing::ValuesIn(support::random_systems()),
                          [](const auto& test) { return test.param.name; });
+
+// Vectors of several parts against Eigen, and the same bits on every number of threads.
+TEST(VectorAlgebra, IsThatOfEigenInPartsOnAnyNumberOfThreads) {
+  const VectorXd x = VectorXd::Random(3 * kNumbersPerTask + 17), y = VectorXd::Random(x.size());
+  const Vector vx(x.begin(), x.end()), vy(y.begin(), y.end());
+  ThreadPool alone(1);
+  const double expected = dot(alone, vx, vy);
+  EXPECT_NEAR(expected, x.dot(y), 1e-11 * x.norm() * y.norm());
+  for (int threads : {1, 2, 5}) {
+    ThreadPool pool(threads);
+    EXPECT_EQ(dot(pool, vx, vy), expected);
+    EXPECT_NEAR(squared_norm(pool, vx) / x.squaredNorm(), 1.0, 1e-12);
+    Vector sum = vy, other = vy, scaled = vx;
+    add_scaled(pool, -2.5, vx, sum);
+    scale_and_add(pool, 0.5, vx, other);
+    scale(pool, 3.0, scaled);
+    EXPECT_EQ((Eigen::Map<VectorXd>(sum.data(), x.size())), y - 2.5 * x);
+    EXPECT_EQ((Eigen::Map<VectorXd>(other.data(), x.size())), x + 0.5 * y);
+    EXPECT_EQ((Eigen::Map<VectorXd>(scaled.data(), x.size())), 3.0 * x);
+  }
+}
 
 }  // namespace
 }  // namespace sfmcpp::linear

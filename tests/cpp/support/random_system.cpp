@@ -154,8 +154,9 @@ void RandomSystem::make_dense(const SystemOptions& options) {
     if (!fixed) columns += 3;
   }
   const int rows = blocks_.back().row + static_cast<int>(blocks_.back().by_camera.rows());
-  dense_.jacobian.setZero(rows, columns);
   dense_.residual = 10.0 * random_matrix(rows, 1);
+  if (!options.dense) return;
+  dense_.jacobian.setZero(rows, columns);
   const auto place = [&](const Block& block, int camera, const Matrix& jacobian) {
     for (int k = 0; k < options.camera_size; ++k) {
       const int column = map.columns_of(camera)[k];

@@ -28,6 +28,7 @@ struct SystemOptions {
   std::vector<int> blind_columns{};                   // that no residual depends on
   std::function<bool(int camera, int point)> sees{};  // instead of the window
   linear::CameraPairs pairs{};  // that residuals relate; equal: of one camera alone
+  bool dense = true;            // whether the dense Jacobian is made
   int threads = 1;
   unsigned seed = 1;
 };
