@@ -118,9 +118,9 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
 
 void BundleModel::linearize_chunk(const State& state, int c) {
   const Chunk& chunk = graph_.chunks[c];
-  kernels_.linearize(
-      batch(state, chunk),
-      jacobian_output(normal_.camera_jacobian(chunk.begin), normal_.point_record(chunk.begin)));
+  kernels_.linearize(batch(state, chunk),
+                     jacobian_output(normal_.camera_jacobian(chunk.begin),
+                                     normal_.point_records_from(chunk.begin)));
   if (loss_.kind != LossKind::kSquared) apply_loss(chunk);
   normal_.accumulate(c);
 }
@@ -129,12 +129,15 @@ void BundleModel::linearize_chunk(const State& state, int c) {
 // gradient is exact, its Hessian the positive part (iteratively reweighted least squares).
 void BundleModel::apply_loss(const Chunk& chunk) {
   for (int k = chunk.begin; k < chunk.end; ++k) {
-    double* record = normal_.point_record(k);
-    const double weight =
-        std::sqrt(loss_.derivative(record[3] * record[3] + record[7] * record[7]));
+    auto& [row] = normal_.point_record(k);
+    const double ru = row[0].residual, rv = row[1].residual;
+    const double weight = std::sqrt(loss_.derivative(ru * ru + rv * rv));
     weights_[k] = weight * inverse_sigma_[k];
     double* jacobian = normal_.camera_jacobian(k);
-    for (int e = 0; e < linear::kPointRecord; ++e) record[e] *= weight;
+    for (auto& [by_point, residual] : row) {
+      for (double& value : by_point) value *= weight;
+      residual *= weight;
+    }
     for (int e = 0; e < 2 * map_.camera_size; ++e) jacobian[e] *= weight;
   }
 }

@@ -26,15 +26,16 @@ std::vector<double> transported(const Problem& problem,
 // r · J δ of one observation, from its records.
 double along(const double* jacobian,
              int camera_size,
-             const double* record,
+             const linear::PointRecord& record,
              const double* camera_step,
              const double* point_step) {
   double sum = 0.0;
   for (int row = 0; row < 2; ++row) {
     double moved = 0.0;
     for (int k = 0; k < camera_size; ++k) moved += jacobian[row * camera_size + k] * camera_step[k];
-    for (int k = 0; k < kPointTangent; ++k) moved += record[4 * row + k] * point_step[k];
-    sum += record[4 * row + 3] * moved;
+    const auto& [by_point, residual] = record.row[row];
+    for (int k = 0; k < kPointTangent; ++k) moved += by_point[k] * point_step[k];
+    sum += residual * moved;
   }
   return sum;
 }
@@ -54,14 +55,16 @@ double BundleModel::chunk_slope(const optim::State& state, const linear::Step& s
   const linear::Chunk& chunk = graph_.chunks[c];
   const int count = chunk.end - chunk.begin, size = map_.camera_size;
   std::vector<double> jacobians(2 * static_cast<std::size_t>(size) * count);
-  std::vector<double> records(static_cast<std::size_t>(linear::kPointRecord) * count);
-  kernels_.linearize(batch(state, chunk), jacobian_output(jacobians.data(), records.data()));
+  std::vector<linear::PointRecord> records(count);
+  kernels_.linearize(batch(state, chunk),
+                     jacobian_output(jacobians.data(), records.data()->row[0].by_point));
   std::vector<double> camera_step(size);
   map_.expand(step.camera.data(), chunk.camera, camera_step.data());
   double sum = 0.0;
   for (int k = 0; k < count; ++k) {
-    const double* record = records.data() + static_cast<long>(linear::kPointRecord) * k;
-    const double weight = loss_.derivative(record[3] * record[3] + record[7] * record[7]);
+    const linear::PointRecord& record = records[k];
+    const double ru = record.row[0].residual, rv = record.row[1].residual;
+    const double weight = loss_.derivative(ru * ru + rv * rv);
     const long p = graph_.point[chunk.begin + k];
     sum += weight * along(jacobians.data() + 2L * size * k,
                           size,

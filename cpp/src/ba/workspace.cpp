@@ -58,7 +58,8 @@ linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptio
   return linear::choose_linear_solver(work.graph,
                                       work.map,
                                       options.linear_solver.kind,
-                                      work.model.normal_equations().camera_terms().pairs());
+                                      work.model.normal_equations().camera_terms().pairs(),
+                                      work.model.normal_equations().exchange());
 }
 
 void restore(std::span<const std::uint8_t> fixed,
@@ -85,7 +86,8 @@ Workspace::Workspace(const Problem& problem, const SolveOptions& options, const 
   choice = choose_solver(*this, options);
   linear::LinearSolverOptions solver_options = options.linear_solver;
   solver_options.kind = choice.kind;
-  solver = linear::make_linear_solver(model.normal_equations(), solver_options);
+  solver = linear::make_linear_solver(
+      model.normal_equations(), solver_options, std::move(choice.structure));
 }
 
 void Workspace::set_costs(const SolveOptions& options, const std::vector<double>& residuals) {

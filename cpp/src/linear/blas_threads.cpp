@@ -1,6 +1,7 @@
 #include "sfmcpp/linear/blas_threads.hpp"
 
 #include <dlfcn.h>
+#include <mutex>
 
 namespace sfmcpp::linear {
 namespace {
@@ -23,16 +24,26 @@ SetThreads set_threads() {
   return function;
 }
 
+// The number of threads is one for all solves of a process: the first holds it, the last gives it
+// back.
+std::mutex holders_mutex;
+int holders = 0;
+int previous = 0;
+
 }  // namespace
 
 SingleThreadedBlas::SingleThreadedBlas() {
   if (get_threads() == nullptr || set_threads() == nullptr) return;
-  previous_ = get_threads()();
+  const std::lock_guard lock(holders_mutex);
+  if (holders++ > 0) return;
+  previous = get_threads()();
   set_threads()(1);
 }
 
 SingleThreadedBlas::~SingleThreadedBlas() {
-  if (previous_ > 1) set_threads()(previous_);
+  if (get_threads() == nullptr || set_threads() == nullptr) return;
+  const std::lock_guard lock(holders_mutex);
+  if (--holders == 0) set_threads()(previous);
 }
 
 }  // namespace sfmcpp::linear

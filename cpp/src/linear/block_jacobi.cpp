@@ -4,7 +4,7 @@ namespace sfmcpp::linear {
 
 BlockJacobi::BlockJacobi(const NormalEquations& normal)
     : normal_(normal), cameras_(normal), points_(normal) {
-  no_factors_.assign(static_cast<std::size_t>(normal.graph().num_points) * kPointFactor, 0.0);
+  no_factors_.assign(static_cast<std::size_t>(normal.graph().num_points), PointFactor{});
 }
 
 void BlockJacobi::factor(const Damping& damping) {

@@ -21,14 +21,14 @@ CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
   camera_blocks_.resize(cameras * camera_size * camera_size);
 }
 
-void CameraBlockDiagonal::assemble(const double* factors, std::vector<double>& rhs) {
+void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<double>& rhs) {
   const ObservationGraph& graph = normal_.graph();
   const long size = map_.camera_size;
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
     const int begin = graph.camera_begin[i];
     normal_.kernels().schur_diagonal(graph.observations_of_camera(i),
                                      normal_.jacobian() + 2 * size * begin,
-                                     normal_.records() + static_cast<long>(kPointRecord) * begin,
+                                     normal_.records() + begin,
                                      graph.point.data() + begin,
                                      factors,
                                      camera_blocks_.data() + size * size * i,
@@ -36,22 +36,26 @@ void CameraBlockDiagonal::assemble(const double* factors, std::vector<double>& r
   });
   rhs.assign(map_.num_columns, 0.0);
   std::fill(blocks_.begin(), blocks_.end(), 0.0);
-  for (int i = 0; i < graph.num_cameras; ++i) {
-    map_.fold(camera_rhs_.data() + size * i, i, rhs.data());
-    fold_block(i, camera_blocks_.data() + size * size * i);
+  const bool is_root = normal_.exchange().is_root();
+  normal_.for_each_camera_in_order([&](int i, Columns columns) {
+    normal_.fold(camera_rhs_.data() + size * i, i, columns, rhs.data());
+    fold_block(i, camera_blocks_.data() + size * size * i, columns);
     normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
-      if (j == i) fold_block(i, block);
+      if (j == i && is_root) fold_block(i, block, columns);
     });
-  }
+  });
+  normal_.exchange().sum(rhs);
+  normal_.exchange().sum(blocks_);
   normal_.camera_terms().add_rhs(map_, rhs);
 }
 
-void CameraBlockDiagonal::fold_block(int camera, const double* panels) {
+void CameraBlockDiagonal::fold_block(int camera, const double* panels, Columns which) {
   const int camera_size = map_.camera_size;
   const int* columns = map_.columns_of(camera);
   for (int c = 0; c < camera_size; ++c) {
     for (int r = 0; r < camera_size; ++r) {
       if (columns[r] == kNoColumn || columns[c] == kNoColumn) continue;
+      if (normal_.is_shared(columns[r]) != (which == Columns::kShared)) continue;
       const int b = map_.block_of[columns[r]];
       if (b != map_.block_of[columns[c]]) continue;
       const int first = map_.block_begin[b];
@@ -61,8 +65,15 @@ void CameraBlockDiagonal::fold_block(int camera, const double* panels) {
   }
 }
 
+template <class F>
+void CameraBlockDiagonal::for_each_block(const F& f) const {
+  normal_.pool().parallel_for_parts(map_.num_blocks(), kCamerasPerTask, [&](long begin, long end) {
+    for (long b = begin; b < end; ++b) f(static_cast<int>(b));
+  });
+}
+
 void CameraBlockDiagonal::factor(const std::vector<double>& diagonal) {
-  for (int b = 0; b < map_.num_blocks(); ++b) {
+  for_each_block([&](int b) {
     Eigen::Map<Eigen::MatrixXd> matrix(blocks_.data() + offset_[b], size(b), size(b));
     for (int k = 0; k < size(b); ++k) matrix(k, k) += diagonal[map_.block_begin[b] + k];
     Eigen::LLT<Eigen::MatrixXd> cholesky(matrix);
@@ -72,17 +83,17 @@ void CameraBlockDiagonal::factor(const std::vector<double>& diagonal) {
       matrix =
           matrix.diagonal().cwiseAbs().cwiseMax(1e-300).cwiseSqrt().asDiagonal().toDenseMatrix();
     }
-  }
+  });
 }
 
 void CameraBlockDiagonal::solve(const std::vector<double>& in, std::vector<double>& out) const {
   out = in;
-  for (int b = 0; b < map_.num_blocks(); ++b) {
+  for_each_block([&](int b) {
     const Eigen::Map<const Eigen::MatrixXd> lower(blocks_.data() + offset_[b], size(b), size(b));
     Eigen::Map<Eigen::VectorXd> x(out.data() + map_.block_begin[b], size(b));
     lower.triangularView<Eigen::Lower>().solveInPlace(x);
     lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
-  }
+  });
 }
 
 }  // namespace sfmcpp::linear

@@ -1,25 +1,18 @@
 #include "sfmcpp/linear/conjugate_gradient.hpp"
 
 #include <cmath>
-#include <numeric>
+
+#include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
 constexpr int kIterationsBetweenStopChecks = 10;
 
-double dot(const std::vector<double>& a, const std::vector<double>& b) {
-  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
-}
-
-// y ← y + s x
-void add_scaled(double s, const std::vector<double>& x, std::vector<double>& y) {
-  for (std::size_t k = 0; k < y.size(); ++k) y[k] += s * x[k];
-}
-
 }  // namespace
 
-ConjugateGradientResult conjugate_gradient(const LinearMap& a,
+ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
+                                           const LinearMap& a,
                                            const LinearMap& preconditioner,
                                            const std::vector<double>& b,
                                            double tolerance,
@@ -31,12 +24,12 @@ ConjugateGradientResult conjugate_gradient(const LinearMap& a,
   x.assign(b.size(), 0.0);
   preconditioner(residual, z);
   direction = z;
-  double rz = dot(residual, z);
+  double rz = dot(pool, residual, z);
   const double target = tolerance * tolerance * rz;
   const double start = rz;
   while (rz > target && result.iterations < max_iterations) {
     a(direction, a_direction);
-    const double curvature = dot(direction, a_direction);
+    const double curvature = dot(pool, direction, a_direction);
     if (!(curvature > 0.0)) {
       // After some steps: rounding has used up what the matrix can tell. At once: it is not
       // definite.
@@ -44,13 +37,13 @@ ConjugateGradientResult conjugate_gradient(const LinearMap& a,
       break;
     }
     const double alpha = rz / curvature;
-    add_scaled(alpha, direction, x);
-    add_scaled(-alpha, a_direction, residual);
+    add_scaled(pool, alpha, direction, x);
+    add_scaled(pool, -alpha, a_direction, residual);
     preconditioner(residual, z);
-    const double next = dot(residual, z);
+    const double next = dot(pool, residual, z);
     const double beta = next / rz;
     rz = next;
-    for (std::size_t k = 0; k < direction.size(); ++k) direction[k] = z[k] + beta * direction[k];
+    scale_and_add(pool, beta, z, direction);
     ++result.iterations;
     if (result.iterations % kIterationsBetweenStopChecks == 0 && should_stop()) break;
   }

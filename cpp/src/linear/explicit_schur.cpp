@@ -2,21 +2,44 @@
 
 #include <algorithm>
 
+#include "reduced_solver.hpp"
+
 namespace sfmcpp::linear {
 
-ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind)
+namespace {
+
+// Where cameras share columns.
+constexpr int kRowsPerBatch = 64;
+
+std::shared_ptr<const ReducedStructure> make_structure(const NormalEquations& normal, bool sparse) {
+  CameraPattern pattern =
+      make_global_camera_pattern(normal.graph(), normal.camera_terms().pairs(), normal.exchange());
+  return std::make_shared<ReducedStructure>(
+      sparse ? make_sparse_structure(std::move(pattern), normal.map())
+             : ReducedStructure{.pattern = std::move(pattern)});
+}
+
+}  // namespace
+
+ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal,
+                                         LinearSolverKind kind,
+                                         std::shared_ptr<const ReducedStructure> structure)
     : normal_(normal),
-      pattern_(make_camera_pattern(normal.graph(), normal.camera_terms().pairs())),
+      structure_(structure ? std::move(structure)
+                           : make_structure(normal, kind == LinearSolverKind::kSparse)),
+      pattern_(structure_->pattern),
       elimination_(normal) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
-  rows_.resize(normal.map().has_shared_columns ? pattern_.num_rows() : normal.pool().num_threads());
+  rows_.resize(normal.map().has_shared_columns ? kRowsPerBatch : normal.pool().num_threads());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
   block_of_camera_.assign(normal.pool().num_threads(),
                           std::vector<int>(normal.graph().num_cameras));
-  reduced_ = kind == LinearSolverKind::kSparse && normal.map().num_columns > 0
-                 ? make_sparse_reduced_solver(pattern_, normal.map())
-                 : make_dense_reduced_solver(pattern_, normal.map(), normal.pool());
+  const bool sparse = kind == LinearSolverKind::kSparse && normal.map().num_columns > 0;
+  const auto make = sparse ? make_sparse_reduced_solver : make_dense_reduced_solver;
+  reduced_ = make(*structure_, normal.map(), normal.pool());
 }
+
+ExplicitSchurSolver::~ExplicitSchurSolver() = default;
 
 LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
@@ -30,8 +53,11 @@ LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
 
 bool ExplicitSchurSolver::factorize(const Damping& damping) {
   elimination_.factor(damping);
-  reduced_->start(normal_.camera_damping(damping));
+  std::vector<double> diagonal = normal_.camera_damping(damping);
+  if (!normal_.exchange().is_root()) std::ranges::fill(diagonal, 0.0);
+  reduced_->start(diagonal);
   form();
+  normal_.exchange().sum(reduced_->values());
   return reduced_->factorize();
 }
 
@@ -40,20 +66,26 @@ bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) { return reduced
 void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
   const ParameterMap& map = normal_.map();
   rhs.assign(map.num_columns, 0.0);
-  for (int i = 0; i < normal_.graph().num_cameras; ++i) {
-    map.fold(rhs_.data() + static_cast<long>(map.camera_size) * i, i, rhs.data());
-  }
+  normal_.for_each_camera_in_order([&](int i, Columns columns) {
+    normal_.fold(rhs_.data() + static_cast<long>(map.camera_size) * i, i, columns, rhs.data());
+  });
+  normal_.exchange().sum(rhs);
   normal_.camera_terms().add_rhs(map, rhs);
 }
 
 void ExplicitSchurSolver::form() {
-  const bool in_order = normal_.map().has_shared_columns;
-  normal_.pool().parallel_for_worker(pattern_.num_rows(), [&](int i, int worker) {
-    AlignedVector<double>& row = rows_[in_order ? i : worker];
-    form_row(i, worker, row);
-    if (!in_order) reduced_->add_row(i, row.data());
-  });
-  for (int i = 0; in_order && i < pattern_.num_rows(); ++i) reduced_->add_row(i, rows_[i].data());
+  const bool shared = normal_.map().has_shared_columns;
+  const int count = pattern_.num_rows(), batch = shared ? kRowsPerBatch : count;
+  for (int begin = 0; begin < count; begin += batch) {
+    const int end = std::min(begin + batch, count);
+    normal_.pool().parallel_for_worker(end - begin, [&](int k, int worker) {
+      AlignedVector<double>& row = rows_[shared ? k : worker];
+      form_row(begin + k, worker, row);
+      reduced_->add_row(begin + k, row.data(), Columns::kOfOneCamera);
+    });
+    for (int i = begin; shared && i < end; ++i)
+      reduced_->add_row(i, rows_[i - begin].data(), Columns::kShared);
+  }
 }
 
 void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row) {
@@ -75,7 +107,7 @@ void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row
                                .diagonal = row.data(),
                                .blocks = row.data(),
                                .rhs = rhs_.data() + size * i});
-  add_camera_terms(i, block_of_camera, row.data());
+  if (normal_.exchange().is_root()) add_camera_terms(i, block_of_camera, row.data());
 }
 
 void ExplicitSchurSolver::add_camera_terms(int i, const int* block_of_camera, double* row) const {

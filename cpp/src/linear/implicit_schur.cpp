@@ -1,4 +1,4 @@
-#include "sfmcpp/linear/implicit_schur.hpp"
+#include "implicit_schur.hpp"
 
 #include <algorithm>
 
@@ -21,14 +21,15 @@ LinearSolveResult ImplicitSchurSolver::solve(const Damping& damping,
   diagonal_ = normal_.camera_damping(damping);
   preconditioner_.assemble(elimination_.factors(), rhs_);
   preconditioner_.factor(diagonal_);
-  const ConjugateGradientResult result =
-      conjugate_gradient([this](const auto& in, auto& out) { apply(in, out); },
-                         [this](const auto& in, auto& out) { preconditioner_.solve(in, out); },
-                         rhs_,
-                         options_.pcg_tolerance,
-                         options_.pcg_max_iterations,
-                         should_stop,
-                         step.camera);
+  const ConjugateGradientResult result = conjugate_gradient(
+      normal_.pool(),
+      [this](const auto& in, auto& out) { apply(in, out); },
+      [this](const auto& in, auto& out) { preconditioner_.solve(in, out); },
+      rhs_,
+      options_.pcg_tolerance,
+      options_.pcg_max_iterations,
+      should_stop,
+      step.camera);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
   elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
@@ -51,18 +52,16 @@ void ImplicitSchurSolver::apply(const std::vector<double>& x, std::vector<double
     std::fill_n(sum, size, 0.0);
     normal_.kernels().schur_product(c.end - c.begin,
                                     normal_.jacobian() + 2 * size * c.begin,
-                                    normal_.records() + static_cast<long>(kPointRecord) * c.begin,
+                                    normal_.records() + c.begin,
                                     graph.point.data() + c.begin,
                                     shifts_.data(),
                                     elimination_.expanded(c.camera),
                                     sum);
   });
-  for (std::size_t k = 0; k < out.size(); ++k) out[k] = diagonal_[k] * x[k];
-  for (std::size_t chunk = 0; chunk < graph.chunks.size(); ++chunk) {
-    map.fold(chunk_sums_.data() + size * static_cast<long>(chunk),
-             graph.chunks[chunk].camera,
-             out.data());
-  }
+  for (std::size_t k = 0; k < out.size(); ++k)
+    out[k] = normal_.exchange().is_root() ? diagonal_[k] * x[k] : 0.0;
+  normal_.fold_chunks(chunk_sums_.data(), size, out.data());
+  normal_.exchange().sum(out);
   normal_.camera_terms().add_product(map, x, out);
 }
 

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
+
+#include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/linear/schur_isa.hpp"
+#include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -25,8 +28,8 @@ double chunk_curvature(const NormalEquations& normal, const Chunk& chunk, const 
     const double* point = step.point.data() + 3L * normal.graph().point[a];
     for (int row = 0; row < 2; ++row) {
       const double* j = normal.jacobian() + (2 * a + row) * size;
-      const double* record = normal.records() + a * kPointRecord + 4L * row;
-      double e = record[0] * point[0] + record[1] * point[1] + record[2] * point[2];
+      const double* by_point = normal.records()[a].row[row].by_point;
+      double e = by_point[0] * point[0] + by_point[1] * point[1] + by_point[2] * point[2];
       for (int k = 0; k < size; ++k) e += j[k] * x[k];
       sum += e * e;
     }
@@ -34,7 +37,55 @@ double chunk_curvature(const NormalEquations& normal, const Chunk& chunk, const 
   return sum;
 }
 
+void add_row(const PointRecord::Row& row, PointBlock& block) {
+  const double* a = row.by_point;
+  block.v00 += a[0] * a[0];
+  block.v10 += a[1] * a[0];
+  block.v11 += a[1] * a[1];
+  block.v20 += a[2] * a[0];
+  block.v21 += a[2] * a[1];
+  block.v22 += a[2] * a[2];
+  for (int k = 0; k < 3; ++k) block.rhs[k] += a[k] * row.residual;
+}
+
+// The largest f(p) of all points, none of which is negative.
+template <class F>
+double max_over_points(const NormalEquations& normal, const F& f) {
+  const int points = normal.graph().num_points;
+  const double largest = normal.pool().max(num_point_tasks(points), [&](int task) {
+    const int end = std::min((task + 1) * kPointsPerTask, points);
+    double result = 0.0;
+    for (int p = task * kPointsPerTask; p < end; ++p) result = std::max(result, f(p));
+    return result;
+  });
+  return normal.exchange().max(largest);
+}
+
+// Σ over the points of all ranks, added to `start` by add(p, sum).
+template <class F>
+double sum_over_points(const NormalEquations& normal, double start, const F& add) {
+  const double replicated = normal.exchange().is_root() ? start : 0.0;
+  const int points = normal.graph().num_points;
+  if (points == 0) return normal.exchange().sum(replicated);
+  return normal.exchange().sum(
+      normal.pool().sum_of_parts(points, kPointsPerSum, [&](long begin, long end) {
+        double sum = begin == 0 ? replicated : 0.0;
+        for (long p = begin; p < end; ++p) add(static_cast<int>(p), sum);
+        return sum;
+      }));
+}
+
+double largest_magnitude(const double* values, std::size_t count) {
+  double largest = 0.0;
+  for (std::size_t k = 0; k < count; ++k) largest = std::max(largest, std::abs(values[k]));
+  return largest;
+}
+
 }  // namespace
+
+SchurKernels schur_kernels(int camera_size) {
+  return SFMCPP_FOR_ACTIVE_ISA(kernels_for(camera_size));
+}
 
 double Damping::operator()(double diagonal_entry) const {
   if (matrix == DampingMatrix::kIdentity) return lambda;
@@ -51,11 +102,12 @@ NormalEquations::NormalEquations(const ObservationGraph& graph,
       pool_(pool),
       exchange_(exchange),
       kernels_(schur_kernels(map.camera_size)),
-      camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)) {
+      camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)),
+      shared_(shared_columns(map)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
   jacobian_.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
-  records_.resize(observations * kPointRecord);
-  point_blocks_.resize(static_cast<std::size_t>(graph.num_points) * kPointFactor);
+  records_.resize(observations);
+  point_blocks_.resize(static_cast<std::size_t>(graph.num_points));
   chunk_sums_.resize(graph.chunks.size() * 2 * static_cast<std::size_t>(map.camera_size));
 }
 
@@ -65,52 +117,57 @@ void NormalEquations::accumulate(int chunk) {
   std::fill_n(sums, 2 * map_.camera_size, 0.0);
   kernels_.camera_gradient(c.end - c.begin,
                            camera_jacobian(c.begin),
-                           point_record(c.begin),
+                           records_.data() + c.begin,
                            sums,
                            sums + map_.camera_size);
 }
 
 void NormalEquations::finish() {
-  const int size = map_.camera_size;
+  const long size = map_.camera_size;
   camera_rhs_.assign(map_.num_columns, 0.0);
   camera_diagonal_.assign(map_.num_columns, 0.0);
-  for (std::size_t chunk = 0; chunk < graph_.chunks.size(); ++chunk) {
-    const double* sums = chunk_sums_.data() + 2 * size * chunk;
-    map_.fold(sums, graph_.chunks[chunk].camera, camera_rhs_.data());
-    map_.fold(sums + size, graph_.chunks[chunk].camera, camera_diagonal_.data());
-  }
+  fold_chunks(chunk_sums_.data(), 2 * size, camera_rhs_.data());
+  fold_chunks(chunk_sums_.data() + size, 2 * size, camera_diagonal_.data());
+  exchange_.sum(camera_rhs_);
+  exchange_.sum(camera_diagonal_);
   camera_terms_.add_rhs(map_, camera_rhs_);
   camera_terms_.add_diagonal(map_, camera_diagonal_);
-  for_each_point(pool_, graph_.num_points, [this](int p) { gather_point(p); });
-
-  gradient_max_norm_ = 0.0;
-  for (double g : camera_rhs_) gradient_max_norm_ = std::max(gradient_max_norm_, std::abs(g));
-  for (int p = 0; p < graph_.num_points; ++p) {
-    for (int k = 6; k < 9; ++k)
-      gradient_max_norm_ = std::max(gradient_max_norm_, std::abs(point_block(p)[k]));
-  }
+  const double of_points = max_over_points(*this, [this](int p) {
+    gather_point(p);
+    return largest_magnitude(point_block(p).rhs, 3);
+  });
+  gradient_max_norm_ =
+      std::max(largest_magnitude(camera_rhs_.data(), camera_rhs_.size()), of_points);
 }
 
 void NormalEquations::gather_point(int p) {
-  double block[kPointFactor] = {};
+  PointBlock block{};
   if (map_.free_point[p]) {
     const auto last = static_cast<int>(graph_.of_point.size()) - 1;
     for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
-      __builtin_prefetch(records_.data() + static_cast<long>(kPointRecord) *
-                                               graph_.of_point[std::min(k + kAhead, last)]);
-      const double* record = records_.data() + static_cast<long>(kPointRecord) * graph_.of_point[k];
-      for (const double* a : {record, record + 4}) {
-        block[0] += a[0] * a[0];
-        block[1] += a[1] * a[0];
-        block[2] += a[1] * a[1];
-        block[3] += a[2] * a[0];
-        block[4] += a[2] * a[1];
-        block[5] += a[2] * a[2];
-        for (int c = 0; c < 3; ++c) block[6 + c] += a[c] * a[3];
-      }
+      __builtin_prefetch(records_.data() + graph_.of_point[std::min(k + kAhead, last)]);
+      for (const PointRecord::Row& row : records_[graph_.of_point[k]].row) add_row(row, block);
     }
   }
-  std::copy_n(block, kPointFactor, point_blocks_.data() + static_cast<long>(kPointFactor) * p);
+  point_blocks_[p] = block;
+}
+
+void NormalEquations::fold(const double* block,
+                           int camera,
+                           Columns columns,
+                           double* reduced) const {
+  const int* column = map_.columns_of(camera);
+  for (int k = 0; k < map_.camera_size; ++k) {
+    if (column[k] == kNoColumn || is_shared(column[k]) != (columns == Columns::kShared)) continue;
+    reduced[column[k]] += block[k];
+  }
+}
+
+void NormalEquations::fold_chunks(const double* blocks, long stride, double* reduced) const {
+  for_each_camera_in_order([&](int i, Columns columns) {
+    for (int chunk = graph_.chunk_begin[i]; chunk < graph_.chunk_begin[i + 1]; ++chunk)
+      fold(blocks + stride * chunk, i, columns, reduced);
+  });
 }
 
 std::vector<double> NormalEquations::camera_damping(const Damping& damping) const {
@@ -120,31 +177,26 @@ std::vector<double> NormalEquations::camera_damping(const Damping& damping) cons
 }
 
 double NormalEquations::max_diagonal() const {
-  double largest = 0.0;
-  for (double d : camera_diagonal_) largest = std::max(largest, d);
-  for (int p = 0; p < graph_.num_points; ++p) {
-    for (int k : {0, 2, 5}) largest = std::max(largest, point_block(p)[k]);
-  }
-  return largest;
+  const double of_cameras = largest_magnitude(camera_diagonal_.data(), camera_diagonal_.size());
+  return std::max(of_cameras, max_over_points(*this, [this](int p) {
+                    return std::ranges::max(point_block(p).diagonal());
+                  }));
 }
 
 Slopes NormalEquations::slopes(const Step& step) const {
-  const double camera =
-      std::inner_product(camera_rhs_.begin(), camera_rhs_.end(), step.camera.begin(), 0.0);
-  double point = 0.0;
-  for (int p = 0; p < graph_.num_points; ++p) {
-    const double* b = point_block(p) + 6;
+  const double point = sum_over_points(*this, 0.0, [&](int p, double& sum) {
+    const double* b = point_block(p).rhs;
     const double* delta = step.point.data() + 3L * p;
-    point += b[0] * delta[0] + b[1] * delta[1] + b[2] * delta[2];
-  }
-  return {-camera, -point};
+    sum += b[0] * delta[0] + b[1] * delta[1] + b[2] * delta[2];
+  });
+  return {-dot(pool_, camera_rhs_, step.camera), -point};
 }
 
 double NormalEquations::curvature(const Step& step) const {
   const double observed = pool_.sum(static_cast<int>(graph_.chunks.size()), [&](int chunk) {
     return chunk_curvature(*this, graph_.chunks[chunk], step);
   });
-  return observed + camera_terms_.quadratic_form(map_, step.camera);
+  return exchange_.sum(observed) + camera_terms_.quadratic_form(map_, step.camera);
 }
 
 double NormalEquations::model_decrease(const Step& step) const {
@@ -153,19 +205,18 @@ double NormalEquations::model_decrease(const Step& step) const {
 }
 
 double NormalEquations::predicted_decrease(const Step& step, const Damping& damping) const {
-  double sum = 0.0;
+  double of_cameras = 0.0;
   for (std::size_t k = 0; k < camera_rhs_.size(); ++k) {
-    sum += step.camera[k] * (camera_rhs_[k] + damping(camera_diagonal_[k]) * step.camera[k]);
+    of_cameras += step.camera[k] * (camera_rhs_[k] + damping(camera_diagonal_[k]) * step.camera[k]);
   }
-  constexpr int kDiagonal[] = {0, 2, 5};
-  for (int p = 0; p < graph_.num_points; ++p) {
-    const double* block = point_block(p);
-    for (int k = 0; k < 3; ++k) {
-      const double delta = step.point[3 * static_cast<std::size_t>(p) + k];
-      sum += delta * (block[6 + k] + damping(block[kDiagonal[k]]) * delta);
-    }
-  }
-  return 0.5 * sum;
+  return 0.5 * sum_over_points(*this, of_cameras, [&](int p, double& sum) {
+           const PointBlock& block = point_block(p);
+           const std::array<double, 3> diagonal = block.diagonal();
+           for (int k = 0; k < 3; ++k) {
+             const double delta = step.point[3 * static_cast<std::size_t>(p) + k];
+             sum += delta * (block.rhs[k] + damping(diagonal[k]) * delta);
+           }
+         });
 }
 
 }  // namespace sfmcpp::linear

@@ -15,6 +15,15 @@ void ParameterMap::fold(const double* block, int camera, double* reduced) const 
   }
 }
 
+std::vector<char> shared_columns(const ParameterMap& map) {
+  std::vector<char> cameras(map.num_columns, 0);  // of each column, up to two
+  for (int column : map.column) {
+    if (column != kNoColumn) cameras[column] += cameras[column] < 2;
+  }
+  for (char& count : cameras) count = count > 1;
+  return cameras;
+}
+
 int padded_camera_size(int free_parameters) {
   for (int size : {6, 9, 12}) {
     if (free_parameters <= size) return size;

@@ -1,7 +1,6 @@
 #include "sfmcpp/linear/point_elimination.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace sfmcpp::linear {
@@ -19,38 +18,40 @@ double inverse_root(double pivot, double diagonal) {
 
 PointElimination::PointElimination(const NormalEquations& normal) : normal_(normal) {
   const ObservationGraph& graph = normal.graph();
-  factors_.resize(static_cast<std::size_t>(graph.num_points) * kPointFactor);
+  factors_.resize(static_cast<std::size_t>(graph.num_points));
   steps_.resize(static_cast<std::size_t>(graph.num_cameras) * normal.map().camera_size);
   sums_.resize(3 * static_cast<std::size_t>(graph.num_points));
 }
 
 void PointElimination::factor(const Damping& damping) {
-  for_each_point(
-      normal_.pool(), normal_.graph().num_points, [&](int p) { factor_point(p, damping); });
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
+    factors_[p] = factor_of(p, damping);
+  });
 }
 
-void PointElimination::factor_point(int p, const Damping& damping) {
-  const double* v = normal_.point_block(p);
-  double* m = factors_.data() + static_cast<long>(kPointFactor) * p;
-  if (!normal_.map().free_point[p]) {
-    std::fill_n(m, kPointFactor, 0.0);
-    return;
-  }
-  const double d0 = v[0] + damping(v[0]), d1 = v[2] + damping(v[2]), d2 = v[5] + damping(v[5]);
+PointFactor PointElimination::factor_of(int p, const Damping& damping) const {
+  if (!normal_.map().free_point[p]) return {};
+  const PointBlock& v = normal_.point_block(p);
+  const double* b = v.rhs;
+  const double d0 = v.v00 + damping(v.v00);
+  const double d1 = v.v11 + damping(v.v11);
+  const double d2 = v.v22 + damping(v.v22);
   // L row by row, with reciprocal pivots; then M = L⁻¹ by forward substitution.
   const double m00 = inverse_root(d0, d0);
-  const double l10 = v[1] * m00, l20 = v[3] * m00;
+  const double l10 = v.v10 * m00, l20 = v.v20 * m00;
   const double m11 = inverse_root(d1 - l10 * l10, d1);
-  const double l21 = (v[4] - l20 * l10) * m11;
+  const double l21 = (v.v21 - l20 * l10) * m11;
   const double m22 = inverse_root(d2 - l20 * l20 - l21 * l21, d2);
   const double m10 = -l10 * m00 * m11;
   const double m21 = -l21 * m11 * m22;
   const double m20 = -(l20 * m00 + l21 * m10) * m22;
-  const std::array<double, 6> inverse{m00, m10, m11, m20, m21, m22};
-  std::copy(inverse.begin(), inverse.end(), m);
-  m[6] = m00 * v[6];
-  m[7] = m10 * v[6] + m11 * v[7];
-  m[8] = m20 * v[6] + m21 * v[7] + m22 * v[8];
+  return {m00,
+          m10,
+          m11,
+          m20,
+          m21,
+          m22,
+          {m00 * b[0], m10 * b[0] + m11 * b[1], m20 * b[0] + m21 * b[1] + m22 * b[2]}};
 }
 
 const double* PointElimination::expanded(int i) const {
@@ -60,9 +61,10 @@ const double* PointElimination::expanded(int i) const {
 const double* PointElimination::point_sums(const std::vector<double>& x) {
   const ObservationGraph& graph = normal_.graph();
   const ParameterMap& map = normal_.map();
-  for (int i = 0; i < graph.num_cameras; ++i) {
-    map.expand(x.data(), i, steps_.data() + static_cast<long>(map.camera_size) * i);
-  }
+  normal_.pool().parallel_for_parts(graph.num_cameras, kCamerasPerTask, [&](long begin, long end) {
+    for (long i = begin; i < end; ++i)
+      map.expand(x.data(), static_cast<int>(i), steps_.data() + map.camera_size * i);
+  });
   normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
     const int begin = task * kPointsPerTask;
     const int end = std::min(begin + kPointsPerTask, graph.num_points);
@@ -81,10 +83,11 @@ const double* PointElimination::point_sums(const std::vector<double>& x) {
 void PointElimination::solve(const std::vector<double>& g, std::vector<double>& x) const {
   x.resize(g.size());
   for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    const double* m = factor(p);
+    const PointFactor& m = factor(p);
     const double* in = g.data() + 3L * p;
-    const double z[3] = {
-        m[0] * in[0], m[1] * in[0] + m[2] * in[1], m[3] * in[0] + m[4] * in[1] + m[5] * in[2]};
+    const double z[3] = {m.m00 * in[0],
+                         m.m10 * in[0] + m.m11 * in[1],
+                         m.m20 * in[0] + m.m21 * in[1] + m.m22 * in[2]};
     multiply_by_transposed_factor(m, z, x.data() + 3L * p);
   });
 }
@@ -93,9 +96,9 @@ void PointElimination::back_substitute(Step& step) {
   const double* sums = point_sums(step.camera);
   step.point.resize(sums_.size());
   for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    const double* m = factor(p);
+    const PointFactor& m = factor(p);
     const double* sum = sums + 3L * p;
-    const double z[3] = {m[6] - sum[0], m[7] - sum[1], m[8] - sum[2]};
+    const double z[3] = {m.y[0] - sum[0], m.y[1] - sum[1], m.y[2] - sum[2]};
     multiply_by_transposed_factor(m, z, step.point.data() + 3L * p);
   });
 }

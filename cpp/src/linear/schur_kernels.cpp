@@ -7,7 +7,7 @@ namespace {
 
 template <int D>
 void camera_gradient(
-    int n, const double* jacobian, const double* records, double* gradient, double* diagonal) {
+    int n, const double* jacobian, const PointRecord* records, double* gradient, double* diagonal) {
   Row<D> sum, squares;
   load_row(gradient, sum);
   load_row(diagonal, squares);
@@ -15,7 +15,7 @@ void camera_gradient(
     for (int row = 0; row < 2; ++row) {
       Row<D> j;
       load_row(jacobian + (2L * a + row) * D, j);
-      add_scaled(sum, j, records[kPointRecord * static_cast<long>(a) + 4 * row + 3]);
+      add_scaled(sum, j, records[a].row[row].residual);
       add_squares(squares, j);
     }
   }
@@ -24,17 +24,13 @@ void camera_gradient(
 }
 
 // G of one observation from A|r and the factor M of its point: two rows of three.
-inline void whiten(const double* record, const double* m, double* g) {
+inline void whiten(const PointRecord& record, const PointFactor& m, double* g) {
   for (int row = 0; row < 2; ++row) {
-    const double* a = record + 4 * row;
-    g[3 * row] = a[0] * m[0];
-    g[3 * row + 1] = a[0] * m[1] + a[1] * m[2];
-    g[3 * row + 2] = a[0] * m[3] + a[1] * m[4] + a[2] * m[5];
+    const double* a = record.row[row].by_point;
+    g[3 * row] = a[0] * m.m00;
+    g[3 * row + 1] = a[0] * m.m10 + a[1] * m.m11;
+    g[3 * row + 2] = a[0] * m.m20 + a[1] * m.m21 + a[2] * m.m22;
   }
-}
-
-inline const double* factor_of(const double* factors, int point) {
-  return factors + static_cast<long>(kPointFactor) * point;
 }
 
 inline double dot3(const double* a, const double* b) {
@@ -63,9 +59,9 @@ struct Rows {
 template <int D>
 void schur_diagonal(int n,
                     const double* jacobian,
-                    const double* records,
+                    const PointRecord* records,
                     const int* point,
-                    const double* factors,
+                    const PointFactor* factors,
                     double* diagonal,
                     double* rhs) {
   Block<D> block;
@@ -74,8 +70,8 @@ void schur_diagonal(int n,
   set_zero(sum);
   for (long a = 0; a < n; ++a) {
     const double* j = jacobian + a * 2 * D;
-    const double* record = records + a * kPointRecord;
-    const double* m = factor_of(factors, point[a]);
+    const PointRecord& record = records[a];
+    const PointFactor& m = factors[point[a]];
     double g[6];
     whiten(record, m, g);
     const Rows<D> rows(j);
@@ -85,9 +81,8 @@ void schur_diagonal(int n,
     add_outer(block, weighted, j);
     rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted);
     add_outer(block, weighted, j + D);
-    const double* y = m + 6;
-    add_scaled(sum, rows.first, record[3] - dot3(g, y));
-    add_scaled(sum, rows.second, record[7] - dot3(g + 3, y));
+    add_scaled(sum, rows.first, record.row[0].residual - dot3(g, m.y));
+    add_scaled(sum, rows.second, record.row[1].residual - dot3(g + 3, m.y));
   }
   store_block(block, diagonal);
   store_row(rhs, sum);
@@ -103,28 +98,30 @@ inline void prefetch_partners(const SchurRow& in, int a) {
     const long b = in.graph.of_point[position];
     const double* jacobian = in.jacobian + 2 * D * b;
     for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + k);
-    __builtin_prefetch(in.records + kPointRecord * b);
+    __builtin_prefetch(in.records + b);
   }
 }
 
 // t = G M: two rows of three. Then G_a G_bᵀ = t_a A_bᵀ, with no loss of accuracy: V* ≥ AᵀA bounds G
 // by one, so rounding is of order √cond(V*) either way, and no partner needs whitening.
-inline void unwhiten(const double* g, const double* m, double* t) {
+inline void unwhiten(const double* g, const PointFactor& m, double* t) {
   for (int row = 0; row < 2; ++row) {
     const double* in = g + 3 * row;
-    t[3 * row] = in[0] * m[0] + in[1] * m[1] + in[2] * m[3];
-    t[3 * row + 1] = in[1] * m[2] + in[2] * m[4];
-    t[3 * row + 2] = in[2] * m[5];
+    t[3 * row] = in[0] * m.m00 + in[1] * m.m10 + in[2] * m.m20;
+    t[3 * row + 1] = in[1] * m.m11 + in[2] * m.m21;
+    t[3 * row + 2] = in[2] * m.m22;
   }
 }
 
 // block −= J_aᵀ (t_a A_bᵀ) J_b.
 template <int D>
 inline void subtract_pair(
-    const Rows<D>& rows, const double* t, const double* jb, const double* record_b, double* block) {
+    const Rows<D>& rows, const double* t, const double* jb, const PointRecord& b, double* block) {
   Row<D> weighted[2];
-  rows.combine(-dot3(t, record_b), -dot3(t + 3, record_b), weighted[0]);
-  rows.combine(-dot3(t, record_b + 4), -dot3(t + 3, record_b + 4), weighted[1]);
+  for (int row = 0; row < 2; ++row) {
+    const double* a_b = b.row[row].by_point;
+    rows.combine(-dot3(t, a_b), -dot3(t + 3, a_b), weighted[row]);
+  }
   const Row<D>* pointers[2] = {&weighted[0], &weighted[1]};
   rank_update<D, 2>(pointers, jb, block);
 }
@@ -136,27 +133,23 @@ void schur_row(const SchurRow& in) {
   const long first = in.begin;
   schur_diagonal<D>(in.end - in.begin,
                     in.jacobian + first * 2 * D,
-                    in.records + first * kPointRecord,
+                    in.records + first,
                     graph.point + first,
                     in.factors,
                     in.diagonal,
                     in.rhs);
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners<D>(in, a + kAhead);
-    const double* m = factor_of(in.factors, graph.point[a]);
+    const PointFactor& m = in.factors[graph.point[a]];
     const Rows<D> rows(in.jacobian + 2L * D * a);
     double g[6], t[6];
-    whiten(in.records + static_cast<long>(kPointRecord) * a, m, g);
+    whiten(in.records[a], m, g);
     unwhiten(g, m, t);
     const int end = graph.point_begin[graph.point[a] + 1];
     for (int position = graph.rank[a] + 1; position < end; ++position) {
       const long b = graph.of_point[position];
       const long block = in.block_of_camera[graph.camera[b]];
-      subtract_pair<D>(rows,
-                       t,
-                       in.jacobian + b * 2 * D,
-                       in.records + b * kPointRecord,
-                       in.blocks + block * D * D);
+      subtract_pair<D>(rows, t, in.jacobian + b * 2 * D, in.records[b], in.blocks + block * D * D);
     }
   }
 }
@@ -167,8 +160,8 @@ void point_sums(const GraphView& graph,
                 int begin,
                 int end,
                 const double* jacobian,
-                const double* records,
-                const double* factors,
+                const PointRecord* records,
+                const PointFactor* factors,
                 const double* steps,
                 double* sums) {
   constexpr int kAhead = 8;
@@ -179,28 +172,28 @@ void point_sums(const GraphView& graph,
       if (position + kAhead < last) {
         const long ahead = graph.of_point[position + kAhead];
         for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + ahead * 2 * D + k);
-        __builtin_prefetch(records + ahead * kPointRecord);
+        __builtin_prefetch(records + ahead);
       }
       const long b = graph.of_point[position];
       const Rows<D> rows(jacobian + b * 2 * D);
       Row<D> step;
       load_row(steps + static_cast<long>(D) * graph.camera[b], step);
       const double e0 = dot(rows.first, step), e1 = dot(rows.second, step);
-      const double* a = records + b * kPointRecord;
-      for (int k = 0; k < 3; ++k) s[k] += a[k] * e0 + a[4 + k] * e1;
+      const PointRecord::Row* a = records[b].row;
+      for (int k = 0; k < 3; ++k) s[k] += a[0].by_point[k] * e0 + a[1].by_point[k] * e1;
     }
-    const double* m = factor_of(factors, p);
+    const PointFactor& m = factors[p];
     double* sum = sums + 3L * (p - begin);
-    sum[0] = m[0] * s[0];
-    sum[1] = m[1] * s[0] + m[2] * s[1];
-    sum[2] = m[3] * s[0] + m[4] * s[1] + m[5] * s[2];
+    sum[0] = m.m00 * s[0];
+    sum[1] = m.m10 * s[0] + m.m11 * s[1];
+    sum[2] = m.m20 * s[0] + m.m21 * s[1] + m.m22 * s[2];
   }
 }
 
 template <int D>
 void schur_product(int n,
                    const double* jacobian,
-                   const double* records,
+                   const PointRecord* records,
                    const int* point,
                    const double* shifts,
                    const double* x,
@@ -210,10 +203,10 @@ void schur_product(int n,
   load_row(out, sum);
   for (long a = 0; a < n; ++a) {
     const Rows<D> rows(jacobian + a * 2 * D);
-    const double* record = records + a * kPointRecord;
+    const PointRecord::Row* row = records[a].row;
     const double* t = shifts + 3L * point[a];
-    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(record, t));
-    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(record + 4, t));
+    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(row[0].by_point, t));
+    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(row[1].by_point, t));
   }
   store_row(out, sum);
 }

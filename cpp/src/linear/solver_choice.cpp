@@ -1,9 +1,8 @@
 #include <cstdio>
 #include <unistd.h>
 
-#include "sfmcpp/linear/block_ordering.hpp"
+#include "implicit_schur.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
-#include "sfmcpp/linear/implicit_schur.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 
 namespace sfmcpp::linear {
@@ -34,16 +33,26 @@ std::string describe(const char* name, const Prediction& p) {
   return text;
 }
 
-// Explicit Schur complement without its factorisation.
-Prediction predict_form(const ObservationGraph& graph, double size) {
-  const double observations = graph.num_observations();
-  return {.seconds = 6 * size * size * num_pair_updates(graph) / kFormRate,
-          .bytes = observations * 24 * size};
+// Over the points of all ranks.
+struct Counts {
+  double observations = 0.0;
+  double pair_updates = 0.0;
+};
+
+Counts count(const ObservationGraph& graph, Exchange& exchange) {
+  double counts[] = {static_cast<double>(graph.num_observations()), num_pair_updates(graph)};
+  exchange.sum(counts);
+  return {counts[0], counts[1]};
 }
 
-Prediction predict_iterative(const ObservationGraph& graph, double size) {
-  const double observations = graph.num_observations();
-  return {.seconds = kExpectedIterations * observations * (8 * size + 24) / kIterativeRate,
+// Explicit Schur complement without its factorisation.
+Prediction predict_form(const Counts& counts, double size) {
+  return {.seconds = 6 * size * size * counts.pair_updates / kFormRate,
+          .bytes = counts.observations * 24 * size};
+}
+
+Prediction predict_iterative(const Counts& counts, double size) {
+  return {.seconds = kExpectedIterations * counts.observations * (8 * size + 24) / kIterativeRate,
           .bytes = 0.0};
 }
 
@@ -52,25 +61,28 @@ Prediction predict_iterative(const ObservationGraph& graph, double size) {
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
                                         LinearSolverKind requested,
-                                        const CameraPairs& pairs) {
+                                        const CameraPairs& pairs,
+                                        Exchange& exchange) {
   if (requested != LinearSolverKind::kAuto) return {requested, "as requested"};
   const double size = map.camera_size, columns = map.num_columns;
-  const Prediction form = predict_form(graph, size);
-  const Prediction iterative = predict_iterative(graph, size);
+  const Counts counts = count(graph, exchange);
+  const Prediction form = predict_form(counts, size);
+  const Prediction iterative = predict_iterative(counts, size);
   const Prediction dense{form.seconds + columns * columns * columns / 3 / kDenseRate,
                          form.bytes + 8 * columns * columns};
   Prediction sparse{1e300, 1e300};
   // Below this the whole matrix costs less than analysing it.
   constexpr double kAlwaysDense = 300;
-  const double budget = kMemoryShare * machine_bytes();
-  if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
-    const CameraPattern pattern = make_camera_pattern(graph, pairs);
-    const BlockOrdering ordering = order_blocks(make_block_graph(pattern, map));
-    sparse = {form.seconds + ordering.flops / kSparseRate,
-              form.bytes + 8 * (size * size * static_cast<double>(pattern.num_blocks()) +
-                                ordering.factor_entries)};
-  }
+  const double budget = -exchange.max(-kMemoryShare * machine_bytes());  // of the smallest machine
   LinearSolverChoice choice{LinearSolverKind::kIterative, ""};
+  if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
+    const auto structure = std::make_shared<ReducedStructure>(
+        make_sparse_structure(make_global_camera_pattern(graph, pairs, exchange), map));
+    const auto blocks = static_cast<double>(structure->pattern.num_blocks());
+    sparse = {form.seconds + structure->ordering.flops / kSparseRate,
+              form.bytes + 8 * (size * size * blocks + structure->ordering.factor_entries)};
+    choice.structure = structure;
+  }
   double best = iterative.seconds;
   const auto consider = [&](LinearSolverKind kind, const Prediction& p) {
     if (p.seconds > best || p.bytes > budget) return;
@@ -85,12 +97,14 @@ LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
   return choice;
 }
 
-std::unique_ptr<LinearSolver> make_linear_solver(const NormalEquations& normal,
-                                                 const LinearSolverOptions& options) {
+std::unique_ptr<LinearSolver> make_linear_solver(
+    const NormalEquations& normal,
+    const LinearSolverOptions& options,
+    std::shared_ptr<const ReducedStructure> structure) {
   if (options.kind == LinearSolverKind::kIterative) {
     return std::make_unique<ImplicitSchurSolver>(normal, options);
   }
-  return std::make_unique<ExplicitSchurSolver>(normal, options.kind);
+  return std::make_unique<ExplicitSchurSolver>(normal, options.kind, std::move(structure));
 }
 
 }  // namespace sfmcpp::linear

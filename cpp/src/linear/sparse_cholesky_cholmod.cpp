@@ -13,7 +13,7 @@ namespace {
 class CholmodCholesky final : public SparseCholesky {
  public:
   explicit CholmodCholesky(const SparseLower& pattern) {
-    cholmod_start(&common_);
+    cholmod_l_start(&common_);
     common_.print = 0;  // the core never prints
     common_.quick_return_if_not_posdef = 1;
     common_.final_ll =
@@ -23,15 +23,15 @@ class CholmodCholesky final : public SparseCholesky {
     common_.postorder = 1;
     cholmod_sparse view = view_of(pattern);
     const SingleThreadedBlas single_threaded;
-    factor_ = cholmod_analyze(&view, &common_);
+    factor_ = cholmod_l_analyze(&view, &common_);
     if (factor_ == nullptr) {
-      cholmod_finish(&common_);
+      cholmod_l_finish(&common_);
       throw std::bad_alloc();
     }
   }
   ~CholmodCholesky() override {
-    cholmod_free_factor(&factor_, &common_);
-    cholmod_finish(&common_);
+    cholmod_l_free_factor(&factor_, &common_);
+    cholmod_l_finish(&common_);
   }
   CholmodCholesky(const CholmodCholesky&) = delete;
   CholmodCholesky& operator=(const CholmodCholesky&) = delete;
@@ -39,7 +39,7 @@ class CholmodCholesky final : public SparseCholesky {
   bool factorize(const SparseLower& matrix) override {
     cholmod_sparse view = view_of(matrix);
     const SingleThreadedBlas single_threaded;
-    cholmod_factorize(&view, factor_, &common_);
+    cholmod_l_factorize(&view, factor_, &common_);
     return common_.status == CHOLMOD_OK && factor_->minor == factor_->n;
   }
 
@@ -51,10 +51,10 @@ class CholmodCholesky final : public SparseCholesky {
     rhs.xtype = CHOLMOD_REAL;
     rhs.dtype = CHOLMOD_DOUBLE;
     const SingleThreadedBlas single_threaded;
-    cholmod_dense* solution = cholmod_solve(CHOLMOD_A, factor_, &rhs, &common_);
+    cholmod_dense* solution = cholmod_l_solve(CHOLMOD_A, factor_, &rhs, &common_);
     if (solution == nullptr) throw std::bad_alloc();
     std::copy_n(static_cast<const double*>(solution->x), x.size(), x.begin());
-    cholmod_free_dense(&solution, &common_);
+    cholmod_l_free_dense(&solution, &common_);
   }
 
  private:
@@ -63,11 +63,11 @@ class CholmodCholesky final : public SparseCholesky {
     view.nrow = view.ncol = static_cast<std::size_t>(matrix.size);
     view.nzmax = matrix.row.size();
     // CHOLMOD reads these arrays only; its interface is not const.
-    view.p = const_cast<int*>(matrix.column_begin.data());
-    view.i = const_cast<int*>(matrix.row.data());
+    view.p = const_cast<std::int64_t*>(matrix.column_begin.data());
+    view.i = const_cast<std::int64_t*>(matrix.row.data());
     view.x = const_cast<double*>(matrix.value.data());
     view.stype = -1;
-    view.itype = CHOLMOD_INT;
+    view.itype = CHOLMOD_LONG;
     view.xtype = CHOLMOD_REAL;
     view.dtype = CHOLMOD_DOUBLE;
     view.sorted = view.packed = 1;

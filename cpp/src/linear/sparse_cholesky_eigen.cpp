@@ -6,7 +6,7 @@
 namespace sfmcpp::linear {
 namespace {
 
-using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int64_t>;
 
 class EigenCholesky final : public SparseCholesky {
  public:
@@ -32,7 +32,7 @@ class EigenCholesky final : public SparseCholesky {
             m.value.data()};
   }
 
-  Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::NaturalOrdering<int>> cholesky_;
+  Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::NaturalOrdering<std::int64_t>> cholesky_;
 };
 
 }  // namespace

@@ -30,6 +30,8 @@ class Alternation final : public StepStrategy {
   bool can_retry() const override { return damping() < kMaxLambda; }
 
  private:
+  void keep(Memory& memory) override { rule_.keep(memory); }
+
   HartleyRule rule_;
   std::optional<linear::BlockJacobi> blocks_;
 };

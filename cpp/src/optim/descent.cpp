@@ -22,6 +22,7 @@ class DirectionRule {
   virtual void next(const linear::NormalEquations& normal, linear::Step& direction) = 0;
   // Whether another direction follows from the same place.
   virtual bool has_another() const = 0;
+  virtual void keep(Memory&) {}
 };
 
 // D⁻¹ b: with D = I the negative gradient.
@@ -30,7 +31,7 @@ class SteepestDescent final : public DirectionRule {
   explicit SteepestDescent(linear::DampingMatrix matrix) : matrix_(matrix) {}
   void next(const linear::NormalEquations& normal, linear::Step& direction) override {
     direction =
-        linear::divide(linear::negative_gradient(normal), linear::damping_entries(normal, matrix_));
+        divide(normal, linear::negative_gradient(normal), linear::damping_entries(normal, matrix_));
   }
   bool has_another() const override { return false; }
 
@@ -47,17 +48,22 @@ class PolakRibiere final : public DirectionRule {
   void next(const linear::NormalEquations& normal, linear::Step& direction) override {
     const linear::Step gradient = linear::negative_gradient(normal);
     const linear::Step z = preconditioned(normal, gradient);
-    const double zg = dot(z, gradient);
-    beta_ = last_zg_ ? std::max(0.0, (zg - dot(z, last_gradient_)) / *last_zg_) : 0.0;
-    if (beta_ > 0.0 && zg + beta_ * dot(direction, gradient) <= 0.0) beta_ = 0.0;
+    const double zg = dot(normal, z, gradient);
+    beta_ = last_zg_ ? std::max(0.0, (zg - dot(normal, z, last_gradient_)) / *last_zg_) : 0.0;
+    if (beta_ > 0.0 && zg + beta_ * dot(normal, direction, gradient) <= 0.0) beta_ = 0.0;
     linear::Step last = std::move(direction);
     direction = z;
-    if (beta_ > 0.0) add_scaled(beta_, last, direction);
+    if (beta_ > 0.0) add_scaled(normal, beta_, last, direction);
     last_gradient_ = gradient;
     last_zg_ = zg;
   }
   // The same gradient once more gives β = 0.
   bool has_another() const override { return beta_ > 0.0; }
+  void keep(Memory& memory) override {
+    memory.keep(last_gradient_);
+    memory.keep(last_zg_);
+    memory.keep(beta_);
+  }
 
  private:
   linear::Step preconditioned(const linear::NormalEquations& normal, const linear::Step& g) {
@@ -87,7 +93,7 @@ class Descent final : public StepStrategy {
                      linear::Step& step) override {
     if (!has_direction_) set_direction(normal);
     step = direction_;
-    scale(share_ * length_, step);
+    scale(normal, share_ * length_, step);
     return {.valid = descends(), .predicted_decrease = share_ * (2.0 - share_) * whole_decrease_};
   }
   void accepted(double) override {
@@ -101,6 +107,14 @@ class Descent final : public StepStrategy {
   bool can_retry() const override { return descends() && share_ > kMinShare; }
 
  private:
+  void keep(Memory& memory) override {
+    rule_->keep(memory);
+    memory.keep(direction_);
+    memory.keep(has_direction_);
+    memory.keep(length_);
+    memory.keep(whole_decrease_);
+    memory.keep(share_);
+  }
   void set_direction(const linear::NormalEquations& normal) {
     rule_->next(normal, direction_);
     has_direction_ = true;

@@ -41,12 +41,12 @@ class DogLeg final : public StepStrategy {
     int iterations = 0;
     if (!has_path_) {
       set_cauchy_step(normal);
-      has_path_ = set_gauss_newton_step(solver, should_stop, iterations);
+      has_path_ = set_gauss_newton_step(normal, solver, should_stop, iterations);
       if (!has_path_) return {.linear_solver_iterations = iterations};
       if (!radius_) radius_ = first_radius();
     }
-    step = point_of_path();
-    step_norm_ = norm(step, metric_);
+    step = point_of_path(normal);
+    step_norm_ = norm(normal, step, metric_);
     return {true, normal.model_decrease(step), iterations};
   }
 
@@ -63,15 +63,25 @@ class DogLeg final : public StepStrategy {
   bool can_retry() const override { return has_path_ && *radius_ > kMinShare * gauss_newton_norm_; }
 
  private:
+  // The path too, which a rejection leaves: to solve for it again would be at another μ.
+  void keep(Memory& memory) override {
+    memory.keep(radius_);
+    memory.keep(regularization_);
+    memory.keep(has_path_);
+    if (!has_path_) return;
+    for (linear::Step* step : {&metric_, &cauchy_, &gauss_newton_}) memory.keep(*step);
+    for (double* length : {&cauchy_norm_, &gauss_newton_norm_, &step_norm_}) memory.keep(*length);
+  }
   void set_cauchy_step(const linear::NormalEquations& normal) {
     metric_ = linear::damping_entries(normal, matrix_);
     const linear::Step gradient = linear::negative_gradient(normal);
-    cauchy_ = divide(gradient, metric_);
-    scale(dot(cauchy_, gradient) / normal.curvature(cauchy_), cauchy_);
-    cauchy_norm_ = norm(cauchy_, metric_);
+    cauchy_ = divide(normal, gradient, metric_);
+    scale(normal, dot(normal, cauchy_, gradient) / normal.curvature(cauchy_), cauchy_);
+    cauchy_norm_ = norm(normal, cauchy_, metric_);
   }
 
-  bool set_gauss_newton_step(linear::LinearSolver& solver,
+  bool set_gauss_newton_step(const linear::NormalEquations& normal,
+                             linear::LinearSolver& solver,
                              const std::function<bool()>& should_stop,
                              int& iterations) {
     do {
@@ -79,7 +89,7 @@ class DogLeg final : public StepStrategy {
       const linear::LinearSolveResult result = solver.solve(damping, gauss_newton_, should_stop);
       iterations += result.iterations;
       if (result.success) {
-        gauss_newton_norm_ = norm(gauss_newton_, metric_);
+        gauss_newton_norm_ = norm(normal, gauss_newton_, metric_);
         regularization_ = std::max(0.1 * regularization_, min_regularization_);
         return true;
       }
@@ -93,23 +103,23 @@ class DogLeg final : public StepStrategy {
                                                        : kRadiusOverCauchyStep * cauchy_norm_;
   }
 
-  linear::Step point_of_path() const {
+  linear::Step point_of_path(const linear::NormalEquations& normal) const {
     if (gauss_newton_norm_ <= *radius_) return gauss_newton_;
     linear::Step step = cauchy_;
     if (cauchy_norm_ >= *radius_) {
-      scale(*radius_ / cauchy_norm_, step);
+      scale(normal, *radius_ / cauchy_norm_, step);
       return step;
     }
     linear::Step leg = gauss_newton_;
-    add_scaled(-1.0, cauchy_, leg);
-    add_scaled(share_of_leg(leg), leg, step);
+    add_scaled(normal, -1.0, cauchy_, leg);
+    add_scaled(normal, share_of_leg(normal, leg), leg, step);
     return step;
   }
 
   // The t in [0, 1] with ‖δ_CAU + t (δ_GN − δ_CAU)‖ = Γ: the positive root of a t² + 2 b t + c with
   // c < 0 < a, without cancellation.
-  double share_of_leg(const linear::Step& leg) const {
-    const double a = dot(leg, metric_, leg), b = dot(cauchy_, metric_, leg);
+  double share_of_leg(const linear::NormalEquations& normal, const linear::Step& leg) const {
+    const double a = dot(normal, leg, metric_, leg), b = dot(normal, cauchy_, metric_, leg);
     const double c = (cauchy_norm_ - *radius_) * (cauchy_norm_ + *radius_);
     const double root = std::sqrt(b * b - a * c);
     return b <= 0.0 ? (root - b) / a : -c / (root + b);

@@ -25,6 +25,11 @@ class LevenbergMarquardt final : public StepStrategy {
   bool can_retry() const override { return damping() < kMaxLambda; }
 
  private:
+  void keep(Memory& memory) override {
+    memory.keep(started_);
+    rule_->keep(memory);
+  }
+
   std::unique_ptr<DampingRule> rule_;
   bool started_ = false;
 };

@@ -4,29 +4,19 @@
 #include <cmath>
 
 #include "model_line.hpp"
+#include "sfmcpp/linear/step_algebra.hpp"
+#include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::optim {
 namespace {
 
-double squared_norm(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (double v : values) sum += v * v;
-  return sum;
-}
-
-double norm(const linear::Step& step) {
-  return std::sqrt(squared_norm(step.camera) + squared_norm(step.point));
-}
-
-double norm(const State& state) {
-  return std::sqrt(squared_norm(state.cameras) + squared_norm(state.intrinsics) +
-                   squared_norm(state.points));
-}
-
 // Relative decreases of the cost below this are rounding.
 constexpr double kRounding = 1e-9;
 // A cost, in squared standard deviations, far below what any measurement can tell.
-constexpr double kNothing = 1e-18;
+constexpr double kNegligibleCost = 1e-18;
+
+// Why to stop at once, the gravest reason last: what one rank has met counts for all.
+enum class Stop { kNo, kTime, kCallback, kInterrupt };
 
 class Minimizer {
  public:
@@ -95,9 +85,9 @@ class Minimizer {
     now_.damping = strategy_->damping();
     now_.linear_solver_iterations = result_.linear_solver_iterations;
     if (!result_.valid) return;
-    now_.step_norm = norm(step_);
-    promise_ = std::max(promise_, result_.predicted_decrease);
-    if (now_.step_norm <= options_.termination.parameter_tolerance * norm(state_))
+    now_.step_norm = norm(model_.normal_equations(), step_);
+    largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
+    if (now_.step_norm <= options_.termination.parameter_tolerance * state_norm())
       finish_negligible();
   }
 
@@ -132,7 +122,7 @@ class Minimizer {
     const double decrease = cost_ - candidate_cost_;
     std::swap(state_, candidate_);
     model_.normalize(state_);
-    teach_strategy();
+    update_strategy();
     cost_ = candidate_cost_;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease)) {
       finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
@@ -143,7 +133,7 @@ class Minimizer {
 
   // The strategy answers for the step it proposed, at unit length: one that fails without a line
   // search was too long, and the next must be shorter, even if the search made something of it.
-  void teach_strategy() {
+  void update_strategy() {
     if (unit_cost_ < cost_) {
       strategy_->accepted((cost_ - unit_cost_) / result_.predicted_decrease);
     } else {
@@ -171,9 +161,9 @@ class Minimizer {
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
 
-  // The steps have come to nothing: at a minimum, or because no step keeps what the model promises.
+  // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
   void finish_negligible() {
-    if (progressed() || promise_ <= std::max(kRounding * cost_, kNothing)) {
+    if (progressed() || largest_prediction_ <= std::max(kRounding * cost_, kNegligibleCost)) {
       finish(Termination::kConverged,
              "the step is negligible: within parameter_tolerance of the unknowns");
     } else {
@@ -183,7 +173,8 @@ class Minimizer {
     }
   }
 
-  // A rejected step whose promise and whose effect are both below the tolerance: rounding decides.
+  // A rejected step whose predicted and whose true effect are both below the tolerance: rounding
+  // decides.
   bool change_is_negligible() const {
     const double negligible = options_.termination.function_tolerance * cost_;
     return result_.valid && result_.predicted_decrease <= negligible &&
@@ -194,27 +185,38 @@ class Minimizer {
     now_.cost = cost_;
     now_.seconds = clock_.seconds();
     summary_.iterations.push_back(now_);
-    obey(events_.on_iteration(now_));
-    if (!finished() && out_of_time())
+    const Stop stop = agree_on(events_.on_iteration(now_));
+    if (!finished() && stop == Stop::kTime)
       finish(Termination::kMaxSeconds, "the time limit was reached");
     if (!finished() && now_.number >= options_.termination.max_iterations) {
       finish(Termination::kMaxIterations, "the limit on iterations was reached");
     }
   }
 
-  void obey(Signal signal) {
-    if (signal == Signal::kInterrupt)
+  Stop agree_on(Signal signal) {
+    const Stop mine = signal == Signal::kInterrupt ? Stop::kInterrupt
+                      : signal == Signal::kStop    ? Stop::kCallback
+                      : out_of_time()              ? Stop::kTime
+                                                   : Stop::kNo;
+    const auto stop = static_cast<Stop>(exchange().max(static_cast<double>(mine)));
+    if (stop == Stop::kInterrupt)
       finish(Termination::kInterrupted, "interrupted; this is the best state so far");
-    if (signal == Signal::kStop)
+    if (stop == Stop::kCallback)
       finish(Termination::kStoppedByCallback, "the callback asked to stop");
+    return stop;
   }
 
-  bool stop_requested() {
-    obey(events_.poll());
-    return finished() || out_of_time();
-  }
+  bool stop_requested() { return agree_on(events_.poll()) != Stop::kNo || finished(); }
 
   bool out_of_time() const { return clock_.seconds() >= options_.termination.max_seconds; }
+
+  double state_norm() const {
+    ThreadPool& pool = model_.normal_equations().pool();
+    return std::sqrt(linear::squared_norm(pool, state_.cameras) +
+                     linear::squared_norm(pool, state_.intrinsics) +
+                     exchange().sum(linear::squared_norm(pool, state_.points)));
+  }
+  Exchange& exchange() const { return model_.normal_equations().exchange(); }
   double gradient_norm() const { return model_.normal_equations().gradient_max_norm(); }
   bool finished() const { return finished_; }
 
@@ -239,7 +241,7 @@ class Minimizer {
   StepResult result_;
   Iteration now_;
   double cost_ = 0.0;
-  double promise_ = 0.0;  // largest decrease that the model has predicted
+  double largest_prediction_ = 0.0;  // largest decrease that the model has predicted
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;

@@ -10,7 +10,7 @@
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "support/algebraic_reference.hpp"
 #include "support/all_models.hpp"
-#include "support/block_diagonal.hpp"
+#include "support/dense_reference.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -47,8 +47,8 @@ class AlgebraicCostOf : public testing::TestWithParam<CameraModelId> {
     return step;
   }
   static Step random_step(const LinearizedProblem& work, unsigned seed) {
-    Step step = support::random_step(work, seed);
-    linear::scale(0.01, step);
+    Step step = support::random_step(work.map, seed);
+    linear::scale(work.normal(), 0.01, step);
     return step;
   }
   static Biquadratic sums(LinearizedProblem& work, const Step& step, AlgebraicWeights weights) {

@@ -76,7 +76,7 @@ TEST_P(BundleModelOf, GradientIsTheDerivativeOfTheCostForEveryLoss) {
       expected -= work.normal().camera_rhs()[k] * step.camera[k];
     }
     for (std::size_t k = 0; k < step.point.size(); ++k) {
-      expected -= work.normal().point_block(static_cast<int>(k / 3))[6 + k % 3] * step.point[k];
+      expected -= work.normal().point_block(static_cast<int>(k / 3)).rhs[k % 3] * step.point[k];
     }
     const auto cost_along = [&](const Eigen::VectorXd& length) -> Eigen::VectorXd {
       return Eigen::VectorXd::Constant(1, work.model.cost(moved(step, {length[0], length[0]})));

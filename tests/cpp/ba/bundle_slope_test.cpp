@@ -7,7 +7,7 @@
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "support/all_models.hpp"
-#include "support/block_diagonal.hpp"
+#include "support/dense_reference.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -71,8 +71,8 @@ TEST_P(BundleSlopeOf, IsTheDerivativeOfTheCostAtEveryLengthForEveryLoss) {
 TEST_P(BundleSlopeOf, AtTheStartIsThatOfTheNormalEquations) {
   for (LossKind kind : kLosses) {
     set_loss(kind);
-    Step step = support::random_step(work, 8);
-    linear::scale(0.01, step);
+    Step step = support::random_step(work.map, 8);
+    linear::scale(work.normal(), 0.01, step);
     const linear::Slopes slopes = work.normal().slopes(step);
     const double slope = work.model.slope(work.state, step, work.state);
     EXPECT_NEAR(slope, slopes.camera + slopes.point, 1e-12 * std::abs(slopes.camera));
@@ -95,8 +95,8 @@ TEST_P(BundleSlopeOf, HasTheSameBitsForEveryNumberOfThreads) {
   options.num_points = 1500;  // several chunks to a camera
   const support::OwnedProblem large = make_circle_scene(options);
   LinearizedProblem one(large);
-  Step step = support::random_step(one, 3);
-  linear::scale(0.01, step);
+  Step step = support::random_step(one.map, 3);
+  linear::scale(one.normal(), 0.01, step);
   State moved = one.state;
   one.model.plus(one.state, step, {0.5, 0.5}, moved);
   const double slope = one.model.slope(one.state, step, moved);

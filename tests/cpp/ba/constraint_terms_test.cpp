@@ -6,7 +6,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
-#include "support/block_diagonal.hpp"
+#include "support/dense_reference.hpp"
 #include "support/random_constraints.hpp"
 #include "support/refusal.hpp"
 
@@ -81,8 +81,8 @@ TEST_P(ConstraintTermsOf, ConstraintsChangeTheGradientByMoreThanItIsCheckedTo) {
 }
 
 TEST_P(ConstraintTermsOf, SlopeAlongAStepIsTheDerivativeOfTheCost) {
-  Step step = support::random_step(work, 8);
-  linear::scale(0.01, step);
+  Step step = support::random_step(work.map, 8);
+  linear::scale(work.normal(), 0.01, step);
   const auto candidate = [&](double length) {
     State result = work.state;
     work.model.plus(work.state, step, {length, length}, result);

@@ -4,21 +4,21 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-#include "support/block_diagonal.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using support::LinearizedProblem;
+using support::RandomSystem;
 
 constexpr DampingMatrix kDiagonal = DampingMatrix::kDiagonal;
 
-class BlockJacobiOf : public testing::TestWithParam<support::BlockScene> {
+class BlockJacobiOf : public testing::TestWithParam<support::SystemOptions> {
  protected:
   MatrixXd blocks(const Damping& damping) const {
-    return block_diagonal(linearized, dense, damped_matrix(dense, damping));
+    return block_diagonal(linearized.map, dense, damped_matrix(dense, damping));
   }
   Step sweep(const Damping& damping) const {
     BlockJacobi jacobi(linearized.normal());
@@ -28,13 +28,13 @@ class BlockJacobiOf : public testing::TestWithParam<support::BlockScene> {
     return step;
   }
 
-  LinearizedProblem linearized{make_block_scene(GetParam())};
-  support::DenseSystem dense = make_dense_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const support::DenseSystem& dense = linearized.dense();
   VectorXd b = dense.jacobian.transpose() * dense.residual;
 };
 
 TEST_P(BlockJacobiOf, SolveInvertsTheDiagonalBlocksOfTheDampedMatrix) {
-  const Step g = support::random_step(linearized, 3);
+  const Step g = support::random_step(linearized.map, 3);
   for (const Damping& damping : {Damping{1e-3, kDiagonal}, Damping{10.0, kDiagonal}}) {
     BlockJacobi jacobi(linearized.normal());
     jacobi.factor(damping);
@@ -72,7 +72,7 @@ TEST_P(BlockJacobiOf, SweepLowersTheQuadraticModelAndNoMoreThanItsMinimum) {
 TEST_P(BlockJacobiOf, PointsThatMayNotMoveHaveNoStep) {
   BlockJacobi jacobi(linearized.normal());
   jacobi.factor({1e-3, kDiagonal});
-  Step g = support::random_step(linearized, 3), solved;
+  Step g = support::random_step(linearized.map, 3), solved;
   for (double& value : g.point) value = 1.0;
   jacobi.solve(g, solved);
   const Step swept = sweep({1e-3, kDiagonal});
@@ -84,7 +84,9 @@ TEST_P(BlockJacobiOf, PointsThatMayNotMoveHaveNoStep) {
 }
 
 TEST_P(BlockJacobiOf, ThreadsDoNotChangeABit) {
-  const LinearizedProblem threaded(make_block_scene(GetParam()), false, 2);
+  support::SystemOptions options = GetParam();
+  options.threads = 2;
+  const RandomSystem threaded(options);
   BlockJacobi jacobi(threaded.normal());
   jacobi.factor({1e-3, kDiagonal});
   Step step;
@@ -96,8 +98,8 @@ TEST_P(BlockJacobiOf, ThreadsDoNotChangeABit) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes,
                          BlockJacobiOf,
-                         testing::ValuesIn(support::kBlockScenes),
-                         [](const auto& test) { return std::string(test.param.name); });
+                         testing::ValuesIn(support::random_systems()),
+                         [](const auto& test) { return test.param.name; });
 
 }  // namespace
 }  // namespace sfmcpp::linear

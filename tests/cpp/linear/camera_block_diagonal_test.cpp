@@ -5,23 +5,23 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/point_elimination.hpp"
-#include "support/block_diagonal.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using support::LinearizedProblem;
+using support::RandomSystem;
 
-class CameraBlockDiagonalOf : public testing::TestWithParam<support::BlockScene> {
+class CameraBlockDiagonalOf : public testing::TestWithParam<support::SystemOptions> {
  protected:
   // Σ Jᵀ (I − A V*⁻¹ Aᵀ) J of each observation alone, and Σ Jᵀ (r − A V*⁻¹ b_p).
   void add_reduced_observation(int k, const MatrixXd& matrix, MatrixXd& s, VectorXd& rhs) const {
     const MatrixXd j = dense.jacobian.block(2 * k, 0, 2, dense.camera_columns);
     MatrixXd weight = MatrixXd::Identity(2, 2);
     VectorXd r = dense.residual.segment(2 * k, 2);
-    const int point = dense.point_column[linearized.problem.point_index[k]];
+    const int point = dense.point_column[linearized.graph.point[k]];
     if (point >= 0) {
       const MatrixXd a = dense.jacobian.block(2 * k, point, 2, 3);
       const Eigen::LDLT<MatrixXd> v(matrix.block(point, point, 3, 3));
@@ -36,29 +36,27 @@ class CameraBlockDiagonalOf : public testing::TestWithParam<support::BlockScene>
     const Eigen::Map<const VectorXd> values(actual.data(), expected.size());
     EXPECT_LT((values - expected).norm(), 1e-9 * expected.norm());
   }
-  std::vector<double> some_rhs() const { return support::random_step(linearized, 5).camera; }
+  std::vector<double> some_rhs() const { return support::random_step(linearized.map, 5).camera; }
   static VectorXd vector(const std::vector<double>& values) {
     return Eigen::Map<const VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
   }
 
-  LinearizedProblem linearized{make_block_scene(GetParam())};
-  support::DenseSystem dense = make_dense_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const support::DenseSystem& dense = linearized.dense();
   VectorXd b = dense.jacobian.transpose() * dense.residual;
   Damping damping{1e-2, DampingMatrix::kDiagonal};
   CameraBlockDiagonal blocks{linearized.normal()};
 };
 
 TEST_P(CameraBlockDiagonalOf, HoldsTheBlocksOfUWhereThePointsAreHeld) {
-  const AlignedVector<double> none(static_cast<std::size_t>(kPointFactor) *
-                                       static_cast<std::size_t>(linearized.graph.num_points),
-                                   0.0);
+  const std::vector<PointFactor> none(linearized.graph.num_points);
   std::vector<double> rhs, solution;
   blocks.assemble(none.data(), rhs);
   blocks.factor(linearized.normal().camera_damping(damping));
   blocks.solve(some_rhs(), solution);
   const Eigen::Index n = dense.camera_columns;
   const MatrixXd u =
-      block_diagonal(linearized, dense, damped_matrix(dense, damping).topLeftCorner(n, n));
+      block_diagonal(linearized.map, dense, damped_matrix(dense, damping).topLeftCorner(n, n));
   expect_close(solution, u.ldlt().solve(vector(some_rhs())));
   expect_close(rhs, b.head(n));
 }
@@ -75,17 +73,15 @@ TEST_P(CameraBlockDiagonalOf, HoldsTheDiagonalBlocksOfTheSchurComplement) {
   const MatrixXd matrix = damped_matrix(dense, damping);
   MatrixXd s = damping_diagonal(dense, damping).head(n).asDiagonal();
   VectorXd expected_rhs = VectorXd::Zero(n);
-  for (int k = 0; k < linearized.problem.num_observations(); ++k) {
+  for (int k = 0; k < linearized.graph.num_observations(); ++k) {
     add_reduced_observation(k, matrix, s, expected_rhs);
   }
-  expect_close(solution, block_diagonal(linearized, dense, s).ldlt().solve(vector(some_rhs())));
+  expect_close(solution, block_diagonal(linearized.map, dense, s).ldlt().solve(vector(some_rhs())));
   expect_close(rhs, expected_rhs);
 }
 
 TEST_P(CameraBlockDiagonalOf, IndefiniteBlocksAreReplacedByTheirDiagonal) {
-  const AlignedVector<double> none(static_cast<std::size_t>(kPointFactor) *
-                                       static_cast<std::size_t>(linearized.graph.num_points),
-                                   0.0);
+  const std::vector<PointFactor> none(linearized.graph.num_points);
   const std::vector<double>& u = linearized.normal().camera_diagonal();
   std::vector<double> rhs, solution, minus_three(u.size());
   for (std::size_t k = 0; k < u.size(); ++k) minus_three[k] = -3.0 * u[k];
@@ -99,8 +95,8 @@ TEST_P(CameraBlockDiagonalOf, IndefiniteBlocksAreReplacedByTheirDiagonal) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes,
                          CameraBlockDiagonalOf,
-                         testing::ValuesIn(support::kBlockScenes),
-                         [](const auto& test) { return std::string(test.param.name); });
+                         testing::ValuesIn(support::random_systems()),
+                         [](const auto& test) { return test.param.name; });
 
 }  // namespace
 }  // namespace sfmcpp::linear

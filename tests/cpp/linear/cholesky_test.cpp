@@ -37,14 +37,14 @@ SparseLower lower_of(const MatrixXd& matrix) {
   SparseLower lower;
   lower.size = static_cast<int>(matrix.rows());
   for (int c = 0; c < lower.size; ++c) {
-    lower.column_begin.push_back(static_cast<int>(lower.row.size()));
+    lower.column_begin.push_back(static_cast<std::int64_t>(lower.row.size()));
     for (int r = c; r < lower.size; ++r) {
       if (matrix(r, c) == 0.0) continue;
       lower.row.push_back(r);
       lower.value.push_back(matrix(r, c));
     }
   }
-  lower.column_begin.push_back(static_cast<int>(lower.row.size()));
+  lower.column_begin.push_back(static_cast<std::int64_t>(lower.row.size()));
   return lower;
 }
 

@@ -1,15 +1,11 @@
-// Linear algebra with constraints between cameras, near ones and ones that share no point, against
+// Linear algebra with residuals between cameras, near ones and ones that share no point, against
 // dense matrices of the whole problem.
-#include <ostream>
-
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/block_jacobi.hpp"
-#include "sfmcpp/linear/camera_blocks.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "support/block_diagonal.hpp"
-#include "support/random_constraints.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -17,45 +13,25 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using support::DenseSystem;
-using support::LinearizedProblem;
-using support::OwnedProblem;
-using Kind = residuals::ConstraintKind;
+using support::RandomSystem;
 
 constexpr LinearSolverKind kSolvers[] = {
     LinearSolverKind::kDense, LinearSolverKind::kSparse, LinearSolverKind::kIterative};
 
-struct Case {
-  const char* name;
-  CameraModelId model;
-  int groups = 0;
-  bool some_fixed = false;
-  bool fix_gauge = false;
-};
-void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
-
-// Eight cameras of which only neighbours share points.
-OwnedProblem make_scene(const Case& c) {
-  support::SceneOptions options = support::perturbed(c.model);
-  options.num_cameras = 8;
-  options.num_points = 80;
-  options.window = 2;
-  options.num_groups = c.groups;
-  if (c.model == CameraModelId::kPerspective) options.free_intrinsics = std::vector<int>{0, 2, 3};
-  OwnedProblem scene = make_circle_scene(options);
-  if (c.some_fixed) scene.fixed_cameras[2] = scene.fixed_cameras[3] = scene.fixed_points[0] = 1;
-  const auto add = [&](residuals::ConstraintKind kind, std::vector<std::pair<int, int>> cameras) {
-    scene.constraints.add(random_group(scene, kind, cameras));
-  };
-  add(Kind::kPosition, {{0, 1}, {0, 4}, {0, 6}});
-  add(Kind::kDisplacementPose, {{0, 1}, {1, 5}, {7, 2}, {5, 2}});
-  add(Kind::kScale, {{0, 4}, {2, 3}});
-  add(Kind::kSmoothingReprojections, {{6, 3}});
-  if (has_free_intrinsics(c.model)) add(Kind::kFocal, {{0, 1}, {0, 2}});
-  if (c.model == CameraModelId::kPerspective) add(Kind::kPrincipalPoint, {{0, 0}, {0, 1}, {0, 5}});
-  return scene;
+// Eight cameras of which only neighbours share points, and residuals of one camera and of two, near
+// ones and ones that share no point.
+std::vector<support::SystemOptions> systems() {
+  std::vector<support::SystemOptions> result = support::random_systems();
+  for (support::SystemOptions& options : result) {
+    options.cameras = 8;
+    options.points = 80;
+    options.window = 2;
+    options.pairs = {{1, 1}, {4, 4}, {0, 1}, {1, 5}, {7, 2}, {5, 2}, {0, 4}, {2, 3}, {6, 3}};
+  }
+  return result;
 }
 
-class ConstrainedSolver : public testing::TestWithParam<Case> {
+class ConstrainedSolver : public testing::TestWithParam<support::SystemOptions> {
  protected:
   VectorXd solution(LinearSolverKind kind, const Damping& damping) {
     Step step;
@@ -70,8 +46,8 @@ class ConstrainedSolver : public testing::TestWithParam<Case> {
     EXPECT_LT((actual - expected).norm(), tolerance * expected.norm());
   }
 
-  LinearizedProblem linearized{make_scene(GetParam()), GetParam().fix_gauge};
-  DenseSystem dense = make_constrained_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const DenseSystem& dense = linearized.dense();
   VectorXd b = dense.jacobian.transpose() * dense.residual;
   const NormalEquations& normal = linearized.normal();
 };
@@ -86,7 +62,7 @@ TEST_P(ConstrainedSolver, GradientAndDiagonalCountTheConstraints) {
 }
 
 TEST_P(ConstrainedSolver, SlopesAndCurvatureCountTheConstraints) {
-  const Step step = support::random_step(linearized, 9);
+  const Step step = support::random_step(linearized.map, 9);
   const VectorXd delta = flatten(dense, step);
   const Slopes slopes = normal.slopes(step);
   EXPECT_NEAR((slopes.camera + slopes.point) / -b.dot(delta), 1.0, 1e-10);
@@ -119,13 +95,13 @@ TEST_P(ConstrainedSolver, PredictedDecreaseIsThatOfTheDenseModel) {
 }
 
 TEST_P(ConstrainedSolver, BlockJacobiHoldsTheDiagonalBlocksOfAllResiduals) {
-  const Step g = support::random_step(linearized, 3);
+  const Step g = support::random_step(linearized.map, 3);
   const Damping damping{1e-3, DampingMatrix::kDiagonal};
   BlockJacobi jacobi(normal);
   jacobi.factor(damping);
   Step step;
   jacobi.solve(g, step);
-  const MatrixXd blocks = block_diagonal(linearized, dense, damped_matrix(dense, damping));
+  const MatrixXd blocks = block_diagonal(linearized.map, dense, damped_matrix(dense, damping));
   expect_close(flatten(dense, step), blocks.ldlt().solve(flatten(dense, g)), 1e-9);
 }
 
@@ -140,7 +116,9 @@ TEST_P(ConstrainedSolver, SweepLowersTheQuadraticModel) {
 }
 
 TEST_P(ConstrainedSolver, ThreadsDoNotChangeABit) {
-  const LinearizedProblem threaded(make_scene(GetParam()), GetParam().fix_gauge, 3);
+  support::SystemOptions options = GetParam();
+  options.threads = 3;
+  const RandomSystem threaded(options);
   for (LinearSolverKind kind : kSolvers) {
     const Damping damping{1e-3, DampingMatrix::kDiagonal};
     Step one, three;
@@ -151,29 +129,10 @@ TEST_P(ConstrainedSolver, ThreadsDoNotChangeABit) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Problems,
-    ConstrainedSolver,
-    testing::Values(Case{"Calibrated", CameraModelId::kCalibrated},
-                    Case{"CalibratedSomeFixed", CameraModelId::kCalibrated, 0, true},
-                    Case{"CalibratedGaugeFixed", CameraModelId::kCalibrated, 0, false, true},
-                    Case{"PerspectivePrivate", CameraModelId::kPerspective},
-                    Case{"PerspectiveShared", CameraModelId::kPerspective, 3},
-                    Case{"PerspectiveOneForAllSomeFixed", CameraModelId::kPerspective, 1, true},
-                    Case{"BalPrivate", CameraModelId::kBal},
-                    Case{"BalShared", CameraModelId::kBal, 2, true}),
-    [](const auto& test) { return std::string(test.param.name); });
-
-TEST(CameraPattern, HasABlockForEveryPairWhetherItSharesAPointOrNot) {
-  const LinearizedProblem work(make_scene({"", CameraModelId::kCalibrated}));
-  const CameraPairs pairs{{5, 1}, {0, 1}, {3, 3}};
-  const CameraPattern without = make_camera_pattern(work.graph);
-  const CameraPattern with = make_camera_pattern(work.graph, pairs);
-  ASSERT_EQ(with.num_blocks(), without.num_blocks() + 1);  // cameras 0 and 1 share points
-  const std::vector<int> row(with.column.begin() + with.row_begin[1],
-                             with.column.begin() + with.row_begin[2]);
-  EXPECT_EQ(row, (std::vector<int>{1, 2, 5}));
-}
+INSTANTIATE_TEST_SUITE_P(Systems,
+                         ConstrainedSolver,
+                         testing::ValuesIn(systems()),
+                         [](const auto& test) { return test.param.name; });
 
 }  // namespace
 }  // namespace sfmcpp::linear

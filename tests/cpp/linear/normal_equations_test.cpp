@@ -4,8 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "support/all_models.hpp"
-#include "support/block_diagonal.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -13,22 +12,12 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using support::DenseSystem;
-using support::LinearizedProblem;
+using support::RandomSystem;
 
-class NormalEquationsOf : public testing::TestWithParam<CameraModelId> {
+class NormalEquationsOf : public testing::TestWithParam<support::SystemOptions> {
  protected:
-  static support::OwnedProblem scene() {
-    support::SceneOptions options = support::perturbed(GetParam());
-    options.varied_sigma = true;
-    options.num_groups = 2;
-    options.window = 4;
-    options.num_points = 30;
-    support::OwnedProblem result = make_circle_scene(options);
-    result.fixed_cameras[1] = result.fixed_points[3] = 1;
-    return result;
-  }
-  LinearizedProblem linearized{scene()};
-  DenseSystem dense = make_dense_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const DenseSystem& dense = linearized.dense();
   const NormalEquations& normal = linearized.normal();
   VectorXd gradient = dense.jacobian.transpose() * dense.residual;
   VectorXd diagonal = dense.jacobian.colwise().squaredNorm();
@@ -52,10 +41,12 @@ TEST_P(NormalEquationsOf, PointBlocksAreThoseOfTheDenseJacobian) {
       v = jp.transpose() * jp;
       b = jp.transpose() * dense.residual;
     }
-    const double* block = normal.point_block(p);
-    const double lower[6] = {v(0, 0), v(1, 0), v(1, 1), v(2, 0), v(2, 1), v(2, 2)};
-    for (int k = 0; k < 6; ++k) EXPECT_NEAR(block[k], lower[k], 1e-12 * v.norm());
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(block[6 + k], b[k], 1e-12 * gradient.norm());
+    const PointBlock& block = normal.point_block(p);
+    MatrixXd lower(3, 3);
+    lower << block.v00, 0, 0, block.v10, block.v11, 0, block.v20, block.v21, block.v22;
+    const MatrixXd difference = lower - MatrixXd(v.triangularView<Eigen::Lower>());
+    EXPECT_LE(difference.cwiseAbs().maxCoeff(), 1e-12 * v.norm());
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(block.rhs[k], b[k], 1e-12 * gradient.norm());
   }
 }
 
@@ -64,22 +55,8 @@ TEST_P(NormalEquationsOf, NormsAreThoseOfAllUnknownsTogether) {
   EXPECT_NEAR(normal.max_diagonal() / diagonal.maxCoeff(), 1.0, 1e-12);
 }
 
-TEST_P(NormalEquationsOf, LossWeightsResidualAndJacobianByTheRootOfItsDerivative) {
-  for (LossKind kind : {LossKind::kHuber, LossKind::kCauchy, LossKind::kTukey}) {
-    const Loss loss{kind, 5.0};
-    linearized.model.set_loss(loss);
-    linearized.model.linearize(linearized.state);
-    const DenseSystem weighted = make_dense_system(linearized, loss);
-    const VectorXd expected = weighted.jacobian.transpose() * weighted.residual;
-    for (int k = 0; k < dense.camera_columns; ++k) {
-      EXPECT_NEAR(normal.camera_rhs()[k], expected[k], 1e-12 * expected.cwiseAbs().maxCoeff());
-    }
-    EXPECT_NEAR(normal.gradient_max_norm() / expected.cwiseAbs().maxCoeff(), 1.0, 1e-12);
-  }
-}
-
 TEST_P(NormalEquationsOf, SlopesAndCurvatureAreThoseOfTheDenseModel) {
-  const Step step = support::random_step(linearized, 7);
+  const Step step = support::random_step(linearized.map, 7);
   const VectorXd flat = flatten(dense, step);
   const VectorXd of_cameras = flat.head(dense.camera_columns);
   const VectorXd of_points = flat.tail(flat.size() - of_cameras.size());
@@ -91,19 +68,62 @@ TEST_P(NormalEquationsOf, SlopesAndCurvatureAreThoseOfTheDenseModel) {
   EXPECT_NEAR(normal.model_decrease(step) / model_decrease(dense, flat), 1.0, 1e-10);
 }
 
-TEST_P(NormalEquationsOf, ThreadsDoNotChangeABitOfTheCurvature) {
-  support::SceneOptions options = support::perturbed(GetParam());
-  options.num_points = 1500;  // several chunks to a camera
-  const support::OwnedProblem large = make_circle_scene(options);
-  const LinearizedProblem one(large), two(large, false, 2);
-  const Step step = support::random_step(one, 7);
-  EXPECT_EQ(one.normal().curvature(step), two.normal().curvature(step));
+// Several chunks to a camera.
+TEST_P(NormalEquationsOf, ThreadsDoNotChangeABit) {
+  support::SystemOptions options = GetParam();
+  options.points = 1200;
+  options.dense = false;
+  const RandomSystem one(options);
+  options.threads = 3;
+  const RandomSystem three(options);
+  const Step step = support::random_step(one.map, 7);
+  EXPECT_EQ(one.normal().camera_rhs(), three.normal().camera_rhs());
+  EXPECT_EQ(one.normal().camera_diagonal(), three.normal().camera_diagonal());
+  EXPECT_EQ(one.normal().gradient_max_norm(), three.normal().gradient_max_norm());
+  EXPECT_EQ(one.normal().max_diagonal(), three.normal().max_diagonal());
+  EXPECT_EQ(one.normal().curvature(step), three.normal().curvature(step));
+  EXPECT_EQ(one.normal().slopes(step).point, three.normal().slopes(step).point);
+  const Damping damping{1e-3, DampingMatrix::kDiagonal};
+  EXPECT_EQ(one.normal().predicted_decrease(step, damping),
+            three.normal().predicted_decrease(step, damping));
 }
 
-INSTANTIATE_TEST_SUITE_P(Models,
+INSTANTIATE_TEST_SUITE_P(Systems,
                          NormalEquationsOf,
-                         testing::ValuesIn(support::all_models()),
-                         support::name_of_model);
+                         testing::ValuesIn(support::random_systems()),
+                         [](const auto& test) { return test.param.name; });
+
+// More points than one task sums.
+TEST(NormalEquations, SumsOverManyPointsAreComplete) {
+  support::SystemOptions options{.cameras = 2, .points = 2 * kPointsPerSum + 100, .dense = false};
+  const RandomSystem one(options);
+  options.threads = 3;
+  const RandomSystem three(options);
+  const NormalEquations& normal = one.normal();
+  const Step step = support::random_step(one.map, 7);
+  const Damping damping{0.5, DampingMatrix::kDiagonal};
+  double slope = 0.0, decrease = 0.0, largest = 0.0;
+  for (int k = 0; k < one.map.num_columns; ++k) {
+    const double d = step.camera[k];
+    decrease += 0.5 * d * (normal.camera_rhs()[k] + damping(normal.camera_diagonal()[k]) * d);
+    largest = std::max(largest, std::abs(normal.camera_rhs()[k]));
+  }
+  for (int p = 0; p < options.points; ++p) {
+    const PointBlock& block = normal.point_block(p);
+    for (int k = 0; k < 3; ++k) {
+      const double d = step.point[3L * p + k];
+      slope -= block.rhs[k] * d;
+      decrease += 0.5 * d * (block.rhs[k] + damping(block.diagonal()[k]) * d);
+      largest = std::max(largest, std::abs(block.rhs[k]));
+    }
+  }
+  EXPECT_NEAR(normal.slopes(step).point / slope, 1.0, 1e-10);
+  EXPECT_NEAR(normal.predicted_decrease(step, damping) / decrease, 1.0, 1e-10);
+  EXPECT_EQ(normal.gradient_max_norm(), largest);
+  EXPECT_EQ(three.normal().slopes(step).point, normal.slopes(step).point);
+  EXPECT_EQ(three.normal().predicted_decrease(step, damping),
+            normal.predicted_decrease(step, damping));
+}
 
 TEST(Damping, IdentityAddsLambdaWhateverTheDiagonal) {
   const Damping damping{0.25, DampingMatrix::kIdentity};

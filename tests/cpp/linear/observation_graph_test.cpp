@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/linear/camera_blocks.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {
 namespace {

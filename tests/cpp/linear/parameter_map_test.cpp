@@ -1,12 +1,13 @@
 #include "sfmcpp/linear/parameter_map.hpp"
 
+#include <algorithm>
 #include <random>
 #include <set>
 
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/panel_layout.hpp"
-#include "support/linearized_problem.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -26,14 +27,25 @@ double dot(const std::vector<double>& a, const std::vector<double>& b) {
 }
 
 ParameterMap map_with_shared_and_fixed() {
-  support::SceneOptions options;
-  options.camera_model = CameraModelId::kPerspective;
-  options.num_cameras = 7;
-  options.num_groups = 3;
-  options.free_intrinsics = std::vector<int>{0, 2, 5, 6};
-  support::OwnedProblem scene = support::make_circle_scene(options);
-  scene.fixed_cameras[2] = 1;
-  return support::LinearizedProblem(scene, true).map;
+  return support::make_map(
+      {.cameras = 7,
+       .camera_size = 12,
+       .padding = 2,
+       .shared = 4,
+       .groups = 3,
+       .fixed_cameras = {2},
+       .fixed_columns = {{0, 0}, {0, 1}, {0, 2}, {0, 3}, {0, 4}, {0, 5}, {1, 4}}});
+}
+
+TEST(ParameterMap, SharedColumnsAreThoseOfSeveralCameras) {
+  const ParameterMap map = map_with_shared_and_fixed();
+  std::vector<int> cameras(map.num_columns, 0);
+  for (int column : map.column) {
+    if (column != kNoColumn) ++cameras[column];
+  }
+  const std::vector<char> shared = shared_columns(map);
+  for (int k = 0; k < map.num_columns; ++k) EXPECT_EQ(shared[k] != 0, cameras[k] > 1) << k;
+  EXPECT_NE(std::count(shared.begin(), shared.end(), 1), 0);
 }
 
 // ⟨P x, y⟩ = ⟨x, Pᵀ y⟩ over all cameras.

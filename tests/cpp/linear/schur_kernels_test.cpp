@@ -49,6 +49,7 @@ class SchurKernel : public testing::TestWithParam<Case> {
 
   SchurKernel() {
     std::bernoulli_distribution seen(0.6);
+    std::normal_distribution<double> normal;
     std::vector<int> cameras, points;
     for (int i = 0; i < kCameras; ++i) {
       for (int p = 0; p < kPoints; ++p) {
@@ -59,22 +60,35 @@ class SchurKernel : public testing::TestWithParam<Case> {
     }
     graph = make_observation_graph(kCameras, kPoints, cameras, points);
     count = graph.num_observations();
-    jacobian = random_numbers(2UL * count * size, random);
-    records = random_numbers(static_cast<std::size_t>(kPointRecord) * count, random);
-    factors = random_numbers(static_cast<std::size_t>(kPointFactor) * kPoints, random);
+    jacobian.resize(2UL * count * size);
+    for (double& x : jacobian) x = normal(random);
+    records.resize(count);
+    factors.resize(kPoints);
+    for (PointRecord& record : records) {
+      for (auto& [by_point, residual] : record.row) {
+        for (double& x : by_point) x = normal(random);
+        residual = normal(random);
+      }
+    }
+    for (auto& [m00, m10, m11, m20, m21, m22, y] : factors) {
+      for (double* x : {&m00, &m10, &m11, &m20, &m21, &m22, &y[0], &y[1], &y[2]})
+        *x = normal(random);
+    }
   }
 
   MatrixXd j_of(int a) const {
     return Eigen::Map<const RowMajor>(&jacobian[2UL * a * size], 2, size);
   }
-  MatrixXd record_of(int a) const { return Eigen::Map<const RowMajor>(&records[8UL * a], 2, 4); }
+  MatrixXd record_of(int a) const {
+    return Eigen::Map<const RowMajor>(records[a].row[0].by_point, 2, 4);
+  }
   Matrix3d m_of(int p) const {
-    const double* f = &factors[9UL * p];
+    const PointFactor& f = factors[p];
     Matrix3d m;
-    m << f[0], 0, 0, f[1], f[2], 0, f[3], f[4], f[5];
+    m << f.m00, 0, 0, f.m10, f.m11, 0, f.m20, f.m21, f.m22;
     return m;
   }
-  Vector3d y_of(int p) const { return Eigen::Map<const Vector3d>(&factors[9UL * p + 6]); }
+  Vector3d y_of(int p) const { return Eigen::Map<const Vector3d>(factors[p].y); }
   MatrixXd g_of(int a) const { return record_of(a).leftCols(3) * m_of(graph.point[a]).transpose(); }
   // G | r̄.
   MatrixXd g_r_of(int a) const {
@@ -126,7 +140,9 @@ class SchurKernel : public testing::TestWithParam<Case> {
   std::mt19937 random{17};
   ObservationGraph graph;
   int count = 0;
-  AlignedVector<double> jacobian, records, factors;
+  AlignedVector<double> jacobian;
+  AlignedVector<PointRecord> records;
+  AlignedVector<PointFactor> factors;
 };
 
 TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
@@ -172,7 +188,7 @@ TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
     AlignedVector<double> rhs(size, std::nan(""));
     kernels.schur_diagonal(graph.observations_of_camera(i),
                            &jacobian[2 * begin * size],
-                           &records[kPointRecord * begin],
+                           &records[begin],
                            graph.point.data() + begin,
                            factors.data(),
                            block.data(),

@@ -3,38 +3,32 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "support/linearized_problem.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
+using support::SystemOptions;
+
 // Without the Jacobian, which the choice does not need.
 struct Structure {
-  explicit Structure(const support::SceneOptions& options)
-      : scene(make_circle_scene(options)),
-        graph(make_observation_graph(
-            options.num_cameras, options.num_points, scene.camera_index, scene.point_index)),
-        map(ba::make_parameter_map(
-            scene.view(), graph, ba::free_intrinsics(scene.view(), graph), false)) {}
+  explicit Structure(const SystemOptions& options)
+      : graph(make_graph(options)), map(make_map(options)) {}
 
   LinearSolverChoice choose(LinearSolverKind requested = LinearSolverKind::kAuto) const {
     return choose_linear_solver(graph, map, requested);
   }
 
-  support::OwnedProblem scene;
   ObservationGraph graph;
   ParameterMap map;
 };
 
-support::SceneOptions corridor(int cameras) {
-  return {.camera_model = CameraModelId::kBal,
-          .num_cameras = cameras,
-          .num_points = 6 * cameras,
-          .window = 4};
+SystemOptions corridor(int cameras) {
+  return {.cameras = cameras, .points = 6 * cameras, .camera_size = 9, .window = 4};
 }
 
 TEST(SolverChoice, IsDenseForFewCameras) {
-  const Structure few({.camera_model = CameraModelId::kBal, .num_cameras = 20, .num_points = 300});
+  const Structure few({.cameras = 20, .points = 300, .camera_size = 9});
   EXPECT_EQ(few.choose().kind, LinearSolverKind::kDense);
 }
 
@@ -43,16 +37,14 @@ TEST(SolverChoice, IsSparseForALongCorridor) {
 }
 
 TEST(SolverChoice, IsIterativeForManyCamerasThatAllSeeEachOther) {
-  support::SceneOptions crowd{
-      .camera_model = CameraModelId::kBal, .num_cameras = 3000, .num_points = 3000};
-  crowd.window = 40;
-  Structure structure(crowd);
-  // Scatter the windows: every camera then shares points with almost every other.
-  for (std::size_t k = 0; k < structure.scene.camera_index.size(); ++k) {
-    structure.scene.camera_index[k] = static_cast<int>((k * 7919 + k / 40 * 31) % 3000);
+  // Forty cameras a point, drawn from all: each shares points with almost every other.
+  std::vector<int> cameras, points;
+  for (int k = 0; k < 3000 * 40; ++k) {
+    cameras.push_back((k * 7919 + k / 40 * 31) % 3000);
+    points.push_back(k / 40);
   }
-  structure.graph =
-      make_observation_graph(3000, 3000, structure.scene.camera_index, structure.scene.point_index);
+  Structure structure({.cameras = 3000, .points = 1, .camera_size = 9});
+  structure.graph = make_observation_graph(3000, 3000, cameras, points);
   EXPECT_EQ(structure.choose().kind, LinearSolverKind::kIterative);
 }
 
@@ -67,6 +59,16 @@ TEST(SolverChoice, ReasonGivesTimeAndMemoryOfEverySolverConsidered) {
         << reason;
     EXPECT_GT(milliseconds, 0.0);
   }
+}
+
+TEST(SolverChoice, KeepsTheStructureThatItHadToMakeAndMakesNoneForARequest) {
+  const Structure scene(corridor(1000));
+  const LinearSolverChoice choice = scene.choose();
+  ASSERT_NE(choice.structure, nullptr);
+  EXPECT_EQ(choice.structure->pattern.num_rows(), 1000);
+  EXPECT_EQ(choice.structure->ordering.position.size(), 1000u);
+  EXPECT_EQ(Structure(corridor(20)).choose().structure, nullptr);
+  EXPECT_EQ(scene.choose(LinearSolverKind::kSparse).structure, nullptr);
 }
 
 TEST(SolverChoice, ARequestIsKept) {

@@ -2,30 +2,31 @@
 
 #include <gtest/gtest.h>
 
-#include "support/block_diagonal.hpp"
+#include "sfmcpp/linear/vector_algebra.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
 using Eigen::VectorXd;
-using support::LinearizedProblem;
+using support::RandomSystem;
 
-class StepAlgebra : public testing::TestWithParam<support::BlockScene> {
+class StepAlgebra : public testing::TestWithParam<support::SystemOptions> {
  protected:
   VectorXd flat(const Step& step) const { return flatten(dense, step); }
 
-  LinearizedProblem linearized{make_block_scene(GetParam())};
-  support::DenseSystem dense = make_dense_system(linearized);
+  RandomSystem linearized{GetParam()};
+  const support::DenseSystem& dense = linearized.dense();
   const NormalEquations& normal = linearized.normal();
-  Step x = support::random_step(linearized, 1), y = support::random_step(linearized, 2);
+  Step x = support::random_step(linearized.map, 1), y = support::random_step(linearized.map, 2);
 };
 
 TEST_P(StepAlgebra, IsThatOfTheDenseVectors) {
   const VectorXd dx = flat(x), dy = flat(y);
-  EXPECT_NEAR(dot(x, y), dx.dot(dy), 1e-12 * dx.norm() * dy.norm());
-  add_scaled(-2.5, x, y);
+  EXPECT_NEAR(dot(normal, x, y), dx.dot(dy), 1e-12 * dx.norm() * dy.norm());
+  add_scaled(normal, -2.5, x, y);
   EXPECT_LT((flat(y) - (dy - 2.5 * dx)).norm(), 1e-12 * dy.norm());
-  scale(0.25, x);
+  scale(normal, 0.25, x);
   EXPECT_EQ(flat(x), 0.25 * dx);
 }
 
@@ -38,16 +39,37 @@ TEST_P(StepAlgebra, GradientAndMetricAreThoseOfTheDenseJacobian) {
     EXPECT_LT((flat(metric) - d).norm(), 1e-12 * d.norm());
     const VectorXd dx = flat(x), dy = flat(y);
     const double length = dx.cwiseProduct(d).dot(dx);
-    EXPECT_NEAR(norm(x, metric) / std::sqrt(length), 1.0, 1e-12);
-    EXPECT_NEAR(dot(x, metric, y), dx.cwiseProduct(d).dot(dy), 1e-12 * length);
-    EXPECT_LT((flat(divide(x, metric)) - dx.cwiseQuotient(d)).norm(), 1e-12 * dx.norm());
+    EXPECT_NEAR(norm(normal, x, metric) / std::sqrt(length), 1.0, 1e-12);
+    EXPECT_NEAR(dot(normal, x, metric, y), dx.cwiseProduct(d).dot(dy), 1e-12 * length);
+    EXPECT_LT((flat(divide(normal, x, metric)) - dx.cwiseQuotient(d)).norm(), 1e-12 * dx.norm());
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes,
                          StepAlgebra,
-                         testing::ValuesIn(support::kBlockScenes),
-                         [](const auto& test) { return std::string(test.param.name); });
+                         testing::ValuesIn(support::random_systems()),
+                         [](const auto& test) { return test.param.name; });
+
+// Vectors of several parts against Eigen, and the same bits on every number of threads.
+TEST(VectorAlgebra, IsThatOfEigenInPartsOnAnyNumberOfThreads) {
+  const VectorXd x = VectorXd::Random(3 * kNumbersPerTask + 17), y = VectorXd::Random(x.size());
+  const Vector vx(x.begin(), x.end()), vy(y.begin(), y.end());
+  ThreadPool alone(1);
+  const double expected = dot(alone, vx, vy);
+  EXPECT_NEAR(expected, x.dot(y), 1e-11 * x.norm() * y.norm());
+  for (int threads : {1, 2, 5}) {
+    ThreadPool pool(threads);
+    EXPECT_EQ(dot(pool, vx, vy), expected);
+    EXPECT_NEAR(squared_norm(pool, vx) / x.squaredNorm(), 1.0, 1e-12);
+    Vector sum = vy, other = vy, scaled = vx;
+    add_scaled(pool, -2.5, vx, sum);
+    scale_and_add(pool, 0.5, vx, other);
+    scale(pool, 3.0, scaled);
+    EXPECT_EQ((Eigen::Map<VectorXd>(sum.data(), x.size())), y - 2.5 * x);
+    EXPECT_EQ((Eigen::Map<VectorXd>(other.data(), x.size())), x + 0.5 * y);
+    EXPECT_EQ((Eigen::Map<VectorXd>(scaled.data(), x.size())), 3.0 * x);
+  }
+}
 
 }  // namespace
 }  // namespace sfmcpp::linear

@@ -8,7 +8,7 @@
 
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
-#include "support/random_least_squares.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -16,7 +16,10 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using linear::DampingMatrix;
-using support::RandomLeastSquares;
+using support::RandomSystem;
+
+constexpr int kCameras = 4, kPoints = 10, kCameraSize = 6;
+constexpr int kUnknowns = kCameras * kCameraSize + 3 * kPoints;
 
 class UnusedSolver final : public linear::LinearSolver {
  public:
@@ -39,19 +42,24 @@ class DescentMethod : public testing::Test {
     return strategy.compute(
         problem.normal(), solver, [] { return false; }, step);
   }
-  VectorXd flat() const { return RandomLeastSquares::flatten(step); }
-  VectorXd gradient() const { return -problem.jacobian().transpose() * problem.residual(); }
-  MatrixXd matrix() const { return problem.jacobian().transpose() * problem.jacobian(); }
+  VectorXd flat() const { return flatten(problem.dense(), step); }
+  VectorXd gradient() const {
+    return -problem.dense().jacobian.transpose() * problem.dense().residual;
+  }
+  MatrixXd matrix() const {
+    return problem.dense().jacobian.transpose() * problem.dense().jacobian;
+  }
   double decrease(const VectorXd& delta) const {
-    return problem.cost() - 0.5 * (problem.residual() - problem.jacobian() * delta).squaredNorm();
+    return problem.cost() -
+           0.5 * (problem.dense().residual - problem.dense().jacobian * delta).squaredNorm();
   }
   // blockdiag(JᵀJ) with the little damping of the preconditioner.
   MatrixXd preconditioner() const {
     const MatrixXd a = matrix();
     MatrixXd blocks = MatrixXd::Zero(a.rows(), a.cols());
-    const int cameras = RandomLeastSquares::kCameras * RandomLeastSquares::kCameraSize;
+    const int cameras = kCameras * kCameraSize;
     for (int k = 0, size = 0; k < a.cols(); k += size) {
-      size = k < cameras ? RandomLeastSquares::kCameraSize : 3;
+      size = k < cameras ? kCameraSize : 3;
       blocks.block(k, k, size, size) = a.block(k, k, size, size);
     }
     blocks.diagonal() *= 1.0 + 1e-6;
@@ -63,7 +71,7 @@ class DescentMethod : public testing::Test {
     return across.norm() / a.norm();
   }
 
-  RandomLeastSquares problem{1};
+  RandomSystem problem{{.cameras = kCameras, .points = kPoints, .camera_size = kCameraSize}};
   UnusedSolver solver;
   linear::Step step;
 };
@@ -107,8 +115,8 @@ TEST_F(DescentMethod, RejectionsHalveTheStepAndSuccessesDoubleItUpToTheMinimumOf
 // M⁻¹b, (M⁻¹A) M⁻¹b, …, (M⁻¹A)^(k−1) M⁻¹b: here by QR, without any recurrence.
 TEST_F(DescentMethod, ConjugateGradientsMinimiseOverTheKrylovSpaceOfTheBlockJacobiPreconditioner) {
   const auto conjugate = make_conjugate_gradient({});
-  const MatrixXd j = problem.jacobian(), a = matrix();
-  const VectorXd r = problem.residual();
+  const MatrixXd j = problem.dense().jacobian, a = matrix();
+  const VectorXd r = problem.dense().residual;
   const Eigen::LDLT<MatrixXd> m(preconditioner());
   MatrixXd basis(a.cols(), 0);
   for (int k = 1; k <= 12; ++k) {
@@ -129,11 +137,11 @@ TEST_F(DescentMethod, ConjugateGradientsMinimiseOverTheKrylovSpaceOfTheBlockJaco
 
 TEST_F(DescentMethod, ConjugateGradientsSolveALinearProblemInAsManyStepsAsItHasUnknowns) {
   const auto conjugate = make_conjugate_gradient({});
-  const MatrixXd j = problem.jacobian();
-  const VectorXd r = problem.residual();
+  const MatrixXd j = problem.dense().jacobian;
+  const VectorXd r = problem.dense().residual;
   const double least = 0.5 * (r - j * j.householderQr().solve(r)).squaredNorm();
   const double start = gradient().norm();
-  for (int k = 0; k < RandomLeastSquares::kUnknowns; ++k) {
+  for (int k = 0; k < kUnknowns; ++k) {
     ASSERT_TRUE(compute(*conjugate).valid);
     problem.move(step);
     conjugate->accepted(1.0);
@@ -163,7 +171,7 @@ TEST_F(DescentMethod, ConjugateGradientsFollowPolakAndRibiere) {
     const auto conjugate = make_conjugate_gradient({});
     compute(*conjugate);
     const VectorXd last_z = preconditioned_descent(), last_gradient = gradient();
-    scale(share, step);
+    scale(problem.normal(), share, step);
     problem.move(step);
     conjugate->accepted(1.0);
     const VectorXd z = preconditioned_descent();

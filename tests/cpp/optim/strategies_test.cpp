@@ -81,7 +81,7 @@ TEST_P(EveryMethod, RejectionsShortenTheStepUntilNothingIsLeftToTry) {
         work.normal(), *solver, [] { return false; }, step);
     ASSERT_TRUE(result.valid);
     EXPECT_GT(result.predicted_decrease, 0.0);
-    const double length = norm(step, metric);
+    const double length = norm(work.normal(), step, metric);
     EXPECT_LT(length, previous);
     previous = length;
     strategy->rejected();

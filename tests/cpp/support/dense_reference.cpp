@@ -1,10 +1,6 @@
 #include "support/dense_reference.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
-
-#include <Eigen/QR>
 
 #include "support/camera_dispatch.hpp"
 
@@ -81,46 +77,6 @@ class DenseAssembler {
 
 DenseSystem make_dense_system(const LinearizedProblem& linearized, const Loss& loss) {
   return DenseAssembler(linearized, loss).assemble();
-}
-
-Eigen::VectorXd damping_diagonal(const DenseSystem& system, const linear::Damping& damping) {
-  const Eigen::Index n = system.jacobian.cols();
-  if (damping.matrix == linear::DampingMatrix::kIdentity) {
-    return Eigen::VectorXd::Constant(n, damping.lambda);
-  }
-  const Eigen::VectorXd diagonal = system.jacobian.colwise().squaredNorm();
-  return damping.lambda * diagonal.cwiseMax(1e-6).cwiseMin(1e32);
-}
-
-Eigen::VectorXd solve_by_qr(const DenseSystem& system, const linear::Damping& damping) {
-  const Eigen::Index m = system.jacobian.rows(), n = system.jacobian.cols();
-  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(m + n, n);
-  a.topRows(m) = system.jacobian;
-  a.bottomRows(n).diagonal() = damping_diagonal(system, damping).cwiseSqrt();
-  Eigen::VectorXd b = Eigen::VectorXd::Zero(m + n);
-  b.head(m) = system.residual;
-  // Columns of length one: radians, metres and distortion coefficients differ by many powers of
-  // ten.
-  const Eigen::VectorXd scale = a.colwise().norm().cwiseInverse();
-  return scale.cwiseProduct((a * scale.asDiagonal()).householderQr().solve(b));
-}
-
-double model_decrease(const DenseSystem& system, const Eigen::VectorXd& step) {
-  const Eigen::VectorXd after = system.residual - system.jacobian * step;
-  return 0.5 * (system.residual.squaredNorm() - after.squaredNorm());
-}
-
-Eigen::VectorXd flatten(const DenseSystem& system, const linear::Step& step) {
-  Eigen::VectorXd flat =
-      Eigen::VectorXd::Constant(system.jacobian.cols(), std::numeric_limits<double>::quiet_NaN());
-  if (step.point.size() != 3 * system.point_column.size()) return flat;  // of a solve that failed
-  for (int k = 0; k < system.camera_columns; ++k) flat[k] = step.camera[k];
-  for (std::size_t p = 0; p < system.point_column.size(); ++p) {
-    for (int k = 0; k < 3; ++k) {
-      if (system.point_column[p] >= 0) flat[system.point_column[p] + k] = step.point[3 * p + k];
-    }
-  }
-  return flat;
 }
 
 }  // namespace sfmcpp::support

@@ -10,6 +10,7 @@
 // alone.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <thread>
 #include <vector>
@@ -38,17 +39,43 @@ class ThreadPool {
     run(Job{&f, &call<F>, count});
   }
 
+  // Calls f(begin, end) for consecutive parts of [0, size), `part` long but for the last.
+  template <class F>
+  void parallel_for_parts(long size, long part, const F& f) {
+    parallel_for(num_parts(size, part),
+                 [&](int task) { f(task * part, std::min((task + 1) * part, size)); });
+  }
+  static int num_parts(long size, long part) { return static_cast<int>((size + part - 1) / part); }
+
   // Sum of f(task) over the tasks, added in the order of the tasks.
   template <class F>
   double sum(int count, const F& f) {
-    partial_sums_.resize(static_cast<std::size_t>(count));
-    parallel_for(count, [&](int task) { partial_sums_[static_cast<std::size_t>(task)] = f(task); });
     double total = 0.0;
-    for (double value : partial_sums_) total += value;
+    for (double value : results(count, f)) total += value;
     return total;
+  }
+  // The same with f(begin, end) over consecutive parts of [0, size).
+  template <class F>
+  double sum_of_parts(long size, long part, const F& f) {
+    return sum(num_parts(size, part),
+               [&](int task) { return f(task * part, std::min((task + 1) * part, size)); });
+  }
+  // Largest f(task), and no less than zero; what is not a number is passed over.
+  template <class F>
+  double max(int count, const F& f) {
+    double largest = 0.0;
+    for (double value : results(count, f)) largest = std::max(largest, value);
+    return largest;
   }
 
  private:
+  template <class F>
+  const std::vector<double>& results(int count, const F& f) {
+    results_.resize(static_cast<std::size_t>(count));
+    parallel_for(count, [&](int task) { results_[static_cast<std::size_t>(task)] = f(task); });
+    return results_;
+  }
+
   struct Job {
     const void* function = nullptr;
     void (*call)(const void* function, int task, int worker) = nullptr;
@@ -77,7 +104,7 @@ class ThreadPool {
   std::atomic<bool> open_{false};  // may workers join the job?
   std::atomic<int> joined_{0};     // workers that look at the job now
   std::atomic<bool> stopping_{false};
-  std::vector<double> partial_sums_;
+  std::vector<double> results_;
   std::vector<std::thread> workers_;
 };
 

@@ -35,7 +35,8 @@ class BlockJacobi {
   const NormalEquations& normal_;
   CameraBlockDiagonal cameras_;
   PointElimination points_;
-  AlignedVector<double> no_factors_;  // M = 0 and y = 0 of every point: cameras as if points held
+  AlignedVector<PointFactor>
+      no_factors_;  // M = 0 and y = 0 of every point: cameras as if points held
   std::vector<double> camera_rhs_;
 };
 

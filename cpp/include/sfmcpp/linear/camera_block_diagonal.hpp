@@ -20,7 +20,7 @@ class CameraBlockDiagonal {
   // The diagonal blocks of Σ Jᵀ (I − G Gᵀ) J + B, and Σ Jᵀ r̄ + b in `rhs`, with M and y of every
   // point in `factors` (schur_kernels.hpp), B and b of camera_terms.hpp. Where all factors are zero
   // this is U and Jᵀ r.
-  void assemble(const double* factors, std::vector<double>& rhs);
+  void assemble(const PointFactor* factors, std::vector<double>& rhs);
 
   // Adds `diagonal`, one number per reduced column, and factors. A block that is not positive
   // definite is replaced by its diagonal.
@@ -30,7 +30,9 @@ class CameraBlockDiagonal {
   void solve(const std::vector<double>& in, std::vector<double>& out) const;
 
  private:
-  void fold_block(int camera, const double* panels);
+  void fold_block(int camera, const double* panels, Columns columns);
+  template <class F>
+  void for_each_block(const F& f) const;
   int size(int b) const { return map_.block_begin[b + 1] - map_.block_begin[b]; }
 
   const NormalEquations& normal_;

@@ -4,6 +4,8 @@
 #include <functional>
 #include <vector>
 
+#include "sfmcpp/core/parallel.hpp"
+
 namespace sfmcpp::linear {
 
 struct ConjugateGradientResult {
@@ -16,7 +18,8 @@ using LinearMap = std::function<void(const std::vector<double>& in, std::vector<
 
 // Solves A x = b from x = 0 until ‖b − A x‖ ≤ tolerance ‖b‖ in the norm of the preconditioner's
 // inverse, at most `max_iterations`, or until `should_stop`.
-ConjugateGradientResult conjugate_gradient(const LinearMap& a,
+ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
+                                           const LinearMap& a,
                                            const LinearMap& preconditioner,
                                            const std::vector<double>& b,
                                            double tolerance,

@@ -21,6 +21,9 @@ class DenseCholesky {
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
 
   int size() const { return size_; }
+  // Column by column, `stride` apart; what lies above the diagonal is never read.
+  std::span<double> values() { return matrix_; }
+  long stride() const { return ld_; }
   double& at(int row, int column) { return matrix_[static_cast<std::size_t>(column) * ld_ + row]; }
 
   void set_zero(ThreadPool& pool);

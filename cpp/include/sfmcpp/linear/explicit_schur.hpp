@@ -1,18 +1,26 @@
 #pragma once
 
+#include <memory>
+#include <vector>
+
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
-#include "sfmcpp/linear/reduced_solver.hpp"
 
 namespace sfmcpp::linear {
 
+class ReducedSolver;
+
 // Forms S block row by block row: row i is gathered by one task from the points that camera i sees,
 // so that there are no locks and every block has its terms added in one fixed order. A row goes to
-// the reduced matrix at once; only where cameras share columns all rows are kept and added in
-// order.
+// the reduced matrix at once. Only what cameras share, the border of the matrix, is added by one
+// thread in the order of the rows; then rows are formed in batches, and no more than one is kept.
 class ExplicitSchurSolver final : public LinearSolver {
  public:
-  ExplicitSchurSolver(const NormalEquations& normal, LinearSolverKind kind);
+  // Null for a structure that nothing has asked for yet; a sparse solver needs all of it.
+  ExplicitSchurSolver(const NormalEquations& normal,
+                      LinearSolverKind kind,
+                      std::shared_ptr<const ReducedStructure> structure = nullptr);
+  ~ExplicitSchurSolver() override;
 
   LinearSolveResult solve(const Damping& damping,
                           Step& step,
@@ -31,10 +39,11 @@ class ExplicitSchurSolver final : public LinearSolver {
   void set_rhs(std::vector<double>& rhs) const;
 
   const NormalEquations& normal_;
-  CameraPattern pattern_;
+  std::shared_ptr<const ReducedStructure> structure_;
+  const CameraPattern& pattern_;
   PointElimination elimination_;
   std::unique_ptr<ReducedSolver> reduced_;
-  // The block row that each worker forms; of each camera where cameras share columns.
+  // The block row that each worker forms; of each camera of a batch where cameras share columns.
   std::vector<AlignedVector<double>> rows_;
   AlignedVector<double> rhs_;                      // Σ Jᵀ r̄ per camera
   std::vector<std::vector<int>> block_of_camera_;  // scratch of each worker

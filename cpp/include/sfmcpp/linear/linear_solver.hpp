@@ -14,6 +14,7 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp {
 
@@ -60,17 +61,24 @@ class LinearSolver {
 struct LinearSolverChoice {
   LinearSolverKind kind;
   std::string reason;
+  // Of the reduced system, where the choice had to know it.
+  std::shared_ptr<const ReducedStructure> structure{};
 };
 
-// `auto`: by predicted flops and memory. Any other kind is returned as it is.
+// `auto`: by predicted flops and memory, for the points of all ranks. Any other kind is returned as
+// it is.
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
                                         LinearSolverKind requested,
-                                        const CameraPairs& pairs = {});
+                                        const CameraPairs& pairs = {},
+                                        Exchange& exchange = this_process());
 
 // `kind` of the options must not be auto. The normal equations must outlive the solver.
-std::unique_ptr<LinearSolver> make_linear_solver(const NormalEquations& normal,
-                                                 const LinearSolverOptions& options);
+// `structure`: that of the choice; where it is null the solver makes what it needs of it.
+std::unique_ptr<LinearSolver> make_linear_solver(
+    const NormalEquations& normal,
+    const LinearSolverOptions& options,
+    std::shared_ptr<const ReducedStructure> structure = nullptr);
 
 }  // namespace linear
 }  // namespace sfmcpp

@@ -6,7 +6,7 @@
 // Residuals that see cameras alone add their part of JᵀJ and Jᵀr as blocks (camera_terms.hpp).
 #pragma once
 
-#include <algorithm>
+#include <array>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -41,6 +41,20 @@ struct Slopes {
   double point = 0.0;
 };
 
+// Lower triangle of V = Σ Jpᵀ Jp, and Jpᵀ r, of a point.
+struct PointBlock {
+  double v00, v10, v11, v20, v21, v22;
+  double rhs[3];
+
+  std::array<double, 3> diagonal() const { return {v00, v11, v22}; }
+};
+
+// Points per parallel task, and per task where there is little to do for each.
+inline constexpr int kPointsPerTask = 512;
+inline constexpr int kPointsPerSum = 8192;
+// Cameras, or their blocks, per parallel task.
+inline constexpr int kCamerasPerTask = 64;
+
 class NormalEquations {
  public:
   // The references must outlive this object. `camera_pairs`: cameras that other residuals than
@@ -51,13 +65,13 @@ class NormalEquations {
                   CameraPairs camera_pairs = {},
                   Exchange& exchange = this_process());
 
-  // Filling: first the Jacobian of every observation (kernel records, see schur_kernels.hpp) …
+  // Filling: first the Jacobian of every observation (schur_kernels.hpp) …
   double* camera_jacobian(int observation) {
     return jacobian_.data() + 2L * map_.camera_size * observation;
   }
-  double* point_record(int observation) {
-    return records_.data() + static_cast<long>(kPointRecord) * observation;
-  }
+  PointRecord& point_record(int observation) { return records_[observation]; }
+  // The same as numbers, those of later observations behind: 2×4, row-major.
+  double* point_records_from(int observation) { return records_[observation].row[0].by_point; }
   // … chunk by chunk, each followed by `accumulate(chunk)`, in any order, and the terms of cameras
   // alone; then `finish`.
   void accumulate(int chunk);
@@ -72,11 +86,9 @@ class NormalEquations {
   const CameraTerms& camera_terms() const { return camera_terms_; }
 
   const double* jacobian() const { return jacobian_.data(); }
-  const double* records() const { return records_.data(); }
-  // Lower triangle of V (v00 v10 v11 v20 v21 v22), then Jpᵀ r; zeros for a point that may not move.
-  const double* point_block(int p) const {
-    return point_blocks_.data() + static_cast<long>(kPointFactor) * p;
-  }
+  const PointRecord* records() const { return records_.data(); }
+  // Zeros for a point that may not move.
+  const PointBlock& point_block(int p) const { return point_blocks_[p]; }
 
   // Jcᵀ r and diag(JcᵀJc), in reduced columns, over all residuals.
   const std::vector<double>& camera_rhs() const { return camera_rhs_; }
@@ -95,6 +107,21 @@ class NormalEquations {
   // The same for the δ that solves the damped system, at no cost: ½ δᵀ (b + λ D δ).
   double predicted_decrease(const Step& step, const Damping& damping) const;
 
+  // Calls add(i, columns) for every camera: each reduced column meets its cameras in their order.
+  template <class F>
+  void for_each_camera_in_order(const F& add) const {
+    pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {
+      for (long i = begin; i < end; ++i) add(static_cast<int>(i), Columns::kOfOneCamera);
+    });
+    for (int i = 0; map_.has_shared_columns && i < graph_.num_cameras; ++i)
+      add(i, Columns::kShared);
+  }
+  // Adds those columns of a camera block to reduced values (Pᵀ y).
+  void fold(const double* block, int camera, Columns columns, double* reduced) const;
+  // Σ Pᵀ y over the chunks, with y of each, a camera block, in `blocks`, added.
+  void fold_chunks(const double* blocks, long stride, double* reduced) const;
+  bool is_shared(int column) const { return shared_[column] != 0; }
+
  private:
   void gather_point(int p);
 
@@ -104,25 +131,23 @@ class NormalEquations {
   Exchange& exchange_;
   SchurKernels kernels_;
   CameraTerms camera_terms_;
+  std::vector<char> shared_;  // per reduced column
   AlignedVector<double> jacobian_;
-  AlignedVector<double> records_;
-  AlignedVector<double> point_blocks_;
+  AlignedVector<PointRecord> records_;
+  AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block
   std::vector<double> camera_rhs_;
   std::vector<double> camera_diagonal_;
   double gradient_max_norm_ = 0.0;
 };
 
-// Points per parallel task.
-inline constexpr int kPointsPerTask = 512;
-inline int num_point_tasks(int points) { return (points + kPointsPerTask - 1) / kPointsPerTask; }
+inline int num_point_tasks(int points) { return ThreadPool::num_parts(points, kPointsPerTask); }
 
 // Calls f(p) for every point, in parallel.
 template <class F>
 void for_each_point(ThreadPool& pool, int num_points, const F& f) {
-  pool.parallel_for(num_point_tasks(num_points), [&](int task) {
-    const int end = std::min((task + 1) * kPointsPerTask, num_points);
-    for (int p = task * kPointsPerTask; p < end; ++p) f(p);
+  pool.parallel_for_parts(num_points, kPointsPerTask, [&](long begin, long end) {
+    for (long p = begin; p < end; ++p) f(static_cast<int>(p));
   });
 }
 

@@ -33,6 +33,13 @@ struct ParameterMap {
   void fold(const double* block, int camera, double* reduced) const;
 };
 
+// Reduced columns by the number of their cameras: sums over cameras are made in parallel where each
+// column belongs to one camera, and in the order of the cameras where several share it.
+enum class Columns { kOfOneCamera, kShared };
+
+// Whether each reduced column is shared.
+std::vector<char> shared_columns(const ParameterMap& map);
+
 inline constexpr int kMaxCameraSize = 18;
 
 // Sizes of camera block that the kernels are compiled for; larger blocks are padded up to one.

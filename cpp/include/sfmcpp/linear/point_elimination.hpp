@@ -8,11 +8,11 @@
 
 namespace sfmcpp::linear {
 
-// out = Mᵀ z, with M as the factors hold it.
-inline void multiply_by_transposed_factor(const double* m, const double* z, double* out) {
-  out[0] = m[0] * z[0] + m[1] * z[1] + m[3] * z[2];
-  out[1] = m[2] * z[1] + m[4] * z[2];
-  out[2] = m[5] * z[2];
+// out = Mᵀ z.
+inline void multiply_by_transposed_factor(const PointFactor& m, const double* z, double* out) {
+  out[0] = m.m00 * z[0] + m.m10 * z[1] + m.m20 * z[2];
+  out[1] = m.m11 * z[1] + m.m21 * z[2];
+  out[2] = m.m22 * z[2];
 }
 
 class PointElimination {
@@ -21,9 +21,8 @@ class PointElimination {
 
   void factor(const Damping& damping);
 
-  // M and y of every point, kPointFactor numbers each.
-  const double* factors() const { return factors_.data(); }
-  const double* factor(int p) const { return factors() + static_cast<long>(kPointFactor) * p; }
+  const PointFactor* factors() const { return factors_.data(); }  // of every point
+  const PointFactor& factor(int p) const { return factors_[p]; }
 
   // Σ Gᵀ Jc x of every point, for reduced camera columns x.
   const double* point_sums(const std::vector<double>& x);
@@ -37,10 +36,10 @@ class PointElimination {
   void back_substitute(Step& step);
 
  private:
-  void factor_point(int p, const Damping& damping);
+  PointFactor factor_of(int p, const Damping& damping) const;
 
   const NormalEquations& normal_;
-  AlignedVector<double> factors_;
+  AlignedVector<PointFactor> factors_;
   AlignedVector<double> steps_;  // x per camera
   AlignedVector<double> sums_;   // per point
 };

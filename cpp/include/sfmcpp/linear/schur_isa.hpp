@@ -1,5 +1,4 @@
-// The kernels of one instruction set; only schur_kernel_choice.cpp chooses among them
-// (core/isa.hpp).
+// The kernels of one instruction set; only normal_equations.cpp chooses among them (core/isa.hpp).
 #pragma once
 
 #include "sfmcpp/linear/schur_kernels.hpp"

@@ -14,9 +14,20 @@
 
 namespace sfmcpp::linear {
 
-inline constexpr int kPointRecord =
-    8;  // A|r: 2×4 row-major, the residual in the last column (a cache line)
-inline constexpr int kPointFactor = 9;  // M (row-major lower triangle: 6), y (3)
+// A|r of an observation (a cache line).
+struct PointRecord {
+  struct Row {
+    double by_point[3];
+    double residual;
+  };
+  Row row[2];
+};
+
+// M and y of a point.
+struct PointFactor {
+  double m00, m10, m11, m20, m21, m22;
+  double y[3];
+};
 
 // Points seen by a camera, and cameras that see a point (ObservationGraph).
 struct GraphView {
@@ -32,8 +43,8 @@ struct SchurRow {
   GraphView graph;
   int begin, end;              // observations of camera i
   const double* jacobian;      // J of every observation
-  const double* records;       // A|r of every observation
-  const double* factors;       // M, y of every point
+  const PointRecord* records;  // A|r of every observation
+  const PointFactor* factors;  // M, y of every point
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
   double* blocks;              // blocks (i, j), j > i; added to
@@ -42,15 +53,18 @@ struct SchurRow {
 
 struct SchurKernels {
   // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations.
-  void (*camera_gradient)(
-      int n, const double* jacobian, const double* records, double* gradient, double* diagonal);
+  void (*camera_gradient)(int n,
+                          const double* jacobian,
+                          const PointRecord* records,
+                          double* gradient,
+                          double* diagonal);
   void (*schur_row)(const SchurRow& row);
   // Block (i, i) and the right-hand side alone, over the n observations of camera i.
   void (*schur_diagonal)(int n,
                          const double* jacobian,
-                         const double* records,
+                         const PointRecord* records,
                          const int* point,
-                         const double* factors,
+                         const PointFactor* factors,
                          double* diagonal,
                          double* rhs);
   // Σ Gᵀ J x for the points [begin, end), with x of every camera in `steps`, D numbers each.
@@ -58,14 +72,14 @@ struct SchurKernels {
                      int begin,
                      int end,
                      const double* jacobian,
-                     const double* records,
-                     const double* factors,
+                     const PointRecord* records,
+                     const PointFactor* factors,
                      const double* steps,
                      double* sums);
   // out += Jᵀ (J x − A t), with t of every point in `shifts`, three numbers each.
   void (*schur_product)(int n,
                         const double* jacobian,
-                        const double* records,
+                        const PointRecord* records,
                         const int* point,
                         const double* shifts,
                         const double* x,

@@ -2,17 +2,19 @@
 // Eigen.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string_view>
 #include <vector>
 
 namespace sfmcpp::linear {
 
-// Lower triangle, compressed by columns, rows ascending, diagonal first.
+// Lower triangle, compressed by columns, rows ascending, diagonal first. Matrix and factor may have
+// more than 2³¹ entries.
 struct SparseLower {
   int size = 0;
-  std::vector<int> column_begin;
-  std::vector<int> row;
+  std::vector<std::int64_t> column_begin;
+  std::vector<std::int64_t> row;
   std::vector<double> value;
 };
 

@@ -1,15 +1,17 @@
-// Steps as vectors.
+// Steps as vectors: their cameras' part is the same on every rank, their points' part is cut over
+// the ranks.
 #pragma once
 
 #include "sfmcpp/linear/normal_equations.hpp"
 
 namespace sfmcpp::linear {
 
-double dot(const Step& a, const Step& b);
+double dot(const NormalEquations& normal, const Step& a, const Step& b);
+double norm(const NormalEquations& normal, const Step& x);
 // x ← s x
-void scale(double s, Step& x);
+void scale(const NormalEquations& normal, double s, Step& x);
 // y ← y + s x
-void add_scaled(double s, const Step& x, Step& y);
+void add_scaled(const NormalEquations& normal, double s, const Step& x, Step& y);
 
 // b = Jᵀ r.
 Step negative_gradient(const NormalEquations& normal);
@@ -17,9 +19,9 @@ Step negative_gradient(const NormalEquations& normal);
 Step damping_entries(const NormalEquations& normal, DampingMatrix matrix);
 
 // The metric of a diagonal matrix with positive entries.
-double dot(const Step& a, const Step& metric, const Step& b);
-double norm(const Step& x, const Step& metric);
+double dot(const NormalEquations& normal, const Step& a, const Step& metric, const Step& b);
+double norm(const NormalEquations& normal, const Step& x, const Step& metric);
 // metric⁻¹ g
-Step divide(const Step& g, const Step& metric);
+Step divide(const NormalEquations& normal, const Step& g, const Step& metric);
 
 }  // namespace sfmcpp::linear

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/optim/memory.hpp"
 
 namespace sfmcpp::optim {
 
@@ -12,6 +13,8 @@ class DampingRule {
   virtual void accepted(double gain_ratio) = 0;
   virtual void rejected() = 0;
   virtual linear::Damping damping() const = 0;
+  // Hands over what it has learned.
+  virtual void keep(Memory& memory) = 0;
 };
 
 // λ₀ of the rule of Hartley (thesis §2.2.2.4), and τ of that of Nielsen, where the options leave
@@ -30,6 +33,7 @@ class HartleyRule final : public DampingRule {
   void accepted(double gain_ratio) override;
   void rejected() override;
   linear::Damping damping() const override { return {lambda_, matrix_}; }
+  void keep(Memory& memory) override { memory.keep(lambda_); }
 
  private:
   double lambda_;
@@ -48,6 +52,10 @@ class NielsenRule final : public DampingRule {
   void accepted(double gain_ratio) override;
   void rejected() override;
   linear::Damping damping() const override { return {lambda_, matrix_}; }
+  void keep(Memory& memory) override {
+    memory.keep(lambda_);
+    memory.keep(growth_);
+  }
 
  private:
   double tau_;

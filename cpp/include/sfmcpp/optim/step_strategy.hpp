@@ -7,8 +7,11 @@
 
 #include <functional>
 #include <memory>
+#include <span>
+#include <vector>
 
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/optim/memory.hpp"
 #include "sfmcpp/optim/options.hpp"
 
 namespace sfmcpp::optim {
@@ -34,6 +37,15 @@ class StepStrategy {
   virtual double damping() const { return 0.0; }
   // Whether another step from the same state can differ after a rejection.
   virtual bool can_retry() const = 0;
+
+  // What the method has learned, for a checkpoint: a strategy of the same options that restores it
+  // goes on with the same bits. Each rank saves its own part.
+  std::vector<double> save();
+  void restore(std::span<const double> saved);
+
+ private:
+  // Hands to `memory` every member that matters to the next step.
+  virtual void keep(Memory& memory) = 0;
 };
 
 inline std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options) {

@@ -1,5 +1,5 @@
 // The predicted cost of the sparse factorisation against the factor that Eigen computes.
-#include "sfmcpp/linear/block_ordering.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 #include <algorithm>
 #include <random>
@@ -8,7 +8,7 @@
 #include <Eigen/SparseCholesky>
 #include <gtest/gtest.h>
 
-#include "support/linearized_problem.hpp"
+#include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -101,14 +101,10 @@ TEST(OrderBlocks, FillsLessThanTheGivenOrderOnAStar) {
 }
 
 TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNeighbours) {
-  support::SceneOptions options;
-  options.camera_model = CameraModelId::kBal;
-  options.num_cameras = 6;
-  options.num_points = 12;
-  options.window = 2;
-  options.num_groups = 3;
-  const support::LinearizedProblem linearized(support::make_circle_scene(options));
-  const BlockGraph graph = make_block_graph(make_camera_pattern(linearized.graph), linearized.map);
+  const support::SystemOptions options{
+      .cameras = 6, .points = 12, .camera_size = 9, .shared = 3, .groups = 3, .window = 2};
+  const BlockGraph graph =
+      make_block_graph(make_camera_pattern(make_graph(options)), make_map(options));
   ASSERT_EQ(graph.size, (std::vector<int>{6, 6, 6, 6, 6, 6, 3, 3, 3}));
   const auto coupled = [&](int a, int b) {
     return std::binary_search(graph.edges.begin(), graph.edges.end(), std::pair(a, b));
@@ -119,6 +115,60 @@ TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNe
     EXPECT_TRUE(coupled(i, 6 + (i + 1) % 3)) << "that of a camera with common points";
   }
   EXPECT_TRUE(coupled(6, 7) && coupled(7, 8) && coupled(6, 8));
+}
+
+TEST(CameraPattern, HasABlockForEveryPairWhetherItSharesAPointOrNot) {
+  const ObservationGraph graph = support::make_graph({.cameras = 8, .points = 80, .window = 2});
+  const CameraPairs pairs{{5, 1}, {0, 1}, {3, 3}};
+  const CameraPattern without = make_camera_pattern(graph);
+  const CameraPattern with = make_camera_pattern(graph, pairs);
+  ASSERT_EQ(with.num_blocks(), without.num_blocks() + 1);  // cameras 0 and 1 share points
+  const std::vector<int> row(with.column.begin() + with.row_begin[1],
+                             with.column.begin() + with.row_begin[2]);
+  EXPECT_EQ(row, (std::vector<int>{1, 2, 5}));
+}
+
+TEST(OrderBlocks, IntrinsicsThatAllCamerasShareComeLast) {
+  const support::SystemOptions options{
+      .cameras = 300, .points = 600, .camera_size = 9, .shared = 3, .groups = 1, .window = 3};
+  const ReducedStructure structure =
+      make_sparse_structure(make_camera_pattern(make_graph(options)), make_map(options));
+  EXPECT_EQ(structure.ordering.position.back(), 300);
+}
+
+// The places of all pairs of blocks, in the order of the columns, are 0, 1, 2, …
+TEST_P(RandomBlockGraph, LayoutNumbersTheLowerTriangleColumnByColumn) {
+  const BlockLayout layout(graph, ordering.position);
+  std::int64_t next = 0;
+  for (int block = 0; block < layout.num_blocks(); ++block) {
+    for (int c = layout.first_column(block); c < layout.first_column(block + 1); ++c) {
+      layout.for_each_row(block, c, [&](int row) {
+        int row_block = block;
+        while (layout.first_column(row_block + 1) <= row) ++row_block;
+        const BlockPlace place = layout.place(row_block, block);
+        EXPECT_EQ(place.of(row - layout.first_column(row_block), c - layout.first_column(block)),
+                  next++);
+      });
+    }
+  }
+  EXPECT_EQ(next, layout.num_entries());
+}
+
+// 160,000 columns that all meet have 1.28e10 entries: six times what 31 bits count.
+TEST(BlockLayout, CountsMoreEntriesThan31Bits) {
+  BlockGraph graph;
+  constexpr int kBlocks = 40, kSize = 4000;
+  graph.size.assign(kBlocks, kSize);
+  for (int a = 0; a < kBlocks; ++a) {
+    for (int b = a + 1; b < kBlocks; ++b) graph.edges.emplace_back(a, b);
+  }
+  const BlockOrdering ordering = order_blocks(graph);
+  const BlockLayout layout(graph, ordering.position);
+  constexpr std::int64_t kColumns = kBlocks * kSize, kEntries = kColumns * (kColumns + 1) / 2;
+  EXPECT_EQ(layout.num_entries(), kEntries);
+  EXPECT_EQ(ordering.factor_entries, static_cast<double>(kEntries));
+  EXPECT_EQ(layout.place(kBlocks - 1, kBlocks - 1).of(kSize - 1, kSize - 1), kEntries - 1);
+  EXPECT_EQ(layout.place(kBlocks - 1, 0).of(kSize - 1, 0), kColumns - 1);
 }
 
 }  // namespace

@@ -1,0 +1,220 @@
+#include "reduced_solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sfmcpp/linear/dense_cholesky.hpp"
+#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/sparse_cholesky.hpp"
+#include "sfmcpp/linear/vector_algebra.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+class DenseReducedSolver final : public ReducedSolver {
+ public:
+  DenseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
+      : ReducedSolver(structure.pattern, map), pool_(pool), cholesky_(map.num_columns) {}
+
+  void start(const std::vector<double>& diagonal) override {
+    cholesky_.set_zero(pool_);
+    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) = diagonal[k];
+  }
+  std::span<double> values() override { return cholesky_.values(); }
+  bool factorize() override { return cholesky_.factorize(pool_); }
+
+ private:
+  int position(int block) const override { return block; }
+  BlockPlace place(int row_block, int column_block) const override {
+    return {.first =
+                map().block_begin[row_block] + cholesky_.stride() * map().block_begin[column_block],
+            .stride = cholesky_.stride()};
+  }
+  void solve_in_place(std::vector<double>& x) override { cholesky_.solve(x); }
+
+  ThreadPool& pool_;
+  DenseCholesky cholesky_;
+};
+
+class SparseReducedSolver final : public ReducedSolver {
+ public:
+  SparseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
+      : ReducedSolver(structure.pattern, map),
+        pool_(pool),
+        position_(structure.ordering.position),
+        layout_(structure.graph, position_) {
+    fill_pattern();
+    cholesky_ = make_sparse_cholesky(matrix_);
+  }
+
+  void start(const std::vector<double>& diagonal) override {
+    for_each_part(pool_, matrix_.value, [this](long begin, long end) {
+      part(matrix_.value, begin, end).setZero();
+    });
+    for (int block = 0; block < map().num_blocks(); ++block) {
+      const BlockPlace at = place(position_[block], position_[block]);
+      const int first = map().block_begin[block];
+      for (int k = first; k < map().block_begin[block + 1]; ++k)
+        matrix_.value[at.of(k - first, k - first)] = diagonal[k];
+    }
+  }
+  std::span<double> values() override { return matrix_.value; }
+  bool factorize() override { return cholesky_->factorize(matrix_); }
+
+ private:
+  int position(int block) const override { return position_[block]; }
+  BlockPlace place(int row_block, int column_block) const override {
+    return layout_.place(row_block, column_block);
+  }
+
+  void solve_in_place(std::vector<double>& x) override {
+    std::vector<double> placed(x.size());
+    for (int k = 0; k < map().num_columns; ++k) placed[place_of(k)] = x[k];
+    cholesky_->solve(placed);
+    for (int k = 0; k < map().num_columns; ++k) x[k] = placed[place_of(k)];
+  }
+  int place_of(int column) const {
+    const int block = map().block_of[column];
+    return layout_.first_column(position_[block]) + column - map().block_begin[block];
+  }
+
+  void fill_pattern() {
+    const auto entries = static_cast<std::size_t>(layout_.num_entries());
+    matrix_.size = layout_.num_columns();
+    matrix_.row.reserve(entries);
+    for (int block = 0; block < layout_.num_blocks(); ++block) {
+      for (int c = layout_.first_column(block); c < layout_.first_column(block + 1); ++c) {
+        matrix_.column_begin.push_back(static_cast<std::int64_t>(matrix_.row.size()));
+        layout_.for_each_row(block, c, [this](int row) { matrix_.row.push_back(row); });
+      }
+    }
+    matrix_.column_begin.push_back(static_cast<std::int64_t>(matrix_.row.size()));
+    matrix_.value.resize(entries);
+  }
+
+  ThreadPool& pool_;
+  const std::vector<int>& position_;
+  BlockLayout layout_;
+  SparseLower matrix_;
+  std::unique_ptr<SparseCholesky> cholesky_;
+};
+
+// Calls f(row, column, value), both within their variable blocks, for the entries of a camera block
+// in those segments: panel by panel, as they lie in memory.
+template <class Segment, class F>
+void for_each_entry(
+    const Segment& rows, const Segment& columns, int size, const double* block, const F& f) {
+  int first = 0;
+  while (first < size) {
+    const int width = panel_width(size - first);
+    const double* panel = block + first * size;
+    const int begin = std::max(first, rows.first);
+    const int end = std::min(first + width, rows.first + rows.length);
+    for (int c = 0; c < columns.length; ++c) {
+      const double* values = panel + (columns.first + c) * width - first;
+      for (int r = begin; r < end; ++r)
+        f(rows.offset + r - rows.first, columns.offset + c, values[r]);
+    }
+    first += width;
+  }
+}
+
+}  // namespace
+
+ReducedSolver::ReducedSolver(const CameraPattern& pattern, const ParameterMap& map)
+    : pattern_(pattern), map_(map) {
+  const std::vector<char> shared = shared_columns(map);
+  segment_begin_.push_back(0);
+  for (int i = 0; i < pattern.num_rows(); ++i) add_segments(i, shared);
+}
+
+void ReducedSolver::add_segments(int camera, const std::vector<char>& shared) {
+  const int* columns = map_.columns_of(camera);
+  for (int k = 0; k < map_.camera_size; ++k) {
+    const int column = columns[k];
+    if (column == kNoColumn) continue;
+    const int block = map_.block_of[column];
+    const bool goes_on = segments_.size() > segment_begin_.back() &&
+                         segments_.back().first + segments_.back().length == k &&
+                         columns[k - 1] == column - 1 && segments_.back().block == block;
+    if (goes_on) {
+      ++segments_.back().length;
+    } else {
+      segments_.push_back({.first = k,
+                           .length = 1,
+                           .block = block,
+                           .offset = column - map_.block_begin[block],
+                           .shared = shared[column] != 0});
+    }
+  }
+  segment_begin_.push_back(segments_.size());
+}
+
+void ReducedSolver::add_row(int i, const double* row_blocks, Columns columns) {
+  const long area = static_cast<long>(map_.camera_size) * map_.camera_size;
+  for (long block = pattern_.row_begin[i]; block < pattern_.row_begin[i + 1]; ++block) {
+    const int j = pattern_.column[block];
+    for (const Segment& a : segments_of(i)) {
+      for (const Segment& b : segments_of(j)) {
+        if ((a.shared || b.shared) != (columns == Columns::kShared)) continue;
+        add_pair(a, b, i == j, row_blocks + area * (block - pattern_.row_begin[i]));
+      }
+    }
+  }
+}
+
+// A block on the diagonal is symmetric: only its lower half counts.
+void ReducedSolver::add_pair(const Segment& rows,
+                             const Segment& columns,
+                             bool diagonal,
+                             const double* block) {
+  if (rows.block == columns.block) return add_within(rows, columns, diagonal, block);
+  if (diagonal && rows.block < columns.block) return;
+  const int row_block = position(rows.block), column_block = position(columns.block);
+  double* matrix = values().data();
+  if (row_block > column_block) {
+    const BlockPlace at = place(row_block, column_block);
+    for_each_entry(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
+      matrix[at.of(r, c)] += value;
+    });
+  } else {
+    const BlockPlace at = place(column_block, row_block);
+    for_each_entry(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
+      matrix[at.of(c, r)] += value;
+    });
+  }
+}
+
+void ReducedSolver::add_within(const Segment& rows,
+                               const Segment& columns,
+                               bool diagonal,
+                               const double* block) {
+  const int position_of_both = position(rows.block);
+  const BlockPlace at = place(position_of_both, position_of_both);
+  double* matrix = values().data();
+  for_each_entry(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
+    if (diagonal && r < c) return;
+    // A shared parameter meets itself: blocks (i, j) and (j, i) both add to the diagonal.
+    const double share = r == c && !diagonal ? 2.0 * value : value;
+    matrix[at.of(std::max(r, c), std::min(r, c))] += share;
+  });
+}
+
+bool ReducedSolver::solve(std::vector<double>& x) {
+  solve_in_place(x);
+  return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
+}
+
+std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,
+                                                         const ParameterMap& map,
+                                                         ThreadPool& pool) {
+  return std::make_unique<DenseReducedSolver>(structure, map, pool);
+}
+
+std::unique_ptr<ReducedSolver> make_sparse_reduced_solver(const ReducedStructure& structure,
+                                                          const ParameterMap& map,
+                                                          ThreadPool& pool) {
+  return std::make_unique<SparseReducedSolver>(structure, map, pool);
+}
+
+}  // namespace sfmcpp::linear

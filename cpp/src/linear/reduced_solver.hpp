@@ -1,0 +1,73 @@
+// Direct solution of the reduced camera system (Pᵀ S P + diag) x = rhs, with S given by camera
+// blocks.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
+
+namespace sfmcpp::linear {
+
+// The matrix is handed over row by row: start, add_row for every camera, then factorize once and
+// solve for any right-hand side.
+class ReducedSolver {
+ public:
+  ReducedSolver(const CameraPattern& pattern, const ParameterMap& map);
+  virtual ~ReducedSolver() = default;
+
+  // Sets the matrix to diag.
+  virtual void start(const std::vector<double>& diagonal) = 0;
+  // Adds what the blocks of camera row i (panel layout) have in columns of one camera alone, or in
+  // shared ones. The former may be added for several cameras at the same time; of the latter the
+  // order of the calls is the order of the sums.
+  void add_row(int i, const double* row_blocks, Columns columns);
+  // The matrix, to be summed over ranks. What lies above its diagonal is never read.
+  virtual std::span<double> values() = 0;
+  // False if the matrix is not positive definite.
+  virtual bool factorize() = 0;
+  // `x` holds the right-hand side before and the solution after; false if that is not finite.
+  bool solve(std::vector<double>& x);
+
+ protected:
+  const ParameterMap& map() const { return map_; }
+  // Variable blocks by their place in the order of the matrix; row_block ≥ column_block.
+  virtual int position(int block) const = 0;
+  virtual BlockPlace place(int row_block, int column_block) const = 0;
+  virtual void solve_in_place(std::vector<double>& x) = 0;
+
+ private:
+  // Consecutive columns of a camera block that are consecutive in one variable block.
+  struct Segment {
+    int first;   // in the camera block
+    int length;  // columns
+    int block;   // variable block
+    int offset;  // of the first column in the variable block
+    bool shared;
+  };
+
+  std::span<const Segment> segments_of(int camera) const {
+    return {segments_.data() + segment_begin_[camera],
+            segments_.data() + segment_begin_[camera + 1]};
+  }
+  void add_segments(int camera, const std::vector<char>& shared);
+  void add_pair(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
+  void add_within(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
+
+  const CameraPattern& pattern_;
+  const ParameterMap& map_;
+  std::vector<Segment> segments_;
+  std::vector<std::size_t> segment_begin_;  // of each camera
+};
+
+// The references must outlive the solver. The sparse one analyses the structure here.
+std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,
+                                                         const ParameterMap& map,
+                                                         ThreadPool& pool);
+std::unique_ptr<ReducedSolver> make_sparse_reduced_solver(const ReducedStructure& structure,
+                                                          const ParameterMap& map,
+                                                          ThreadPool& pool);
+
+}  // namespace sfmcpp::linear
