@@ -24,7 +24,7 @@ from sfmcpp.sources.drives import Drive, open_drive
 _ABSOLUTE = {"gps", "ins"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SlamRun:
     """What a run over a drive gave.
 
@@ -81,6 +81,12 @@ class SlamRun:
             "keyframes": 0 if world is None else len(world.keyframes),
             "points": 0 if world is None else int(np.count_nonzero(world.known)),
         }
+
+    def __repr__(self) -> str:
+        count = self.totals
+        found = f"{count['poses']} poses, {count['keyframes']} keyframes, {count['points']} points"
+        used = f" with {', '.join(self.sensors)}" if self.sensors else ""
+        return f"SlamRun({str(self.drive.path)!r}{used}: {count['frames']} frames, {found})"
 
     def trajectory(self) -> Trajectory:
         """All frames with a pose, in order."""

@@ -24,7 +24,7 @@ from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 _ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drive:
     """What a SLAM run reads.
 
@@ -53,6 +53,11 @@ class Drive:
     mounting: Mounting | None = None
     sensor_file: Path | None = None
     seconds_read: float = 0.0
+
+    def __repr__(self) -> str:
+        known = [*self.streams, *(["truth"] if self.truth is not None else [])]
+        beside = f", {', '.join(known)}" if known else ""
+        return f"Drive({str(self.path)!r}: {len(self.frames)} frames{beside})"
 
     def streams_of(self, sensors: Sequence[str]) -> list[SensorStream]:
         """Find the best stream for each of the `sensors`, by their names.

@@ -88,6 +88,8 @@ def test_a_run_gives_the_map_and_ends_where_the_callback_says(files: tuple[Path,
     whole, part = slam.run(files[0]), slam.run(files[0], callback=until_the_tenth)
     assert (whole.frames, whole.interrupted, part.frames, part.interrupted) == (24, False, 10, True)
     assert seen == list(range(10))
+    assert repr(whole.drive) == f"Drive({str(files[0])!r}: 24 frames)"
+    assert repr(part).startswith(f"SlamRun({str(files[0])!r}: 10 frames, 10 poses, ")
     assert len(whole.trajectory()) == 24
     assert whole.world is not None
     assert whole.totals["points"] == np.count_nonzero(whole.world.known) > 0
