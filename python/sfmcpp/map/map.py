@@ -178,7 +178,7 @@ class Map(Store):
         seen = np.unique(self.keypoint_points[self.keypoints_of(free)])
         points = seen[(seen >= 0) & np.isfinite(self.points[seen, 0])].astype(np.intp)
         rows = np.sort(self._tracks.of(points)[0])
-        rows = rows[self.registered[self.keypoint_images[rows]]]
+        rows = rows[np.isfinite(self.poses[self.keypoint_images[rows], 0, 0])]
         moves, sees, used = np.zeros((3, self.num_images), dtype=np.bool_)
         moves[free], sees[self.keypoint_images[rows]] = True, True
         used[np.asarray(also, dtype=np.intp)] = True

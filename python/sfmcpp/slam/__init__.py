@@ -1,8 +1,7 @@
 """SLAM: a camera's trajectory and a map of points, from tracks, keyframe by keyframe."""
 
 from sfmcpp.slam.drive_run import SlamRun, motion_sensors, run
-from sfmcpp.slam.localisation import Path
-from sfmcpp.slam.result import KeyframeRecord, SlamResult
+from sfmcpp.slam.result import KeyframeRecord, Path, SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 from sfmcpp.slam.sequence import Frame, FrameSource, TrackSequence, View
 from sfmcpp.slam.settings import SlamSettings

@@ -141,11 +141,7 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     """
     world = result.world
     assert world is not None
-    doubtful = result.doubtful
-    lengths = [
-        follower.length(a.t_s, b.t_s, result.path, doubtful, metric=result.metric)
-        for a, b in pairwise(part.keyframes)
-    ]
+    lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
     own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
     scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.

@@ -2,15 +2,78 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfmcpp.geometry import so3
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.slam.localisation import Path
+from sfmcpp.sensors import predict_pose
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
+
+
+@dataclass
+class Path:
+    """Where the camera was.
+
+    Attributes
+    ----------
+    between : dict of int to (3, 4) float64
+        Pose of each frame that has one and is no keyframe, world_from_camera; the map has those of keyframes.
+    times : dict of int to float
+        Time of each frame looked at [s].
+    world : WorldMap or None
+        The map, as soon as there is one.
+    """
+
+    between: dict[int, FloatArray] = field(default_factory=dict)
+    times: dict[int, float] = field(default_factory=dict)
+    world: WorldMap | None = None
+
+    @property
+    def poses(self) -> dict[int, FloatArray]:
+        """Pose (3, 4) of every frame that has one, put together anew each time."""
+        keyframes = self.world.keyframes if self.world else []
+        return {**self.between, **{keyframe.frame: keyframe.pose for keyframe in keyframes}}
+
+    def latest(self, count: int, without: Collection[int] = ()) -> dict[int, FloatArray]:
+        """Poses of the last `count` frames that have one, in their order."""
+        poses = self.poses
+        last = heapq.nlargest(count, (k for k in poses if k not in without))[::-1]
+        return {number: poses[number] for number in last}
+
+    def transform(self, similarity: Similarity, first: int = 0) -> None:
+        """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
+        for number in [k for k in self.between if k >= first]:
+            self.between[number] = similarity.apply_to_poses(self.between[number])
+
+    def predict(self, time_s: float) -> FloatArray:
+        """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
+        latest = self.latest(2)
+        *earlier, last = latest
+        now = latest[last]
+        if not earlier:
+            return np.array(now)
+        before, first_s, last_s = latest[earlier[0]], self.times[earlier[0]], self.times[last]
+        rotation = now[:, :3] @ before[:, :3].T
+        rate = so3.log(before[:, :3].T @ now[:, :3]) / (last_s - first_s)
+        # The body keeps its velocity in its own axes: it follows a bend.
+        velocity = rotation @ (now[:, 3] - before[:, 3]) / (last_s - first_s)
+        return predict_pose(now, rate, velocity, time_s - last_s)
+
+    def speed(self, steps: int = 5, without: Collection[int] = ()) -> float:
+        """Median speed over the last steps, in units of the map per second."""
+        last = self.latest(steps + 1, without)
+        if len(last) < 2:
+            return 0.0
+        centres = np.stack([pose[:, 3] for pose in last.values()])
+        lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+        return float(np.median(lengths / np.diff([self.times[k] for k in last])))
 
 
 @dataclass

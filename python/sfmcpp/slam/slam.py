@@ -106,10 +106,10 @@ class Slam:
         """Too few points are left: go on from the last frame, and look for a new start once that fails."""
         result, last = self.result, self._last
         assert last is not None
-        step = self._follower.follow(frame, last, result.path, result.doubtful, metric=result.metric)
+        step = self._follower.follow(frame, last, result)
         if step is None:
             result.lost.append(frame.number)
-            pose = self._follower.predict(frame, result.path, metric=result.metric)
+            pose = self._follower.predict(frame, result)
             self._initialiser = self._initialiser or Initialiser(self._intrinsics, self.settings)
         else:
             result.bridged.append(frame.number)
