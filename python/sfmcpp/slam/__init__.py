@@ -1,12 +1,13 @@
 """SLAM: a camera's trajectory and a map of points, from tracks, keyframe by keyframe."""
 
+from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.drive_run import SlamRun, motion_sensors, run
 from sfmcpp.slam.result import KeyframeRecord, Path, SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
-from sfmcpp.slam.sequence import Frame, FrameSource, TrackSequence, View
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam, run_slam
 from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.sources.frames import FrameSource, TrackSequence
 
 __all__ = [
     "Frame",

@@ -12,8 +12,8 @@ from sfmcpp.geometry import pose_inliers
 from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import View
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
-from sfmcpp.slam.sequence import View
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WeightedMeasurement, WorldMap
 from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weights

@@ -12,12 +12,12 @@ import numpy as np
 from sfmcpp.geometry import relative_pose
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame, common
 from sfmcpp.slam.fusing import usual_weights
 from sfmcpp.slam.localisation import Follower, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
-from sfmcpp.slam.sequence import Frame, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve

@@ -8,9 +8,9 @@ import numpy as np
 
 from sfmcpp.geometry import relative_pose, resection, so3
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
-from sfmcpp.slam.sequence import Frame, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 

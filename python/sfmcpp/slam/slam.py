@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, locate
@@ -16,9 +17,9 @@ from sfmcpp.slam.registering import correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
-from sfmcpp.slam.sequence import Frame, FrameSource, View, common
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.sources.frames import FrameSource
 
 
 class Slam:

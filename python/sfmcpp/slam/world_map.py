@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.sensing import Measurement
-from sfmcpp.slam.sequence import Frame, View
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import Problem
+from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, TrackSequence, WorldMap
-from sfmcpp.slam.sequence import View
 
 INTRINSICS = np.array([500.0, 1.0, 320.0, 240.0, 0.0])
 STEP_S = 0.1

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, Measurement, SlamSettings, WorldMap
 from sfmcpp.slam.fusing import constraint_groups, fuse, usual_weights
-from sfmcpp.slam.sequence import View
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 

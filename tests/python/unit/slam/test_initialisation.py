@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity
 from sfmcpp.model import SensorStream
+from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, MotionSensor, Odometer, Path, SlamResult, SlamSettings, TrackSequence, WorldMap
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower
 from sfmcpp.slam.sensor_suite import SensorSuite
-from sfmcpp.slam.sequence import View
 from slam_helpers import INTRINSICS, STEP_S, drive, path, project, small_map
 
 SETTINGS = SlamSettings()

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.slam import TrackSequence
-from sfmcpp.slam.sequence import View, common
-from slam_helpers import INTRINSICS
+from sfmcpp.model.frames import View, common
+from sfmcpp.sources.frames import TrackSequence
+
+INTRINSICS = np.array([500.0, 1.0, 320.0, 240.0, 0.0])
 
 
 def arguments(**changed: Any) -> dict[str, Any]:
