@@ -4,14 +4,19 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan no-cholmod bench stubs clean
-.PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-tests-release cpp-tests-asan cpp-tests-no-cholmod
+.PHONY: help demo test install lint format asan tsan no-cholmod bench stubs clean
+.PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
+# Every build is kept by ccache, where there is one.
+export CMAKE_CXX_COMPILER_LAUNCHER ?= $(shell command -v ccache)
+export CCACHE_SLOPPINESS ?= pch_defines,time_macros
 VENV := .venv
 PYTHON_BUILD := build/python
 DEMO_FOLDER ?= sfmcpp-demo
 CLANG_TIDY_JOBS ?= $(shell nproc)
+# Two processes for all tests: one for each, as ctest starts them, takes minutes under the sanitizers.
+TEST_PROCESSES ?= 2
 
 BUILD_PACKAGES := g++ cmake ninja-build git libeigen3-dev libsuitesparse-dev libopenblas-dev libgtest-dev libbenchmark-dev
 LINT_PACKAGES := clang-format clang-tidy
@@ -32,8 +37,10 @@ demo: install ## set up, build, and solve the circular scene into ./sfmcpp-demo
 	$(VENV)/bin/sfmcpp demo -o $(DEMO_FOLDER)
 	@echo "make demo: the result is in $(CURDIR)/$(DEMO_FOLDER)"
 
-test: install cpp-tests-release ## set up, build, and run the C++ and the Python tests
-	$(VENV)/bin/pytest
+test: cpp-tests pytest ## set up, build, and run the C++ and the Python tests
+
+pytest: install
+	$(VENV)/bin/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
 
 install: $(INSTALL_STAMP) ## set up, and install the package with its extras into .venv
 
@@ -50,35 +57,36 @@ lint-clang-format: $(LINT_PACKAGES_STAMP)
 	@clang-format --dry-run -Werror $(CPP_FILES)
 
 lint-clang-tidy: install $(LINT_PACKAGES_STAMP)
-	tools/clang_tidy.sh $(PYTHON_BUILD) $(CLANG_TIDY_JOBS)
+	$(VENV)/bin/python tools/clang_tidy.py $(PYTHON_BUILD) $(CLANG_TIDY_JOBS)
 
 format: install $(LINT_PACKAGES_STAMP) ## rewrite all sources in the project's format
 	$(VENV)/bin/ruff check --fix --select I
 	$(VENV)/bin/ruff format
 	clang-format -i $(CPP_FILES)
 
-asan: cpp-tests-asan ## the C++ tests under the address and undefined-behaviour sanitizers
+# The tests and benchmarks share the objects of the core with the Python module: one folder, one build.
+cpp-build: install
+	cmake --build $(PYTHON_BUILD)
 
-no-cholmod: cpp-tests-no-cholmod ## the C++ tests of a build without SuiteSparse
+run_cpp_tests = processes=(); for shard in $$(seq 0 $$(($(TEST_PROCESSES) - 1))); do \
+	  GTEST_BRIEF=1 GTEST_TOTAL_SHARDS=$(TEST_PROCESSES) GTEST_SHARD_INDEX=$$shard $(1)/tests/cpp/sfmcpp_tests & processes+=($$!); \
+	done; for process in "$${processes[@]}"; do wait "$$process"; done
 
-cpp-tests-release: $(BUILD_PACKAGES_STAMP)
-	cmake --preset release
-	cmake --build --preset release
-	ctest --preset release
+cpp-tests: cpp-build
+	$(call run_cpp_tests,$(PYTHON_BUILD))
+	ctest --test-dir $(PYTHON_BUILD) --label-regex bench --output-on-failure
 
-# Two processes for all tests: one for each, as ctest starts them, takes minutes under the sanitizers.
-cpp-tests-asan cpp-tests-no-cholmod: cpp-tests-%: $(BUILD_PACKAGES_STAMP)
-	cmake --preset $*
-	cmake --build --preset $*
-	export GTEST_TOTAL_SHARDS=2 GTEST_BRIEF=1; \
-	  GTEST_SHARD_INDEX=0 build/$*/tests/cpp/sfmcpp_tests & first=$$!; \
-	  GTEST_SHARD_INDEX=1 build/$*/tests/cpp/sfmcpp_tests; \
-	  wait $$first
+bench: cpp-build ## the C++ benchmarks
+	ctest --test-dir $(PYTHON_BUILD) --label-regex bench --verbose
 
-bench: $(BUILD_PACKAGES_STAMP) ## the C++ benchmarks
-	cmake --preset release
-	cmake --build --preset release
-	ctest --preset release --label-regex bench --verbose
+asan: ## the C++ tests under the address and undefined-behaviour sanitizers
+tsan: ## the C++ tests that use threads or a sparse factor, under the thread sanitizer, without SuiteSparse
+no-cholmod: ## all C++ tests of a build without SuiteSparse
+
+asan tsan no-cholmod: $(BUILD_PACKAGES_STAMP)
+	cmake --preset $@
+	cmake --build --preset $@
+	$(call run_cpp_tests,build/$@)
 
 stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
 	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi
