@@ -153,7 +153,7 @@ class Map(Store):
             colors=other.keypoint_colors,
             scales=other.keypoint_scales,
         )
-        rows, places = other._tracks.in_order(np.arange(len(other.points)))
+        rows, places = other._tracks.of(np.arange(len(other.points)))
         self.observe(begin + rows, numbers[places])
         return images, numbers
 

@@ -37,7 +37,7 @@ class Tracks:
         self._points.grow(count)
 
     def of(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
-        """Keypoints of all `points`, and for each the place in `points`, in no particular order."""
+        """Keypoints of all `points`, and the place in `points` of each; those of one point in their order."""
         place = np.arange(len(points))
         row = self._points["first"][points]
         rows, places = [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
@@ -50,7 +50,7 @@ class Tracks:
         return np.concatenate(rows), np.concatenate(places)
 
     def in_order(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
-        """The same, point after point, the keypoints of each in the order they were linked."""
+        """The same, point after point; each has its keypoints in the order they were linked."""
         rows, places = self.of(points)
         order = np.argsort(places, kind="stable")
         return rows[order], places[order]
@@ -76,7 +76,7 @@ class Tracks:
         """Let keypoints see nothing."""
         points = self.point[rows]
         points = np.unique(points[points >= 0])
-        members, places = self.in_order(points)
+        members, places = self.of(points)
         self._keypoints["point"][rows] = NONE
         stays: BoolArray = self.point[members] >= 0
         self._points["first"][points] = self._points["last"][points] = NONE
