@@ -37,12 +37,14 @@ class SingleObservation {
         num_intrinsics_(problem.num_intrinsics()),
         num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
     const int camera = problem.camera_index[observation], point = problem.point_index[observation];
-    std::copy_n(problem.cameras.begin() + kCameraStorage * camera, kCameraStorage, camera_.begin());
-    std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera],
+    std::copy_n(
+        problem.cameras.data() + problem.camera_offset(camera), kCameraStorage, camera_.begin());
+    std::copy_n(problem.intrinsics.data() + problem.intrinsics_offset(camera),
                 num_intrinsics_,
                 intrinsics_.begin());
-    const int storage = problem.point_storage();
-    std::copy_n(problem.points.begin() + storage * point, storage, point_.begin());
+    std::copy_n(problem.points.data() + problem.point_offset(point),
+                problem.point_storage(),
+                point_.begin());
     u_.fill(problem.pixels[2 * static_cast<std::size_t>(observation)]);
     v_.fill(problem.pixels[2 * static_cast<std::size_t>(observation) + 1]);
     weight_.fill(1.0);
