@@ -8,15 +8,15 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
+using linear::kMaxCameraSize;
 using residuals::kReadAhead;
-
-constexpr int kMaxColumns = 18;  // of a camera: pose and intrinsics
 
 constexpr std::array<const char*, 6> kPoseNames{
     "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};
@@ -68,7 +68,7 @@ class SingleObservation {
   Eigen::MatrixXd analytic() const {
     std::array<int, 12> all;
     for (int k = 0; k < 12; ++k) all[k] = k;
-    std::array<double, 2 * kMaxColumns> camera;
+    std::array<double, 2 * kMaxCameraSize> camera;
     std::array<double, 8> point;
     kernels_.linearize(batch(camera_, intrinsics_, point_),
                        {all.data(), num_free_, camera_columns(), camera.data(), point.data()});

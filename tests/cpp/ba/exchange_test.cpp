@@ -20,28 +20,33 @@ using optim::State;
 using support::OwnedProblem;
 using Kind = residuals::PoseConstraintKind;
 
+// The observations with keep(camera, point).
+template <class F>
+OwnedProblem observed_where(const OwnedProblem& scene, const F& keep) {
+  OwnedProblem kept = scene;
+  for (std::vector<int>* index : {&kept.camera_index, &kept.point_index}) index->clear();
+  for (std::vector<double>* values : {&kept.pixels, &kept.sigma_px}) values->clear();
+  for (std::size_t k = 0; k < scene.camera_index.size(); ++k) {
+    const int camera = scene.camera_index[k], point = scene.point_index[k];
+    if (!keep(camera, point)) continue;
+    kept.observe(camera, point, scene.pixels[2 * k], scene.pixels[2 * k + 1]);
+    if (!scene.sigma_px.empty()) kept.sigma_px.push_back(scene.sigma_px[k]);
+  }
+  return kept;
+}
+
 // The points p with p mod num_ranks = rank, and all cameras.
 OwnedProblem part_of(const OwnedProblem& whole, int rank, int num_ranks) {
-  const int width = whole.view().point_storage();
-  OwnedProblem part = whole;
+  OwnedProblem part =
+      observed_where(whole, [&](int, int point) { return point % num_ranks == rank; });
+  for (int& point : part.point_index) point /= num_ranks;
   part.points.clear();
   part.fixed_points.clear();
-  part.camera_index.clear();
-  part.point_index.clear();
-  part.pixels.clear();
-  part.sigma_px.clear();
+  const int width = whole.view().point_storage();
   for (int p = rank; p < whole.view().num_points(); p += num_ranks) {
     const auto first = whole.points.begin() + static_cast<long>(width) * p;
     part.points.insert(part.points.end(), first, first + width);
     part.fixed_points.push_back(whole.fixed_points[p]);
-  }
-  for (std::size_t k = 0; k < whole.point_index.size(); ++k) {
-    if (whole.point_index[k] % num_ranks != rank) continue;
-    part.observe(whole.camera_index[k],
-                 whole.point_index[k] / num_ranks,
-                 whole.pixels[2 * k],
-                 whole.pixels[2 * k + 1]);
-    if (!whole.sigma_px.empty()) part.sigma_px.push_back(whole.sigma_px[k]);
   }
   return part;
 }
@@ -297,15 +302,9 @@ INSTANTIATE_TEST_SUITE_P(Structures,
 INSTANTIATE_TEST_SUITE_P(Losses, CutProblem, testing::ValuesIn(losses_and_searches()), kNameOfCase);
 
 TEST(Exchange, ACameraThatOnlyAnotherRankSeesIsObserved) {
-  OwnedProblem scene = scene_of(CameraModelId::kPerspective);
-  OwnedProblem cut = scene;
-  cut.camera_index.clear(), cut.point_index.clear(), cut.pixels.clear(), cut.sigma_px.clear();
-  for (std::size_t k = 0; k < scene.camera_index.size(); ++k) {
-    if (scene.camera_index[k] == 2 && scene.point_index[k] % 2 == 0) continue;
-    cut.observe(
-        scene.camera_index[k], scene.point_index[k], scene.pixels[2 * k], scene.pixels[2 * k + 1]);
-    cut.sigma_px.push_back(scene.sigma_px[k]);
-  }
+  const OwnedProblem cut =
+      observed_where(scene_of(CameraModelId::kPerspective),
+                     [](int camera, int point) { return camera != 2 || point % 2 == 1; });
   for (LinearSolverKind solver :
        {LinearSolverKind::kDense, LinearSolverKind::kSparse, LinearSolverKind::kIterative})
     expect_cutting_changes_nothing(cut, options_of(Method::kLevenbergMarquardtNielsen, solver), 2);

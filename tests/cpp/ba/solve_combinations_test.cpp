@@ -116,15 +116,16 @@ TEST_P(EveryCombination, ReachesTheSameMinimum) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    All, EveryCombination, testing::ValuesIn(every_combination()), [](const auto& test) {
-      const auto& [model, method, solver, loss] = test.param;
-      std::string name(enum_name(model));
-      for (std::string_view part : {enum_name(method), enum_name(solver), enum_name(loss)})
-        name += "_" + std::string(part);
-      std::replace(name.begin(), name.end(), '-', '_');
-      return name;
-    });
+std::string name_of(const testing::TestParamInfo<Combination>& test) {
+  const auto& [model, method, solver, loss] = test.param;
+  std::string name(enum_name(model));
+  for (std::string_view part : {enum_name(method), enum_name(solver), enum_name(loss)})
+    name.append("_").append(part);
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(All, EveryCombination, testing::ValuesIn(every_combination()), name_of);
 
 TEST(Solve, GaussNewtonWithAFreeGaugeIsRefused) {
   const OwnedProblem problem = scene();
