@@ -68,13 +68,10 @@ const Valley& valley_of(CameraModelId model, LossKind loss) {
   return entry->second;
 }
 
-bool solves_a_system(Method method) {
-  return method != Method::kGradientDescent && method != Method::kConjugateGradient &&
-         method != Method::kAlternation;
-}
+bool solves_a_system(Method method) { return facts_of(method).solves_linear_system; }
 
 bool is_legal(CameraModelId model, Method method, LinearSolverKind solver) {
-  if (method == Method::kGaussNewton && !is_metric(model)) return false;
+  if (facts_of(method).needs_fixed_gauge() && !is_metric(model)) return false;
   return solves_a_system(method) == (solver != LinearSolverKind::kAuto);
 }
 
