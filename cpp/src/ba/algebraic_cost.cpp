@@ -1,6 +1,8 @@
 #include "sfmcpp/ba/algebraic_cost.hpp"
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 #include "sfmcpp/cameras/visit_camera.hpp"
@@ -11,20 +13,6 @@ namespace {
 // Seen from an image whose observations coincide, every scale is as good.
 constexpr double kMinScale = 1e-9;
 
-ImageNormalization normalization_of(const double* u, const double* v, int count) {
-  ImageNormalization n;
-  if (count == 0) return n;
-  for (int k = 0; k < count; ++k) {
-    n.centre_u += u[k] / count;
-    n.centre_v += v[k] / count;
-  }
-  double distance = 0.0;
-  for (int k = 0; k < count; ++k)
-    distance += std::hypot(u[k] - n.centre_u, v[k] - n.centre_v) / count;
-  n.scale = std::max(distance / std::sqrt(2.0), kMinScale);
-  return n;
-}
-
 // N M, with N = diag(1/s, 1/s, 1) · translation by −centre.
 void normalize_rows(const ImageNormalization& n, const double* m, double* out) {
   for (int k = 0; k < 4; ++k) {
@@ -34,44 +22,43 @@ void normalize_rows(const ImageNormalization& n, const double* m, double* out) {
   }
 }
 
-Biquadratic operator+(const Biquadratic& a, const Biquadratic& b) {
-  return {a.aa + b.aa,
-          a.ap + b.ap,
-          a.aq + b.aq,
-          a.pp + b.pp,
-          a.qq + b.qq,
-          a.pq + b.pq,
-          a.pc + b.pc,
-          a.qc + b.qc,
-          a.cc + b.cc};
-}
+using NineSums = std::array<double, 9>;
+static_assert(sizeof(NineSums) == sizeof(Biquadratic));
 
 }  // namespace
 
-AlgebraicCost::AlgebraicCost(const Problem& problem,
-                             const linear::ObservationGraph& graph,
+AlgebraicCost::AlgebraicCost(const ImageResiduals& images,
                              const linear::ParameterMap& map,
-                             const std::vector<int>& free_intrinsics,
-                             const std::vector<double>& u,
-                             const std::vector<double>& v,
-                             ThreadPool& pool)
-    : problem_(problem),
-      graph_(graph),
+                             const std::vector<int>& free_intrinsics)
+    : images_(images),
+      problem_(images.problem()),
+      graph_(images.graph()),
       map_(map),
       free_intrinsics_(free_intrinsics),
-      u_(u),
-      v_(v),
-      pool_(pool),
-      kernel_(residuals::algebraic_kernel(problem.camera_model)) {}
+      kernel_(residuals::algebraic_kernel(problem_.camera_model)) {}
 
-// Once for all line searches (thesis §4.2.2), and only if there is one.
+// Once for all line searches (thesis §4.2.2), and only if there is one. An image has observations
+// on every rank.
 void AlgebraicCost::normalize_images() {
   if (!normalizations_.empty()) return;
-  normalizations_.reserve(static_cast<std::size_t>(graph_.num_cameras));
-  for (int i = 0; i < graph_.num_cameras; ++i) {
-    const int begin = graph_.camera_begin[i];
+  const auto cameras = static_cast<std::size_t>(graph_.num_cameras);
+  std::vector<double> centres(2 * cameras), distances(cameras);
+  for (int k = 0; k < graph_.num_observations(); ++k) {
+    const auto i = static_cast<std::size_t>(graph_.camera[k]);
+    centres[2 * i] += images_.u()[k] / graph_.of_camera_on_all_ranks[i];
+    centres[2 * i + 1] += images_.v()[k] / graph_.of_camera_on_all_ranks[i];
+  }
+  images_.exchange().sum(centres);
+  for (int k = 0; k < graph_.num_observations(); ++k) {
+    const auto i = static_cast<std::size_t>(graph_.camera[k]);
+    distances[i] +=
+        std::hypot(images_.u()[k] - centres[2 * i], images_.v()[k] - centres[2 * i + 1]) /
+        graph_.of_camera_on_all_ranks[i];
+  }
+  images_.exchange().sum(distances);
+  for (std::size_t i = 0; i < cameras; ++i) {
     normalizations_.push_back(
-        normalization_of(u_.data() + begin, v_.data() + begin, graph_.observations_of_camera(i)));
+        {centres[2 * i], centres[2 * i + 1], std::max(distances[i] / std::sqrt(2.0), kMinScale)});
   }
 }
 
@@ -84,10 +71,8 @@ AlgebraicCost::CameraLine AlgebraicCost::camera_line(const optim::State& state,
   std::array<double, linear::kMaxCameraSize> intrinsics_delta{};
   for (std::size_t k = 0; k < free_intrinsics_.size(); ++k)
     intrinsics_delta[free_intrinsics_[k]] = delta[tangent + k];
-  const double* stored = state.cameras.data() + static_cast<long>(kCameraStorage) * camera;
-  const double* intrinsics =
-      state.intrinsics.data() +
-      static_cast<long>(problem_.num_intrinsics()) * problem_.intrinsics_index[camera];
+  const double* stored = state.cameras.data() + problem_.camera_offset(camera);
+  const double* intrinsics = state.intrinsics.data() + problem_.intrinsics_offset(camera);
   MatrixAndChange line;
   visit_camera(problem_.camera_model, [&](auto type) {
     decltype(type)::matrix(stored, intrinsics, delta.data(), intrinsics_delta.data(), line);
@@ -104,21 +89,14 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
                                  AlgebraicWeights algebraic_weights) {
   normalize_images();
   std::vector<Biquadratic> sums(graph_.chunks.size());
-  pool_.parallel_for(static_cast<int>(sums.size()), [&](int c) {
+  images_.pool().parallel_for(static_cast<int>(sums.size()), [&](int c) {
     const linear::Chunk& chunk = graph_.chunks[c];
     const CameraLine line = camera_line(state, step, chunk.camera);
     const ImageNormalization& n = normalizations_[chunk.camera];
-    const long row =
-        static_cast<long>(problem_.num_intrinsics()) * problem_.intrinsics_index[chunk.camera];
+    residuals::ObservationBatch observations = images_.batch(state, chunk);
+    observations.inverse_sigma = weights.data() + chunk.begin;
     sums[c] =
-        kernel_.sums({.observations = {.camera = nullptr,
-                                       .intrinsics = state.intrinsics.data() + row,
-                                       .points = state.points.data(),
-                                       .point = graph_.point.data() + chunk.begin,
-                                       .u = u_.data() + chunk.begin,
-                                       .v = v_.data() + chunk.begin,
-                                       .inverse_sigma = weights.data() + chunk.begin,
-                                       .count = chunk.end - chunk.begin},
+        kernel_.sums({.observations = observations,
                       .matrix = line.matrix,
                       .change = line.change,
                       .point_steps = step.point.data(),
@@ -127,9 +105,13 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
                       .scale = n.scale,
                       .weigh_by_depth = algebraic_weights == AlgebraicWeights::kInverseDepth});
   });
-  Biquadratic total;
-  for (const Biquadratic& sum : sums) total = total + sum;
-  return total;
+  NineSums total{};
+  for (const Biquadratic& sum : sums) {
+    const auto parts = std::bit_cast<NineSums>(sum);
+    for (std::size_t k = 0; k < total.size(); ++k) total[k] += parts[k];
+  }
+  images_.exchange().sum(total);
+  return std::bit_cast<Biquadratic>(total);
 }
 
 }  // namespace sfmcpp::ba

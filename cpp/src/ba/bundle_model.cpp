@@ -10,33 +10,31 @@ namespace sfmcpp::ba {
 namespace {
 
 using linear::Chunk;
-using linear::kChunkSize;
 using optim::State;
-using residuals::kReadAhead;
 
-using ChunkBuffer = std::array<double, kChunkSize + kReadAhead>;
+double squared_residual(const linear::PointRecord& record) {
+  const double ru = record.row[0].residual, rv = record.row[1].residual;
+  return ru * ru + rv * rv;
+}
 
-// Values of the caller's observations in stored order, readable beyond the end.
-template <class F>
-std::vector<double> stored_order(const linear::ObservationGraph& graph, const F& value_of) {
-  std::vector<double> values(graph.source.size() + kReadAhead, 1.0);
-  for (std::size_t k = 0; k < graph.source.size(); ++k)
-    values[k] = value_of(static_cast<std::size_t>(graph.source[k]));
-  return values;
+// r · J δ of one observation, from its records.
+double along(const double* jacobian,
+             int camera_size,
+             const linear::PointRecord& record,
+             const double* camera_step,
+             const double* point_step) {
+  double sum = 0.0;
+  for (int row = 0; row < 2; ++row) {
+    double moved = 0.0;
+    for (int k = 0; k < camera_size; ++k) moved += jacobian[row * camera_size + k] * camera_step[k];
+    const auto& [by_point, residual] = record.row[row];
+    for (int k = 0; k < kPointTangent; ++k) moved += by_point[k] * point_step[k];
+    sum += residual * moved;
+  }
+  return sum;
 }
 
 }  // namespace
-
-optim::State state_of(const Problem& problem) {
-  return {.cameras = {problem.cameras.begin(), problem.cameras.end()},
-          .intrinsics = {problem.intrinsics.begin(), problem.intrinsics.end()},
-          .points = {problem.points.begin(), problem.points.end()}};
-}
-
-linear::ObservationGraph graph_of(const Problem& problem) {
-  return linear::make_observation_graph(
-      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
-}
 
 BundleModel::BundleModel(const Problem& problem,
                          const linear::ObservationGraph& graph,
@@ -50,62 +48,25 @@ BundleModel::BundleModel(const Problem& problem,
       free_intrinsics_(std::move(free_intrinsics)),
       pool_(pool),
       exchange_(exchange),
-      kernels_(residuals::reprojection_kernels(problem.camera_model)),
-      u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
-      v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
-      inverse_sigma_(stored_order(graph,
-                                  [&](std::size_t source) {
-                                    return problem.sigma_px.empty()
-                                               ? 1.0
-                                               : 1.0 / problem.sigma_px[source];
-                                  })),
+      images_(problem, graph, pool, exchange),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs(), exchange),
-      algebraic_(problem, graph, map, free_intrinsics_, u_, v_, pool) {}
+      algebraic_(images_, map, free_intrinsics_) {}
 
 void BundleModel::set_loss(const Loss& loss) {
-  loss_ = loss;
-  if (loss.kind != LossKind::kSquared) weights_ = inverse_sigma_;
-}
-
-residuals::ObservationBatch BundleModel::batch(const State& state, const Chunk& chunk) const {
-  const int group = problem_.intrinsics_index[chunk.camera];
-  return {
-      .camera = state.cameras.data() + static_cast<long>(kCameraStorage) * chunk.camera,
-      .intrinsics = state.intrinsics.data() + static_cast<long>(problem_.num_intrinsics()) * group,
-      .points = state.points.data(),
-      .point = graph_.point.data() + chunk.begin,
-      .u = u_.data() + chunk.begin,
-      .v = v_.data() + chunk.begin,
-      .inverse_sigma = inverse_sigma_.data() + chunk.begin,
-      .count = chunk.end - chunk.begin};
-}
-
-double BundleModel::chunk_cost(const State& state, const Chunk& chunk) const {
-  ChunkBuffer ru, rv;
-  kernels_.residuals(batch(state, chunk), ru.data(), rv.data());
-  const int count = chunk.end - chunk.begin;
-  double sum = 0.0;
-  if (loss_.kind == LossKind::kSquared) {
-    for (int k = 0; k < count; ++k) sum += ru[k] * ru[k] + rv[k] * rv[k];
-  } else {
-    for (int k = 0; k < count; ++k) sum += loss_.rho(ru[k] * ru[k] + rv[k] * rv[k]);
-  }
-  return sum;
+  images_.set_loss(loss);
+  if (images_.is_robust()) weights_ = images_.inverse_sigma();
 }
 
 double BundleModel::cost(const State& state) {
-  const auto chunks = static_cast<int>(graph_.chunks.size());
-  const double observed =
-      0.5 * pool_.sum(chunks, [&](int c) { return chunk_cost(state, graph_.chunks[c]); });
-  return observed + constraints_.cost(state);
+  return images_.fit(state).cost + constraints_.cost(state);
 }
 
-void BundleModel::linearize(const State& state) {
-  pool_.parallel_for(static_cast<int>(graph_.chunks.size()),
-                     [&](int c) { linearize_chunk(state, c); });
+double BundleModel::linearize(const State& state) {
+  fit_ = images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); });
   constraints_.linearize(state, normal_.camera_terms());
   normal_.finish();
+  return fit_.cost + constraints_.cost(state);
 }
 
 residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* point) const {
@@ -116,30 +77,39 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
           .point = point};
 }
 
-void BundleModel::linearize_chunk(const State& state, int c) {
+ImageFit BundleModel::linearize_chunk(const State& state, int c) {
   const Chunk& chunk = graph_.chunks[c];
-  kernels_.linearize(batch(state, chunk),
-                     jacobian_output(normal_.camera_jacobian(chunk.begin),
-                                     normal_.point_records_from(chunk.begin)));
-  if (loss_.kind != LossKind::kSquared) apply_loss(chunk);
+  ImageFit fit;
+  fit.behind_camera =
+      images_.kernels().linearize(images_.batch(state, chunk),
+                                  jacobian_output(normal_.camera_jacobian(chunk.begin),
+                                                  normal_.point_records_from(chunk.begin)));
+  for (int k = chunk.begin; k < chunk.end; ++k)
+    fit.sum_of_squares += squared_residual(normal_.point_record(k));
+  fit.cost = images_.is_robust() ? apply_loss(chunk) : fit.sum_of_squares;
   normal_.accumulate(c);
+  return fit;
 }
 
 // Scaling residual and Jacobian by √ρ′ gives JᵀJ and Jᵀr the weights of the robust cost: its
-// gradient is exact, its Hessian the positive part (iteratively reweighted least squares).
-void BundleModel::apply_loss(const Chunk& chunk) {
+// gradient is exact, its Hessian the positive part (iteratively reweighted least squares). Returns
+// Σ ρ.
+double BundleModel::apply_loss(const Chunk& chunk) {
+  double sum = 0.0;
   for (int k = chunk.begin; k < chunk.end; ++k) {
-    auto& [row] = normal_.point_record(k);
-    const double ru = row[0].residual, rv = row[1].residual;
-    const double weight = std::sqrt(loss_.derivative(ru * ru + rv * rv));
-    weights_[k] = weight * inverse_sigma_[k];
+    linear::PointRecord& record = normal_.point_record(k);
+    const double squared = squared_residual(record);
+    const double weight = std::sqrt(images_.loss().derivative(squared));
+    sum += images_.loss().rho(squared);
+    weights_[k] = weight * images_.inverse_sigma()[k];
     double* jacobian = normal_.camera_jacobian(k);
-    for (auto& [by_point, residual] : row) {
+    for (auto& [by_point, residual] : record.row) {
       for (double& value : by_point) value *= weight;
       residual *= weight;
     }
     for (int e = 0; e < 2 * map_.camera_size; ++e) jacobian[e] *= weight;
   }
+  return sum;
 }
 
 void BundleModel::plus(const State& state,
@@ -181,9 +151,8 @@ void BundleModel::move_camera(
   std::array<double, linear::kMaxCameraSize> delta;
   map_.expand(step.camera.data(), camera, delta.data());
   for (int k = 0; k < map_.camera_size; ++k) delta[k] *= length;
-  const long offset = static_cast<long>(kCameraStorage) * camera;
-  const double* from = state.cameras.data() + offset;
-  double* to = result.cameras.data() + offset;
+  const double* from = state.cameras.data() + problem_.camera_offset(camera);
+  double* to = result.cameras.data() + problem_.camera_offset(camera);
   const int tangent = camera_tangent(problem_.camera_model);
   if (std::any_of(delta.begin(), delta.begin() + tangent, [](double d) { return d != 0.0; })) {
     plus_camera(problem_.camera_model, from, delta.data(), to);
@@ -191,10 +160,10 @@ void BundleModel::move_camera(
     std::copy_n(from, kCameraStorage, to);
   }
   // Cameras that share a row set it to the same values.
-  const long row = static_cast<long>(problem_.num_intrinsics()) * problem_.intrinsics_index[camera];
+  const std::size_t row = problem_.intrinsics_offset(camera);
   for (std::size_t k = 0; k < free_intrinsics_.size(); ++k) {
     if (map_.columns_of(camera)[tangent + k] == linear::kNoColumn) continue;
-    const std::size_t parameter = static_cast<std::size_t>(row) + free_intrinsics_[k];
+    const std::size_t parameter = row + free_intrinsics_[k];
     result.intrinsics[parameter] = state.intrinsics[parameter] + delta[tangent + k];
   }
 }
@@ -203,37 +172,65 @@ void BundleModel::normalize(State& state) const {
   if (is_metric(problem_.camera_model)) return;
   for (int i = 0; i < graph_.num_cameras; ++i) {
     if (!problem_.fixed_cameras[i])
-      normalize_camera(problem_.camera_model,
-                       state.cameras.data() + static_cast<long>(kCameraStorage) * i);
+      normalize_camera(problem_.camera_model, state.cameras.data() + problem_.camera_offset(i));
   }
   for (int p = 0; p < graph_.num_points; ++p) {
     if (!problem_.fixed_points[p])
-      normalize_point(problem_.camera_model,
-                      state.points.data() + static_cast<long>(problem_.point_storage()) * p);
+      normalize_point(problem_.camera_model, state.points.data() + problem_.point_offset(p));
   }
+}
+
+double BundleModel::slope(const State& start, const linear::Step& step, const State& candidate) {
+  const linear::Step here{step.camera, transported(start, step, candidate)};
+  const double observed = -pool_.sum(static_cast<int>(graph_.chunks.size()),
+                                     [&](int c) { return chunk_slope(candidate, here, c); });
+  return exchange_.sum(observed) + constraints_.slope(candidate, step.camera);
+}
+
+// The points' part of a step as the tangents of `candidate` have it.
+std::vector<double> BundleModel::transported(const State& start,
+                                             const linear::Step& step,
+                                             const State& candidate) const {
+  std::vector<double> result(step.point.size());
+  visit_camera(problem_.camera_model, [&](auto camera) {
+    using Camera = decltype(camera);
+    for (long p = 0; p < graph_.num_points; ++p) {
+      const long offset = Camera::kPointStorage * p, tangent = kPointTangent * p;
+      Camera::transport(start.points.data() + offset,
+                        step.point.data() + tangent,
+                        candidate.points.data() + offset,
+                        result.data() + tangent);
+    }
+  });
+  return result;
+}
+
+double BundleModel::chunk_slope(const State& state, const linear::Step& step, int c) const {
+  const Chunk& chunk = graph_.chunks[c];
+  const int count = chunk.end - chunk.begin, size = map_.camera_size;
+  std::vector<double> jacobians(2 * static_cast<std::size_t>(size) * count);
+  std::vector<linear::PointRecord> records(count);
+  images_.kernels().linearize(images_.batch(state, chunk),
+                              jacobian_output(jacobians.data(), records.data()->row[0].by_point));
+  std::vector<double> camera_step(size);
+  map_.expand(step.camera.data(), chunk.camera, camera_step.data());
+  double sum = 0.0;
+  for (int k = 0; k < count; ++k) {
+    const double weight = images_.loss().derivative(squared_residual(records[k]));
+    const long p = graph_.point[chunk.begin + k];
+    sum += weight * along(jacobians.data() + 2L * size * k,
+                          size,
+                          records[k],
+                          camera_step.data(),
+                          step.point.data() + kPointTangent * p);
+  }
+  return sum;
 }
 
 std::optional<Biquadratic> BundleModel::algebraic_cost(const State& state,
                                                        const linear::Step& step) {
-  const bool robust = loss_.kind != LossKind::kSquared;
-  return algebraic_.along(state, step, robust ? weights_ : inverse_sigma_, algebraic_weights_);
-}
-
-BundleModel::Residuals BundleModel::residuals(const State& state) {
-  Residuals result;
-  result.values.resize(2 * static_cast<std::size_t>(graph_.num_observations()));
-  std::vector<int> behind(graph_.chunks.size());
-  pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
-    const Chunk& chunk = graph_.chunks[c];
-    ChunkBuffer ru, rv;
-    behind[c] = kernels_.residuals(batch(state, chunk), ru.data(), rv.data());
-    for (int k = chunk.begin; k < chunk.end; ++k) {
-      result.values[2 * static_cast<std::size_t>(k)] = ru[k - chunk.begin];
-      result.values[2 * static_cast<std::size_t>(k) + 1] = rv[k - chunk.begin];
-    }
-  });
-  for (int count : behind) result.behind_camera += count;
-  return result;
+  return algebraic_.along(
+      state, step, images_.is_robust() ? weights_ : images_.inverse_sigma(), algebraic_weights_);
 }
 
 }  // namespace sfmcpp::ba

@@ -5,15 +5,13 @@
 #include <cstdio>
 #include <numeric>
 
-#include <Eigen/Core>
 #include <Eigen/LU>
 
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {
 namespace {
-
-constexpr double kRotationTolerance = 1e-6;
 
 std::string number(double value) {
   char text[32];
@@ -53,10 +51,10 @@ void check_range(const char* array, std::span<const int> values, int end) {
 void check_rotations(const Problem& problem) {
   for (int i = 0; i < problem.num_cameras(); ++i) {
     const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> camera(
-        problem.cameras.data() + kCameraStorage * i);
+        problem.cameras.data() + problem.camera_offset(i));
     const Eigen::Matrix3d r = camera.leftCols<3>();
-    const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
-    if (error > kRotationTolerance || r.determinant() < 0.0) {
+    if (!is_rotation(r)) {
+      const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
       throw InvalidArgument(entry("cameras", static_cast<std::size_t>(i)) +
                             ": not a rotation: |R Rᵀ − I| = " + number(error) + ", determinant " +
                             number(r.determinant()) +
@@ -116,22 +114,35 @@ void warn(const char* what,
   if (!numbers.empty()) warnings.push_back(name_list(what, numbers) + ": " + text);
 }
 
-// Cameras joined through common points, counted by union–find.
-int num_components(const linear::ObservationGraph& graph) {
-  std::vector<int> parent(graph.num_cameras);
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+// Sets of cameras, by union–find.
+class Parts {
+ public:
+  explicit Parts(int cameras) : parent_(cameras) { std::iota(parent_.begin(), parent_.end(), 0); }
+  int root(int i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
     return i;
-  };
-  for (int p = 0; p < graph.num_points; ++p) {
-    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k) {
-      parent[root(graph.camera[graph.of_point[k]])] = root(graph.camera[graph.of_point[k - 1]]);
-    }
   }
+  void join(int i, int j) { parent_[root(i)] = root(j); }
+
+ private:
+  std::vector<int> parent_;
+};
+
+// Cameras joined through common points, of any rank.
+int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
+  const int cameras = graph.num_cameras;
+  Parts here(cameras), joined(cameras);
+  for (int p = 0; p < graph.num_points; ++p) {
+    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k)
+      here.join(graph.camera[graph.of_point[k]], graph.camera[graph.of_point[k - 1]]);
+  }
+  std::vector<double> roots(cameras);
+  for (int i = 0; i < cameras; ++i) roots[i] = here.root(i);
+  const std::vector<double> all = exchange.gather(roots);
+  for (std::size_t k = 0; k < all.size(); ++k)
+    joined.join(static_cast<int>(k % roots.size()), static_cast<int>(all[k]));
   int components = 0;
-  for (int i = 0; i < graph.num_cameras; ++i)
-    components += parent[i] == i && graph.observations_of_camera(i) > 0;
+  for (int i = 0; i < cameras; ++i) components += joined.root(i) == i && graph.is_observed(i);
   return components;
 }
 
@@ -184,11 +195,13 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
 
 void check_determined(const linear::ObservationGraph& graph,
                       const linear::ParameterMap& map,
-                      long constraint_equations) {
-  const long observed = 2L * graph.num_observations();
+                      long constraint_equations,
+                      Exchange& exchange) {
+  const auto free_points = std::count(map.free_point.begin(), map.free_point.end(), 1);
+  const auto observed = static_cast<long>(exchange.sum(2.0 * graph.num_observations()));
   const long residuals = observed + constraint_equations;
   const long unknowns =
-      map.num_columns + 3L * std::count(map.free_point.begin(), map.free_point.end(), 1);
+      map.num_columns + static_cast<long>(exchange.sum(3.0 * static_cast<double>(free_points)));
   if (observed == 0) throw InvalidArgument("observations: there are none");
   if (unknowns == 0)
     throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
@@ -199,12 +212,14 @@ void check_determined(const linear::ObservationGraph& graph,
   }
 }
 
-std::vector<std::string> warnings_about(const linear::ObservationGraph& graph, bool constrained) {
+std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
+                                        bool constrained,
+                                        Exchange& exchange) {
   std::vector<std::string> warnings;
   warn(
       "camera",
       graph.num_cameras,
-      [&](int i) { return graph.observations_of_camera(i) == 0; },
+      [&](int i) { return !graph.is_observed(i); },
       "no observations, left as given",
       warnings);
   warn(
@@ -219,7 +234,7 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph, b
       [&](int p) { return graph.observations_of_point(p) == 1; },
       "seen by one camera only, the depth is held by damping alone",
       warnings);
-  const int components = num_components(graph);
+  const int components = num_components(graph, exchange);
   if (components > 1) {
     warnings.push_back(
         "the cameras fall into " + std::to_string(components) + " parts that share no point: " +

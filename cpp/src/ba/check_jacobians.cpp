@@ -8,15 +8,15 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
+using linear::kMaxCameraSize;
 using residuals::kReadAhead;
-
-constexpr int kMaxColumns = 18;  // of a camera: pose and intrinsics
 
 constexpr std::array<const char*, 6> kPoseNames{
     "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};
@@ -37,12 +37,14 @@ class SingleObservation {
         num_intrinsics_(problem.num_intrinsics()),
         num_free_(has_free_intrinsics(model_) ? num_intrinsics_ : 0) {
     const int camera = problem.camera_index[observation], point = problem.point_index[observation];
-    std::copy_n(problem.cameras.begin() + kCameraStorage * camera, kCameraStorage, camera_.begin());
-    std::copy_n(problem.intrinsics.begin() + num_intrinsics_ * problem.intrinsics_index[camera],
+    std::copy_n(
+        problem.cameras.data() + problem.camera_offset(camera), kCameraStorage, camera_.begin());
+    std::copy_n(problem.intrinsics.data() + problem.intrinsics_offset(camera),
                 num_intrinsics_,
                 intrinsics_.begin());
-    const int storage = problem.point_storage();
-    std::copy_n(problem.points.begin() + storage * point, storage, point_.begin());
+    std::copy_n(problem.points.data() + problem.point_offset(point),
+                problem.point_storage(),
+                point_.begin());
     u_.fill(problem.pixels[2 * static_cast<std::size_t>(observation)]);
     v_.fill(problem.pixels[2 * static_cast<std::size_t>(observation) + 1]);
     weight_.fill(1.0);
@@ -66,7 +68,7 @@ class SingleObservation {
   Eigen::MatrixXd analytic() const {
     std::array<int, 12> all;
     for (int k = 0; k < 12; ++k) all[k] = k;
-    std::array<double, 2 * kMaxColumns> camera;
+    std::array<double, 2 * kMaxCameraSize> camera;
     std::array<double, 8> point;
     kernels_.linearize(batch(camera_, intrinsics_, point_),
                        {all.data(), num_free_, camera_columns(), camera.data(), point.data()});

@@ -29,10 +29,8 @@ void for_each_member(const ConstraintSet* constraints, const F& f) {
 std::optional<int> fixed_parameter(const Problem& problem,
                                    const std::vector<int>& indices,
                                    int camera) {
-  const auto row =
-      static_cast<std::size_t>(problem.intrinsics_index[camera]) * problem.num_intrinsics();
   for (int k : indices) {
-    if (problem.fixed_intrinsics[row + k]) return k;
+    if (problem.fixed_intrinsics[problem.intrinsics_offset(camera) + k]) return k;
   }
   return std::nullopt;
 }
@@ -89,8 +87,7 @@ void check_constrained_cameras_observed(const Problem& problem,
                   [&](const ConstraintGroup& group, std::size_t k, const ConstraintMember& member) {
                     if (member.previous == kNoPrevious) return;
                     for (int camera : {member.camera, member.previous}) {
-                      if (graph.observations_of_camera(camera) > 0 || problem.fixed_cameras[camera])
-                        continue;
+                      if (graph.is_observed(camera) || problem.fixed_cameras[camera]) continue;
                       throw InvalidArgument(residuals::name_of(group, k) + ".cameras: camera " +
                                             std::to_string(camera) +
                                             " has no observations: must be observed or fixed");

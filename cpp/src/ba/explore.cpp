@@ -10,7 +10,6 @@ StepExploration explore_step(const Problem& problem,
                              std::span<const optim::StepLengths> lengths,
                              optim::State& start) {
   Workspace work(problem, options, start);
-  work.set_costs(options, work.model.residuals(start).values);
   const ScopedFrame frame(problem, start);
   work.model.normalize(start);
   work.model.linearize(start);

@@ -16,6 +16,7 @@ namespace {
 // A similarity close to the identity: rotation ω, translation v, scale s. It moves a world point X
 // by ω × X + v + s X, and turns a camera by Rᵀω in its own frame.
 using Motions = Eigen::Matrix<double, Eigen::Dynamic, 7>;  // a parameter's response, per row
+using Similarities = Eigen::Matrix<double, 7, 7>;
 using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -25,10 +26,13 @@ constexpr double kNegligible = 1e-6;
 
 class GaugeChooser {
  public:
-  GaugeChooser(const Problem& problem, const linear::ObservationGraph& graph)
-      : problem_(problem), graph_(graph) {
+  GaugeChooser(const Problem& problem,
+               const linear::ObservationGraph& graph,
+               const optim::State& state,
+               Exchange& exchange)
+      : problem_(problem), graph_(graph), state_(state) {
     normalise();
-    find_free_motions();
+    find_free_motions(exchange);
   }
 
   std::vector<PoseParameter> choose() {
@@ -48,12 +52,11 @@ class GaugeChooser {
     }
   }
 
-  bool is_observed(int i) const { return graph_.observations_of_camera(i) > 0; }
+  bool is_observed(int i) const { return graph_.is_observed(i); }
   bool is_free(int i) const { return is_observed(i) && !problem_.fixed_cameras[i]; }
 
   Eigen::Map<const CameraMatrix> camera(int i) const {
-    return Eigen::Map<const CameraMatrix>(problem_.cameras.data() +
-                                          static_cast<long>(kCameraStorage) * i);
+    return Eigen::Map<const CameraMatrix>(state_.cameras.data() + problem_.camera_offset(i));
   }
 
   // Responses are compared in units of the scene: its middle is the origin, its extent one.
@@ -86,27 +89,36 @@ class GaugeChooser {
   }
 
   // `free_` ← the motions that leave everything fixed where it is.
-  void find_free_motions() {
-    Eigen::Matrix<double, 7, 7> held = Eigen::Matrix<double, 7, 7>::Zero();
-    for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_observed(i) || is_free(i)) continue;
-      const Motions rows = response_of_camera(i);
-      held += rows.transpose() * rows;
-    }
-    for (int p = 0; p < graph_.num_points; ++p) {
-      if (!problem_.fixed_points[p] || graph_.observations_of_point(p) == 0) continue;
-      const Motions rows =
-          response_of_position(Eigen::Map<const Eigen::Vector3d>(problem_.points.data() + 3L * p));
-      held += rows.transpose() * rows;
-    }
+  void find_free_motions(Exchange& exchange) {
+    Similarities held = Similarities::Zero();
+    if (exchange.is_root()) add_fixed_cameras(held);
+    add_fixed_points(held);
+    exchange.sum({held.data(), static_cast<std::size_t>(held.size())});
     add_constraints(held);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> spectrum(held);
+    const Eigen::SelfAdjointEigenSolver<Similarities> spectrum(held);
     const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.eigenvalues()[6]);
     const auto dimension = (spectrum.eigenvalues().array() <= negligible).count();
     free_ = spectrum.eigenvectors().leftCols(dimension);
   }
 
-  void add_constraints(Eigen::Matrix<double, 7, 7>& held) const {
+  void add_fixed_cameras(Similarities& held) const {
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_observed(i) || is_free(i)) continue;
+      const Motions rows = response_of_camera(i);
+      held += rows.transpose() * rows;
+    }
+  }
+
+  void add_fixed_points(Similarities& held) const {
+    for (int p = 0; p < graph_.num_points; ++p) {
+      if (!problem_.fixed_points[p] || graph_.observations_of_point(p) == 0) continue;
+      const Motions rows = response_of_position(
+          Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
+      held += rows.transpose() * rows;
+    }
+  }
+
+  void add_constraints(Similarities& held) const {
     if (problem_.constraints == nullptr) return;
     for (const residuals::ConstraintGroup& group : problem_.constraints->groups()) {
       if (!facts_of(group.kind).is_on_poses()) continue;
@@ -184,6 +196,7 @@ class GaugeChooser {
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
+  const optim::State& state_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
   Eigen::MatrixXd free_;  // 7 × remaining degrees of freedom, orthonormal
@@ -193,8 +206,10 @@ class GaugeChooser {
 }  // namespace
 
 std::vector<PoseParameter> choose_gauge(const Problem& problem,
-                                        const linear::ObservationGraph& graph) {
-  return GaugeChooser(problem, graph).choose();
+                                        const linear::ObservationGraph& graph,
+                                        const optim::State& state,
+                                        Exchange& exchange) {
+  return GaugeChooser(problem, graph, state, exchange).choose();
 }
 
 }  // namespace sfmcpp::ba

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "sfmcpp/ba/gauge.hpp"
-
 namespace sfmcpp::ba {
 namespace {
 
@@ -28,13 +26,13 @@ class Builder {
                        kNoColumn);
     users_.assign(problem.num_groups(), 0);
     for (int i = 0; i < problem.num_cameras(); ++i) {
-      if (observed(i)) ++users_[problem.intrinsics_index[i]];
+      if (graph_.is_observed(i)) ++users_[problem.intrinsics_index[i]];
     }
   }
 
   ParameterMap build() {
     for (int i = 0; i < problem_.num_cameras(); ++i) {
-      if (!observed(i)) continue;
+      if (!graph_.is_observed(i)) continue;
       if (!problem_.fixed_cameras[i]) add_pose(i);
       if (users_[group(i)] == 1) add_intrinsics(group(i), {i});
       end_block();
@@ -49,7 +47,6 @@ class Builder {
   }
 
  private:
-  bool observed(int camera) const { return graph_.observations_of_camera(camera) > 0; }
   int group(int camera) const { return problem_.intrinsics_index[camera]; }
   int& column(int camera, int k) {
     return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k];
@@ -65,9 +62,7 @@ class Builder {
 
   void add_intrinsics(int group, const std::vector<int>& cameras) {
     for (std::size_t k = 0; k < intrinsics_.size(); ++k) {
-      const auto parameter =
-          static_cast<std::size_t>(group) * problem_.num_intrinsics() + intrinsics_[k];
-      if (problem_.fixed_intrinsics[parameter]) continue;
+      if (problem_.fixed_intrinsics[problem_.row_offset(group) + intrinsics_[k]]) continue;
       for (int camera : cameras) column(camera, tangent_ + static_cast<int>(k)) = next_column_;
       ++next_column_;
     }
@@ -76,7 +71,7 @@ class Builder {
   void add_shared_intrinsics() {
     std::vector<std::vector<int>> cameras(users_.size());
     for (int i = 0; i < problem_.num_cameras(); ++i) {
-      if (observed(i) && users_[group(i)] > 1) cameras[group(i)].push_back(i);
+      if (graph_.is_observed(i) && users_[group(i)] > 1) cameras[group(i)].push_back(i);
     }
     for (std::size_t g = 0; g < cameras.size(); ++g) {
       if (!cameras[g].empty()) add_intrinsics(static_cast<int>(g), cameras[g]);
@@ -107,11 +102,10 @@ class Builder {
 std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph& graph) {
   std::vector<int> free;
   if (!has_free_intrinsics(problem.camera_model)) return free;
-  const int count = problem.num_intrinsics();
-  for (int k = 0; k < count; ++k) {
+  for (int k = 0; k < problem.num_intrinsics(); ++k) {
     for (int i = 0; i < problem.num_cameras(); ++i) {
-      const auto parameter = static_cast<std::size_t>(problem.intrinsics_index[i]) * count + k;
-      if (graph.observations_of_camera(i) == 0 || problem.fixed_intrinsics[parameter]) continue;
+      const std::size_t parameter = problem.intrinsics_offset(i) + k;
+      if (!graph.is_observed(i) || problem.fixed_intrinsics[parameter]) continue;
       free.push_back(k);
       break;
     }
@@ -122,9 +116,7 @@ std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph&
 ParameterMap make_parameter_map(const Problem& problem,
                                 const ObservationGraph& graph,
                                 const std::vector<int>& free_intrinsics,
-                                bool fix_gauge) {
-  const std::vector<PoseParameter> gauge =
-      fix_gauge ? choose_gauge(problem, graph) : std::vector<PoseParameter>{};
+                                const std::vector<PoseParameter>& gauge) {
   return Builder(problem, graph, free_intrinsics, gauge).build();
 }
 

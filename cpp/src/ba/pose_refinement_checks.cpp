@@ -9,7 +9,6 @@ namespace sfmcpp::ba {
 namespace {
 
 constexpr int kFewestObservations = 4;  // three determine a pose; one more can be left out
-constexpr double kRotationTolerance = 1e-6;
 
 std::string entry(const char* name, std::size_t index, double value) {
   return std::string(name) + "[" + std::to_string(index) + "] = " + std::to_string(value);
@@ -56,7 +55,7 @@ void require_weight(double weight, const char* name, std::size_t index) {
 void check_pose(const double* pose, const char* name) {
   require_finite({pose, 12}, name);
   const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(pose);
-  if (!is_rotation(matrix.leftCols<3>(), kRotationTolerance)) {
+  if (!is_rotation(matrix.leftCols<3>())) {
     throw InvalidArgument(std::string(name) +
                           ": its left 3×3 block must be a rotation matrix, orthonormal to 1e-6");
   }

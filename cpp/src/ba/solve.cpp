@@ -1,7 +1,5 @@
 #include "sfmcpp/ba/solve.hpp"
 
-#include <cmath>
-
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
@@ -9,12 +7,6 @@
 
 namespace sfmcpp::ba {
 namespace {
-
-double rms(const std::vector<double>& residuals) {
-  double sum = 0.0;
-  for (double r : residuals) sum += r * r;
-  return std::sqrt(sum / static_cast<double>(residuals.size()));
-}
 
 void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings) {
   if (summary.behind_camera_initial + summary.behind_camera_final == 0) return;
@@ -24,30 +16,43 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
       " at the end are of points behind their camera; their residual keeps the formula's value");
 }
 
-void describe_start(Workspace& work,
-                    const Problem& problem,
-                    const SolveOptions& options,
-                    const optim::State& state,
-                    SolveSummary& summary) {
-  const BundleModel::Residuals residuals = work.model.residuals(state);
-  work.set_costs(options, residuals.values);
+// All but what the residuals of the images tell.
+SolveSummary describe_start(const Workspace& work,
+                            const Problem& problem,
+                            const SolveOptions& options,
+                            const optim::State& state) {
+  SolveSummary summary;
   summary.num_threads = work.pool.num_threads();
-  summary.initial_rms_px = rms(residuals.values);
-  summary.behind_camera_initial = residuals.behind_camera;
   const bool constrained = work.model.constraints().num_equations() > 0;
-  summary.warnings = warnings_about(work.graph, constrained);
+  summary.warnings = warnings_about(work.graph, constrained, work.exchange);
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
-  summary.loss_scale_px = work.loss.scale;
+  summary.loss_scale_px = work.model.images().loss().scale;
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
+  return summary;
 }
 
-void describe_end(Workspace& work, const optim::State& state, SolveSummary& summary) {
-  const BundleModel::Residuals residuals = work.model.residuals(state);
-  summary.final_rms_px = rms(residuals.values);
-  summary.behind_camera_final = residuals.behind_camera;
+// The minimiser's first linearisation is at the start: no residual is evaluated for this alone.
+optim::Events noting_the_start(const optim::Events& events,
+                               const BundleModel& model,
+                               SolveSummary& summary) {
+  optim::Events noting = events;
+  noting.on_iteration = [&](const optim::Iteration& iteration) {
+    if (iteration.number == 0) {
+      summary.initial_rms_px = model.fit_where_linearized().rms();
+      summary.behind_camera_initial = static_cast<int>(model.fit_where_linearized().behind_camera);
+    }
+    return events.on_iteration(iteration);
+  };
+  return noting;
+}
+
+void describe_end(const Workspace& work, const optim::State& state, SolveSummary& summary) {
+  const ImageFit fit = work.model.images().fit(state);
+  summary.final_rms_px = fit.rms();
+  summary.behind_camera_final = static_cast<int>(fit.behind_camera);
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k) summary.constraint_costs[k].final_cost = costs[k];
   warn_behind(summary, summary.warnings);
@@ -58,16 +63,20 @@ void describe_end(Workspace& work, const optim::State& state, SolveSummary& summ
 SolveSummary solve(const Problem& problem,
                    const SolveOptions& options,
                    const optim::Events& events,
-                   optim::State& state) {
+                   optim::State& state,
+                   Exchange& exchange) {
   const Stopwatch clock;
-  Workspace work(problem, options, state);
-  SolveSummary summary;
-  describe_start(work, problem, options, state, summary);
+  Workspace work(problem, options, state, exchange);
+  SolveSummary summary = describe_start(work, problem, options, state);
   summary.seconds_setup = clock.seconds();
   {
-    const ScopedFrame frame(problem, state);
-    summary.minimizer =
-        optim::minimize(work.model, *work.solver, options.minimizer, events, clock, state);
+    const ScopedFrame frame(problem, state, exchange);
+    summary.minimizer = optim::minimize(work.model,
+                                        *work.solver,
+                                        options.minimizer,
+                                        noting_the_start(events, work.model, summary),
+                                        clock,
+                                        state);
   }
   describe_end(work, state, summary);
   summary.seconds_total = clock.seconds();

@@ -1,6 +1,8 @@
 #include "workspace.hpp"
 
 #include <algorithm>
+#include <exception>
+#include <functional>
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/core/error.hpp"
@@ -34,21 +36,70 @@ void check_state(const Problem& problem, const optim::State& state) {
   throw InvalidArgument("state: its sizes differ from those of the problem");
 }
 
-Loss make_loss(const SolveOptions& options, const std::vector<double>& residuals) {
+Loss make_loss(const SolveOptions& options,
+               const ImageResiduals& images,
+               const optim::State& start,
+               Exchange& exchange) {
   if (!options.automatic_loss_scale) return {options.loss, options.loss_scale_px};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
-  const double sigma = std::max(mad_sigma(residuals), 1e-9);
+  const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), 1e-9);
   return {options.loss, efficient_scale(options.loss, sigma)};
 }
 
-const Problem& checked(const Problem& problem,
-                       const SolveOptions& options,
-                       const optim::State& start) {
-  options.validate();
-  check_arrays(problem);
-  check_state(problem, start);
-  check_constraints(problem, start);
-  return problem;
+// A rank that refuses its part takes the others along: they would wait for its sums.
+template <class F>
+void check_on_all_ranks(Exchange& exchange, const F& check) {
+  std::exception_ptr refusal;
+  try {
+    check();
+  } catch (const InvalidArgument&) {
+    refusal = std::current_exception();
+  }
+  if (!exchange.agree(refusal != nullptr)) return;
+  if (refusal) std::rethrow_exception(refusal);
+  throw InvalidArgument("problem: the part of another rank is refused there");
+}
+
+linear::ObservationGraph checked_graph(const Problem& problem,
+                                       const SolveOptions& options,
+                                       const optim::State& start,
+                                       Exchange& exchange) {
+  check_on_all_ranks(exchange, [&] {
+    options.validate();
+    check_arrays(problem);
+    check_state(problem, start);
+    check_constraints(problem, start);
+  });
+  return graph_of(problem, exchange);
+}
+
+std::vector<PoseParameter> gauge_of(const Problem& problem,
+                                    const linear::ObservationGraph& graph,
+                                    const SolveOptions& options,
+                                    const optim::State& start,
+                                    Exchange& exchange) {
+  if (!fixes_gauge(problem, options)) return {};
+  return choose_gauge(problem, graph, start, exchange);
+}
+
+// For methods that solve no system of all cameras.
+class NoLinearSolver final : public linear::LinearSolver {
+ public:
+  linear::LinearSolveResult solve(const linear::Damping&,
+                                  linear::Step&,
+                                  const std::function<bool()>&) override {
+    return {};
+  }
+};
+
+std::unique_ptr<linear::LinearSolver> make_solver(const BundleModel& model,
+                                                  const SolveOptions& options,
+                                                  linear::LinearSolverChoice& choice) {
+  if (!facts_of(options.minimizer.method).solves_linear_system)
+    return std::make_unique<NoLinearSolver>();
+  linear::LinearSolverOptions chosen = options.linear_solver;
+  chosen.kind = choice.kind;
+  return linear::make_linear_solver(model.normal_equations(), chosen, std::move(choice.structure));
 }
 
 linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptions& options) {
@@ -59,7 +110,7 @@ linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptio
                                       work.map,
                                       options.linear_solver.kind,
                                       work.model.normal_equations().camera_terms().pairs(),
-                                      work.model.normal_equations().exchange());
+                                      work.exchange);
 }
 
 void restore(std::span<const std::uint8_t> fixed,
@@ -74,33 +125,31 @@ void restore(std::span<const std::uint8_t> fixed,
 
 }  // namespace
 
-Workspace::Workspace(const Problem& problem, const SolveOptions& options, const optim::State& start)
-    : graph(graph_of(checked(problem, options, start))),
+Workspace::Workspace(const Problem& problem,
+                     const SolveOptions& options,
+                     const optim::State& start,
+                     Exchange& ranks)
+    : exchange(ranks),
+      graph(checked_graph(problem, options, start, ranks)),
       intrinsics(free_intrinsics(problem, graph)),
-      map(make_parameter_map(problem, graph, intrinsics, fixes_gauge(problem, options))),
+      map(make_parameter_map(
+          problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
       pool(resolve_num_threads(options.num_threads, problem.num_observations())),
-      model(problem, graph, map, intrinsics, pool) {
-  check_duplicates(problem, graph);
+      model(problem, graph, map, intrinsics, pool, ranks) {
+  check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_constrained_cameras_observed(problem, graph);
-  check_determined(graph, map, model.constraints().num_equations());
+  check_determined(graph, map, model.constraints().num_equations(), exchange);
   choice = choose_solver(*this, options);
-  linear::LinearSolverOptions solver_options = options.linear_solver;
-  solver_options.kind = choice.kind;
-  solver = linear::make_linear_solver(
-      model.normal_equations(), solver_options, std::move(choice.structure));
-}
-
-void Workspace::set_costs(const SolveOptions& options, const std::vector<double>& residuals) {
-  loss = make_loss(options, residuals);
-  model.set_loss(loss);
+  solver = make_solver(model, options, choice);
+  model.set_loss(make_loss(options, model.images(), start, exchange));
   model.set_algebraic_weights(options.algebraic_weights);
 }
 
-ScopedFrame::ScopedFrame(const Problem& problem, optim::State& state)
+ScopedFrame::ScopedFrame(const Problem& problem, optim::State& state, Exchange& exchange)
     : problem_(problem), state_(state) {
   if (is_metric(problem.camera_model)) return;
   before_ = state;
-  frame_.emplace(state);
+  frame_.emplace(state, exchange);
   frame_->enter(state);
 }
 

@@ -13,27 +13,28 @@
 namespace sfmcpp::ba {
 
 struct Workspace {
-  // Throws InvalidArgument for a problem, a start or options that break a rule.
-  Workspace(const Problem& problem, const SolveOptions& options, const optim::State& start);
+  // Throws InvalidArgument for a problem, a start or options that break a rule: on every rank if it
+  // is so on one.
+  Workspace(const Problem& problem,
+            const SolveOptions& options,
+            const optim::State& start,
+            Exchange& exchange = this_process());
 
-  // Loss and weights as the options want them, the scale of the loss from `residuals` if automatic.
-  void set_costs(const SolveOptions& options, const std::vector<double>& residuals);
-
+  Exchange& exchange;
   linear::ObservationGraph graph;
   std::vector<int> intrinsics;
   linear::ParameterMap map;
   ThreadPool pool;
   BundleModel model;
-  Loss loss;
   linear::LinearSolverChoice choice;
-  std::unique_ptr<linear::LinearSolver> solver;
+  std::unique_ptr<linear::LinearSolver> solver;  // refuses to solve for methods without a system
 };
 
 // While it lives, the state of a projective problem is in the frame of ba/world_frame.hpp. What is
 // fixed comes back with the same bits.
 class ScopedFrame {
  public:
-  ScopedFrame(const Problem& problem, optim::State& state);
+  ScopedFrame(const Problem& problem, optim::State& state, Exchange& exchange = this_process());
   ~ScopedFrame();
   ScopedFrame(const ScopedFrame&) = delete;
   ScopedFrame& operator=(const ScopedFrame&) = delete;

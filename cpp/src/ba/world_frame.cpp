@@ -15,27 +15,30 @@ using Camera = Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>;
 // Points nearer to infinity than this have no place worth counting.
 constexpr double kInfinite = 1e-9;
 
-std::vector<Eigen::Vector3d> finite_points(const optim::State& state) {
-  std::vector<Eigen::Vector3d> points;
+// Three numbers for each.
+std::vector<double> finite_points(const optim::State& state) {
+  std::vector<double> points;
   for (std::size_t k = 0; k < state.points.size(); k += 4) {
     const Eigen::Map<const Eigen::Vector4d> q(state.points.data() + k);
-    if (std::abs(q[3]) > kInfinite * q.norm()) points.push_back(q.head<3>() / q[3]);
+    if (!(std::abs(q[3]) > kInfinite * q.norm())) continue;
+    for (int c = 0; c < 3; ++c) points.push_back(q[c] / q[3]);
   }
   return points;
 }
 
 template <class F>
-double median_over(const std::vector<Eigen::Vector3d>& points, const F& value) {
+double median_over(const std::vector<double>& points, const F& value) {
   std::vector<double> values;
-  values.reserve(points.size());
-  for (const Eigen::Vector3d& x : points) values.push_back(value(x));
+  values.reserve(points.size() / 3);
+  for (std::size_t k = 0; k < points.size(); k += 3)
+    values.push_back(value(Eigen::Map<const Eigen::Vector3d>(points.data() + k)));
   return median(std::move(values));
 }
 
 }  // namespace
 
-WorldFrame::WorldFrame(const optim::State& state) {
-  const std::vector<Eigen::Vector3d> points = finite_points(state);
+WorldFrame::WorldFrame(const optim::State& state, Exchange& exchange) {
+  const std::vector<double> points = exchange.gather(finite_points(state));
   if (points.empty()) return;
   Eigen::Vector3d middle;
   for (int k = 0; k < 3; ++k)

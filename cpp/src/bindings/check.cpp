@@ -1,13 +1,16 @@
 #include "sfmcpp/ba/check.hpp"
 
+#include <algorithm>
+
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
 #include "options.hpp"
 #include "problem.hpp"
-#include "sfmcpp/ba/bundle_model.hpp"
 #include "sfmcpp/ba/check_jacobians.hpp"
 #include "sfmcpp/ba/ideal_images.hpp"
+#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/mask.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -17,8 +20,8 @@ std::vector<std::string> check(const py::dict& arrays) {
   ba::check_arrays(problem);
   const linear::ObservationGraph graph = ba::graph_of(problem);
   ba::check_duplicates(problem, graph);
-  ba::check_determined(
-      graph, ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph), false));
+  ba::check_determined(graph,
+                       ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)));
   return ba::warnings_about(graph);
 }
 
@@ -27,16 +30,12 @@ py::array_t<double> residuals(const py::dict& arrays) {
   const ba::Problem problem = problem_of(arrays);
   ba::check_arrays(problem);
   const linear::ObservationGraph graph = ba::graph_of(problem);
-  const linear::ParameterMap map = ba::make_parameter_map(problem, graph, {}, false);
-  ThreadPool pool(1);
-  ba::BundleModel model(problem, graph, map, {}, pool);
-  const std::vector<double> stored = model.residuals(ba::state_of(problem)).values;
+  ThreadPool pool(resolve_num_threads(0, problem.num_observations()));
+  const std::vector<double> stored =
+      ba::ImageResiduals(problem, graph, pool).values(ba::state_of(problem));
   py::array_t<double> result({problem.num_observations(), 2});
-  auto values = result.mutable_unchecked<2>();
-  for (int k = 0; k < problem.num_observations(); ++k) {
-    for (int c = 0; c < 2; ++c)
-      values(graph.source[k], c) = stored[2 * static_cast<std::size_t>(k) + c];
-  }
+  for (int k = 0; k < problem.num_observations(); ++k)
+    std::copy_n(stored.data() + 2L * k, 2, result.mutable_data(graph.source[k]));
   return result;
 }
 

@@ -72,6 +72,8 @@ ObservationGraph make_observation_graph(int num_cameras,
   graph.rank.resize(count);
   for (std::size_t k = 0; k < count; ++k) graph.rank[graph.of_point[k]] = static_cast<int>(k);
   make_chunks(graph);
+  for (int i = 0; i < num_cameras; ++i)
+    graph.of_camera_on_all_ranks.push_back(graph.observations_of_camera(i));
   return graph;
 }
 

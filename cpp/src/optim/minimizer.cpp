@@ -58,10 +58,10 @@ class Minimizer {
  private:
   void start() {
     model_.normalize(state_);
-    cost_ = summary_.initial_cost = model_.cost(state_);
+    cost_ = summary_.initial_cost = model_.linearize(state_);
     now_ = Iteration{.cost = cost_};
     if (std::isfinite(cost_)) {
-      linearize();
+      judge_gradient();
       now_.gradient_norm = gradient_norm();
     } else {
       finish(Termination::kNumericalFailure, "the cost at the start is not finite");
@@ -69,8 +69,7 @@ class Minimizer {
     record();
   }
 
-  void linearize() {
-    model_.linearize(state_);
+  void judge_gradient() {
     if (gradient_norm() <= options_.termination.gradient_tolerance) {
       finish(Termination::kConverged, "the gradient is zero to within gradient_tolerance");
     }
@@ -127,7 +126,8 @@ class Minimizer {
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease)) {
       finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
     } else {
-      linearize();
+      model_.linearize(state_);
+      judge_gradient();
     }
   }
 

@@ -17,7 +17,6 @@ using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 constexpr int kRotationColumn = 0;
 constexpr int kCentreColumn = 3;
 constexpr int kRotationEntries = 9;
-constexpr double kRotationTolerance = 1e-6;
 
 struct Pose {
   explicit Pose(const double* p)
@@ -312,7 +311,7 @@ void validate(const PoseConstraint& c, const std::string& name) {
     refuse(name + ".kind = '" + std::string(facts.name) + "'", "must be a constraint on poses");
   const bool on_rotation =
       facts.measurement == Measurement::kRotation || facts.measurement == Measurement::kPose;
-  if (on_rotation && !is_rotation(c.rotation, kRotationTolerance))
+  if (on_rotation && !is_rotation(c.rotation))
     refuse(name + ".rotation", "must be a rotation matrix, orthonormal to 1e-6 and right-handed");
   if (facts.compares_images()) require_points(c.points, name + ".points");
   if (!c.translation.allFinite()) refuse(name + ".translation", "must be finite");

@@ -6,6 +6,12 @@
 namespace sfmcpp::residuals::SFMCPP_ISA {
 namespace {
 
+SFMCPP_INLINE int points_behind(const ObservationBatch& batch, int first, const Real& depth) {
+  int behind = 0;
+  for (int lane = 0; lane < lanes_left(batch, first); ++lane) behind += !(depth[lane] > 0.0);
+  return behind;
+}
+
 template <class Camera>
 int residuals(const ObservationBatch& batch, double* ru, double* rv) {
   int behind = 0;
@@ -16,8 +22,7 @@ int residuals(const ObservationBatch& batch, double* ru, double* rv) {
     const Real weight = load<kLanes>(batch.inverse_sigma + first);
     store(ru + first, (load<kLanes>(batch.u + first) - image.u) * weight);
     store(rv + first, (load<kLanes>(batch.v + first) - image.v) * weight);
-    for (int lane = 0; lane < lanes_left(batch, first); ++lane)
-      behind += !(image.depth[lane] > 0.0);
+    behind += points_behind(batch, first, image.depth);
   }
   return behind;
 }
@@ -51,12 +56,13 @@ struct Transposer {
 };
 
 template <class Camera>
-void linearize(const ObservationBatch& batch, const JacobianOutput& out) {
+int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   constexpr int kCamera = Camera::kTangent;
   const int size = out.camera_size;
   Transposer<2 * (kCamera + Camera::kIntrinsics + 6)> camera;  // + 6: room for padding columns
   Transposer<8> point;
   for (int c = 0; c < 2 * size; ++c) camera.set(c, Real(0.0));
+  int behind = 0;
   for (int first = 0; first < batch.count; first += kLanes) {
     Real x[Camera::kPointStorage];
     gather_point<Camera::kPointStorage>(batch, first, x);
@@ -76,7 +82,9 @@ void linearize(const ObservationBatch& batch, const JacobianOutput& out) {
     const int lanes = lanes_left(batch, first);
     camera.write(2 * size, lanes, out.camera + static_cast<long>(first) * 2 * size);
     point.write(8, lanes, out.point + static_cast<long>(first) * 8);
+    behind += points_behind(batch, first, lin.image.depth);
   }
+  return behind;
 }
 
 }  // namespace

@@ -60,7 +60,7 @@ TEST_P(BundleModelOf, CostIsHalfTheSumOfTheSquaredResidualsOverSigma) {
   }
   EXPECT_NEAR(work.model.cost(work.state) / (0.5 * sum), 1.0, 1e-12);
   double from_residuals = 0.0;
-  for (double r : work.model.residuals(work.state).values) from_residuals += r * r;
+  for (double r : work.model.images().values(work.state)) from_residuals += r * r;
   EXPECT_NEAR(from_residuals / sum, 1.0, 1e-12);
 }
 

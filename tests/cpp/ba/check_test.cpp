@@ -243,8 +243,7 @@ TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
   scene.pixels.clear();
   scene.sigma_px.clear();
   const linear::ObservationGraph graph = graph_of(scene);
-  const auto map =
-      make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph), false);
+  const auto map = make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph));
   EXPECT_EQ(message_of([&] { check_determined(graph, map); }), "observations: there are none");
 
   OwnedProblem fixed = legal_scene();

@@ -37,7 +37,10 @@ class ConstrainedGauge : public testing::TestWithParam<Case> {
   ConstrainedGauge() {
     problem.constraints.add(random_group(problem, GetParam().kind, GetParam().cameras));
   }
-  std::size_t held() const { return choose_gauge(problem.view(), graph_of(problem.view())).size(); }
+  std::size_t held() const {
+    const Problem p = problem.view();
+    return choose_gauge(p, graph_of(p), state_of(p)).size();
+  }
   double minimum(Gauge gauge) const {
     SolveOptions options;
     options.gauge = gauge;
@@ -92,7 +95,8 @@ TEST(ConstrainedGauge, FixedCamerasAndConstraintsHoldTogether) {
   OwnedProblem problem = scene();
   problem.fixed_cameras[2] = 1;
   problem.constraints.add(random_group(problem, Kind::kScale, {{2, 4}}));
-  EXPECT_EQ(choose_gauge(problem.view(), graph_of(problem.view())).size(), 0u);
+  const Problem p = problem.view();
+  EXPECT_EQ(choose_gauge(p, graph_of(p), state_of(p)).size(), 0u);
 }
 
 TEST(ConstrainedGauge, GaussNewtonLeavesToPositionsWhatTheyHold) {

@@ -19,9 +19,7 @@ OwnedProblem scene() { return make_circle_scene(support::perturbed(CameraModelId
 
 std::vector<PoseParameter> gauge_of(const OwnedProblem& problem) {
   const Problem p = problem.view();
-  return choose_gauge(p,
-                      linear::make_observation_graph(
-                          p.num_cameras(), p.num_points(), p.camera_index, p.point_index));
+  return choose_gauge(p, graph_of(p), state_of(p));
 }
 
 double cost_with(const OwnedProblem& problem, Gauge gauge) {
@@ -98,6 +96,22 @@ TEST(ChooseGauge, IsThatOfTheShapeNotOfItsSizeAndPlace) {
     if (k % 4 == 3) far.cameras[k] = 1e-3 * far.cameras[k] + 50.0;
   }
   EXPECT_EQ(gauge_of(far), gauge_of(problem));
+}
+
+// The arrays of the problem were a start once; the state is where the solve begins.
+TEST(Solve, TakesTheGaugeOfItsStateNotOfTheArraysOfTheProblem) {
+  const OwnedProblem problem = scene();
+  OwnedProblem stale = problem;  // its longest baseline is along y instead of x
+  for (std::size_t k = 0; k < stale.cameras.size(); k += 12)
+    std::swap(stale.cameras[k + 3], stale.cameras[k + 7]);
+  EXPECT_NE(gauge_of(stale), gauge_of(problem));
+  SolveOptions options;
+  options.gauge = Gauge::kFixed;
+  optim::State expected = state_of(problem.view()), state = expected;
+  solve(problem.view(), options, {}, expected);
+  solve(stale.view(), options, {}, state);
+  EXPECT_EQ(state.cameras, expected.cameras);
+  EXPECT_EQ(state.points, expected.points);
 }
 
 }  // namespace

@@ -26,7 +26,11 @@ ParameterMap map_of(const OwnedProblem& scene, bool fix_gauge = false) {
   const Problem p = scene.view();
   const auto graph = linear::make_observation_graph(
       p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
-  return make_parameter_map(p, graph, free_intrinsics(p, graph), fix_gauge);
+  return make_parameter_map(
+      p,
+      graph,
+      free_intrinsics(p, graph),
+      fix_gauge ? choose_gauge(p, graph, state_of(p)) : std::vector<PoseParameter>{});
 }
 
 int distinct_columns(const ParameterMap& map) {

@@ -45,8 +45,8 @@ class WorldFrameOf : public testing::Test {
 };
 
 TEST_F(WorldFrameOf, LeavesEveryImageUnchanged) {
-  const std::vector<double> before = work.model.residuals(work.state).values;
-  const std::vector<double> after = work.model.residuals(inside).values;
+  const std::vector<double> before = work.model.images().values(work.state);
+  const std::vector<double> after = work.model.images().values(inside);
   for (std::size_t k = 0; k < before.size(); ++k) EXPECT_NEAR(after[k], before[k], 1e-9);
 }
 

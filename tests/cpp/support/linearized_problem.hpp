@@ -17,7 +17,11 @@ struct LinearizedProblem {
         problem(owned.view()),
         graph(ba::graph_of(problem)),
         free_intrinsics(ba::free_intrinsics(problem, graph)),
-        map(ba::make_parameter_map(problem, graph, free_intrinsics, fix_gauge)),
+        map(ba::make_parameter_map(problem,
+                                   graph,
+                                   free_intrinsics,
+                                   fix_gauge ? choose_gauge(problem, graph, ba::state_of(problem))
+                                             : std::vector<ba::PoseParameter>{})),
         pool(threads),
         model(problem, graph, map, free_intrinsics, pool),
         state(ba::state_of(problem)) {

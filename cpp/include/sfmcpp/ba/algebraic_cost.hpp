@@ -8,9 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/core/enum_names.hpp"
-#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
 #include "sfmcpp/residuals/algebraic.hpp"
@@ -45,14 +44,10 @@ struct ImageNormalization {
 
 class AlgebraicCost {
  public:
-  // The references must outlive this object. `u` and `v`: observed pixels in stored order.
-  AlgebraicCost(const Problem& problem,
-                const linear::ObservationGraph& graph,
+  // The references must outlive this object.
+  AlgebraicCost(const ImageResiduals& images,
                 const linear::ParameterMap& map,
-                const std::vector<int>& free_intrinsics,
-                const std::vector<double>& u,
-                const std::vector<double>& v,
-                ThreadPool& pool);
+                const std::vector<int>& free_intrinsics);
 
   // `weights` in stored order: of the residuals, as the true cost has them at `state`.
   Biquadratic along(const optim::State& state,
@@ -68,13 +63,11 @@ class AlgebraicCost {
   void normalize_images();
   CameraLine camera_line(const optim::State& state, const linear::Step& step, int camera) const;
 
+  const ImageResiduals& images_;
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
   const linear::ParameterMap& map_;
   const std::vector<int>& free_intrinsics_;
-  const std::vector<double>& u_;
-  const std::vector<double>& v_;
-  ThreadPool& pool_;
   residuals::AlgebraicKernel kernel_;
   std::vector<ImageNormalization> normalizations_;  // of each image, once it is asked for
 };

@@ -6,12 +6,9 @@
 
 #include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
-#include "sfmcpp/ba/problem.hpp"
-#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/optim/model.hpp"
-#include "sfmcpp/residuals/loss.hpp"
-#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 
@@ -32,7 +29,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   void set_algebraic_weights(AlgebraicWeights weights) { algebraic_weights_ = weights; }
 
   double cost(const optim::State& state) override;
-  void linearize(const optim::State& state) override;
+  double linearize(const optim::State& state) override;
   const linear::NormalEquations& normal_equations() const override { return normal_; }
   void plus(const optim::State& state,
             const linear::Step& step,
@@ -45,20 +42,19 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::optional<Biquadratic> algebraic_cost(const optim::State& state,
                                             const linear::Step& step) override;
 
-  struct Residuals {
-    std::vector<double> values;  // over σ, 2 per observation, in stored order
-    int behind_camera = 0;       // observations whose point is not in front of the camera
-  };
-  Residuals residuals(const optim::State& state);
+  const ImageResiduals& images() const { return images_; }
   const ConstraintTerms& constraints() const { return constraints_; }
+  // How well the state fitted the images where it was linearised last.
+  const ImageFit& fit_where_linearized() const { return fit_; }
 
  private:
-  residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
-  double chunk_cost(const optim::State& state, const linear::Chunk& chunk) const;
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
-  void linearize_chunk(const optim::State& state, int chunk);
+  ImageFit linearize_chunk(const optim::State& state, int chunk);
+  double apply_loss(const linear::Chunk& chunk);
   double chunk_slope(const optim::State& state, const linear::Step& step, int chunk) const;
-  void apply_loss(const linear::Chunk& chunk);
+  std::vector<double> transported(const optim::State& start,
+                                  const linear::Step& step,
+                                  const optim::State& candidate) const;
   void move_camera(const optim::State& state,
                    const linear::Step& step,
                    double length,
@@ -77,12 +73,11 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::vector<int> free_intrinsics_;
   ThreadPool& pool_;
   Exchange& exchange_;
-  residuals::ReprojectionKernels kernels_;
-  Loss loss_;
-  std::vector<double> u_, v_, inverse_sigma_;  // in stored order, readable beyond the end
+  ImageResiduals images_;
   std::vector<double> weights_;  // 1/σ √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;
+  ImageFit fit_;
   AlgebraicCost algebraic_;
   AlgebraicWeights algebraic_weights_ = AlgebraicWeights::kUniform;
 };

@@ -21,11 +21,14 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
 // Throws InvalidArgument if there are fewer residuals than unknowns, those of constraints included.
 void check_determined(const linear::ObservationGraph& graph,
                       const linear::ParameterMap& map,
-                      long constraint_equations = 0);
+                      long constraint_equations = 0,
+                      Exchange& exchange = this_process());
 
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
-// of the problem that share no point, and what holds them together if there are constraints.
+// of the problem that share no point, and what holds them together if there are constraints. Of
+// points, each rank speaks of its own.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
-                                        bool constrained = false);
+                                        bool constrained = false,
+                                        Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::ba

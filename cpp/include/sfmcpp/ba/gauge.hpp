@@ -19,8 +19,10 @@ struct PoseParameter {
 // coordinate that it moves most. Fixed cameras and points take away some of the seven degrees of
 // freedom of a similarity, and so do constraints that a similarity would break: positions all seven
 // unless they lie on a line, distances the scale, relative rotations none. For each freedom that is
-// left, the pose parameter that it moves most. Sorted.
+// left, the pose parameter that it moves most, at this state. Sorted; the same on every rank.
 std::vector<PoseParameter> choose_gauge(const Problem& problem,
-                                        const linear::ObservationGraph& graph);
+                                        const linear::ObservationGraph& graph,
+                                        const optim::State& state,
+                                        Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::ba

@@ -5,6 +5,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sfmcpp/ba/gauge.hpp"
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
@@ -33,12 +34,12 @@ namespace ba {
 // The intrinsic parameters that have a column: those free in a row that an observed camera uses.
 std::vector<int> free_intrinsics(const Problem& problem, const linear::ObservationGraph& graph);
 
-// Cameras, rows of intrinsics and points without observations get no column. With `fix_gauge`, the
-// pose parameters of choose_gauge() lose theirs.
+// Cameras, rows of intrinsics and points without observations get no column, nor do the pose
+// parameters in `gauge` (choose_gauge; sorted). The columns are the same on every rank.
 linear::ParameterMap make_parameter_map(const Problem& problem,
                                         const linear::ObservationGraph& graph,
                                         const std::vector<int>& free_intrinsics,
-                                        bool fix_gauge);
+                                        const std::vector<PoseParameter>& gauge = {});
 
 }  // namespace ba
 }  // namespace sfmcpp

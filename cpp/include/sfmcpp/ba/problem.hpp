@@ -5,6 +5,7 @@
 #include <span>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/optim/state.hpp"
 
@@ -15,7 +16,8 @@ class ConstraintSet;
 namespace sfmcpp::ba {
 
 // C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
-// every use of the problem.
+// every use of the problem. A solve reads cameras, intrinsics and points from its state alone: here
+// they are the start that state_of() copies.
 struct Problem {
   CameraModelId camera_model = CameraModelId::kCalibrated;
   std::span<const double> cameras;        // C × 12, row-major: [R | c] world_from_camera, or P
@@ -37,12 +39,24 @@ struct Problem {
   int point_storage() const { return sfmcpp::point_storage(camera_model); }
   int num_points() const { return static_cast<int>(points.size()) / point_storage(); }
   int num_observations() const { return static_cast<int>(camera_index.size()); }
+
+  // Where the numbers of a camera, of a row of intrinsics, of the row of a camera, and of a point
+  // begin in their arrays: those of a state too, and `fixed_intrinsics`.
+  std::size_t camera_offset(int i) const { return kCameraStorage * static_cast<std::size_t>(i); }
+  std::size_t row_offset(int row) const {
+    return static_cast<std::size_t>(num_intrinsics()) * static_cast<std::size_t>(row);
+  }
+  std::size_t intrinsics_offset(int camera) const { return row_offset(intrinsics_index[camera]); }
+  std::size_t point_offset(int p) const {
+    return static_cast<std::size_t>(point_storage()) * static_cast<std::size_t>(p);
+  }
 };
 
 // A copy of the unknowns.
 optim::State state_of(const Problem& problem);
 
-// Which camera sees which point. Requires every index to be in range (check_arrays).
-linear::ObservationGraph graph_of(const Problem& problem);
+// Which camera sees which point of this rank, and how often each camera sees one of any. Requires
+// every index to be in range (check_arrays).
+linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::ba

@@ -55,9 +55,14 @@ struct SolveSummary {
 // `state` starts as state_of(problem) or any other start, and holds the best state found at the
 // end. Throws InvalidArgument for a problem or options that break a rule; numerical trouble is a
 // value of the summary.
+//
+// With several ranks, `problem` and `state` hold all cameras, intrinsics and constraints, and the
+// points of this rank with all their observations. Every rank calls this; all end with the same
+// cameras, costs, counts and history (core/exchange.hpp).
 SolveSummary solve(const Problem& problem,
                    const SolveOptions& options,
                    const optim::Events& events,
-                   optim::State& state);
+                   optim::State& state,
+                   Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::ba

@@ -10,6 +10,7 @@
 
 #include <Eigen/Core>
 
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::ba {
@@ -17,8 +18,8 @@ namespace sfmcpp::ba {
 class WorldFrame {
  public:
   // H = (s (X − m), 1): m the median of the points in each coordinate, s such that their median
-  // distance to m becomes kRadius.
-  explicit WorldFrame(const optim::State& state);
+  // distance to m becomes kRadius. The points are those of all ranks.
+  explicit WorldFrame(const optim::State& state, Exchange& exchange = this_process());
 
   // Both keep the scale of every homogeneous block.
   void enter(optim::State& state) const { transform(state, to_frame_, from_frame_); }

@@ -35,12 +35,16 @@ struct ObservationGraph {
   std::vector<int> rank;         // where each stored observation stands in `of_point`
   std::vector<Chunk> chunks;     // covers the stored observations in order
   std::vector<int> chunk_begin;  // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
+  // Observations of each camera on all ranks (core/exchange.hpp); those here unless there are more.
+  std::vector<double> of_camera_on_all_ranks;
 
   GraphView view() const {
     return {camera.data(), point.data(), point_begin.data(), of_point.data(), rank.data()};
   }
   int num_observations() const { return static_cast<int>(camera.size()); }
   int observations_of_camera(int i) const { return camera_begin[i + 1] - camera_begin[i]; }
+  // On any rank.
+  bool is_observed(int i) const { return of_camera_on_all_ranks[i] > 0.0; }
   int observations_of_point(int p) const { return point_begin[p + 1] - point_begin[p]; }
 };
 

@@ -11,8 +11,11 @@ inline Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
   return m;
 }
 
+// How far R Rᵀ of a given rotation may be from the identity, in each entry.
+inline constexpr double kRotationTolerance = 1e-6;
+
 // Orthonormal to the tolerance in each entry of R Rᵀ, and right-handed. False if not finite.
-bool is_rotation(const Eigen::Matrix3d& matrix, double tolerance);
+bool is_rotation(const Eigen::Matrix3d& matrix, double tolerance = kRotationTolerance);
 
 // exp([w]×) by Rodrigues' formula; its Taylor series where the angle is small.
 Eigen::Matrix3d exp_so3(const Eigen::Vector3d& w);

@@ -15,8 +15,8 @@ class LeastSquaresModel {
 
   // ½ Σ ρ(‖r‖²); not finite where a residual is not.
   virtual double cost(const State& state) = 0;
-  // Fills the normal equations at `state`.
-  virtual void linearize(const State& state) = 0;
+  // Fills the normal equations at `state`, and returns the cost there.
+  virtual double linearize(const State& state) = 0;
   virtual const linear::NormalEquations& normal_equations() const = 0;
   // `result` ← state + lengths ∘ step.
   virtual void plus(const State& state,

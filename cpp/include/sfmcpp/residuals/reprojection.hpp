@@ -31,10 +31,10 @@ struct JacobianOutput {
 };
 
 struct ReprojectionKernels {
-  // Residuals into ru, rv; each with room for count + kReadAhead numbers. Returns how many points
-  // are not in front of the camera; their residual keeps the formula's value.
+  // Both return how many points are not in front of the camera; their residual keeps the formula's
+  // value. Residuals go into ru, rv, each with room for count + kReadAhead numbers.
   int (*residuals)(const ObservationBatch&, double* ru, double* rv);
-  void (*linearize)(const ObservationBatch&, const JacobianOutput&);
+  int (*linearize)(const ObservationBatch&, const JacobianOutput&);
 };
 
 ReprojectionKernels reprojection_kernels(CameraModelId model);

@@ -1,0 +1,74 @@
+// The residuals of all observations, r = (observed − projected) / σ, and what they cost: in stored
+// order (linear/observation_graph.hpp), in parallel over its chunks. Of the observations of this
+// rank; sums are over all ranks (core/exchange.hpp).
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/residuals/loss.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
+
+namespace sfmcpp::ba {
+
+// How well a state fits the images.
+struct ImageFit {
+  double cost = 0.0;            // ½ Σ ρ(‖r‖²)
+  double sum_of_squares = 0.0;  // Σ ‖r‖²
+  double observations = 0.0;    // how many
+  double behind_camera = 0.0;   // how many are of points that are not in front of the camera
+
+  double rms() const;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27
+};
+
+class ImageResiduals {
+ public:
+  // The references must outlive this object.
+  ImageResiduals(const Problem& problem,
+                 const linear::ObservationGraph& graph,
+                 ThreadPool& pool,
+                 Exchange& exchange = this_process());
+
+  void set_loss(const Loss& loss) { loss_ = loss; }
+  const Loss& loss() const { return loss_; }
+  bool is_robust() const { return loss_.kind != LossKind::kSquared; }
+
+  // Two per observation.
+  std::vector<double> values(const optim::State& state) const;
+  ImageFit fit(const optim::State& state) const;
+  // `of_chunk(c)` fits chunk c: their sum.
+  template <class F>
+  ImageFit sum_over_chunks(const F& of_chunk) const {
+    std::vector<ImageFit> fits(graph_.chunks.size());
+    pool_.parallel_for(static_cast<int>(fits.size()), [&](int c) { fits[c] = of_chunk(c); });
+    return total(fits);
+  }
+
+  // A chunk of observations as the kernels take it.
+  residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
+  const residuals::ReprojectionKernels& kernels() const { return kernels_; }
+  // In stored order, readable beyond the end: observed pixels, and 1/σ.
+  const std::vector<double>& u() const { return u_; }
+  const std::vector<double>& v() const { return v_; }
+  const std::vector<double>& inverse_sigma() const { return inverse_sigma_; }
+
+  const Problem& problem() const { return problem_; }
+  const linear::ObservationGraph& graph() const { return graph_; }
+  ThreadPool& pool() const { return pool_; }
+  Exchange& exchange() const { return exchange_; }
+
+ private:
+  ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
+  ImageFit total(const std::vector<ImageFit>& fits) const;
+
+  const Problem& problem_;
+  const linear::ObservationGraph& graph_;
+  ThreadPool& pool_;
+  Exchange& exchange_;
+  residuals::ReprojectionKernels kernels_;
+  Loss loss_;
+  std::vector<double> u_, v_, inverse_sigma_;
+};
+
+}  // namespace sfmcpp::ba

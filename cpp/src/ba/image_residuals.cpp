@@ -1,0 +1,107 @@
+#include "sfmcpp/ba/image_residuals.hpp"
+
+#include <array>
+#include <cmath>
+
+namespace sfmcpp::ba {
+namespace {
+
+using linear::Chunk;
+using optim::State;
+using residuals::kReadAhead;
+
+// Residuals of a chunk.
+struct ChunkResiduals {
+  std::array<double, linear::kChunkSize + kReadAhead> u, v;
+
+  double squared(int k) const { return u[k] * u[k] + v[k] * v[k]; }
+};
+
+// Values of the caller's observations in stored order, readable beyond the end.
+template <class F>
+std::vector<double> stored_order(const linear::ObservationGraph& graph, const F& value_of) {
+  std::vector<double> values(graph.source.size() + kReadAhead, 1.0);
+  for (std::size_t k = 0; k < graph.source.size(); ++k)
+    values[k] = value_of(static_cast<std::size_t>(graph.source[k]));
+  return values;
+}
+
+}  // namespace
+
+double ImageFit::rms() const { return std::sqrt(sum_of_squares / (2.0 * observations)); }
+
+ImageResiduals::ImageResiduals(const Problem& problem,
+                               const linear::ObservationGraph& graph,
+                               ThreadPool& pool,
+                               Exchange& exchange)
+    : problem_(problem),
+      graph_(graph),
+      pool_(pool),
+      exchange_(exchange),
+      kernels_(residuals::reprojection_kernels(problem.camera_model)),
+      u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
+      v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
+      inverse_sigma_(stored_order(graph, [&](std::size_t source) {
+        return problem.sigma_px.empty() ? 1.0 : 1.0 / problem.sigma_px[source];
+      })) {}
+
+residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chunk& chunk) const {
+  return {.camera = state.cameras.data() + problem_.camera_offset(chunk.camera),
+          .intrinsics = state.intrinsics.data() + problem_.intrinsics_offset(chunk.camera),
+          .points = state.points.data(),
+          .point = graph_.point.data() + chunk.begin,
+          .u = u_.data() + chunk.begin,
+          .v = v_.data() + chunk.begin,
+          .inverse_sigma = inverse_sigma_.data() + chunk.begin,
+          .count = chunk.end - chunk.begin};
+}
+
+std::vector<double> ImageResiduals::values(const State& state) const {
+  std::vector<double> values(2 * static_cast<std::size_t>(graph_.num_observations()));
+  pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
+    const Chunk& chunk = graph_.chunks[c];
+    ChunkResiduals r;
+    kernels_.residuals(batch(state, chunk), r.u.data(), r.v.data());
+    double* out = values.data() + 2L * chunk.begin;
+    for (int k = 0; k < chunk.end - chunk.begin; ++k) {
+      out[2 * k] = r.u[k];
+      out[2 * k + 1] = r.v[k];
+    }
+  });
+  return values;
+}
+
+ImageFit ImageResiduals::fit(const State& state) const {
+  return sum_over_chunks([&](int c) { return chunk_fit(state, graph_.chunks[c]); });
+}
+
+ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
+  ChunkResiduals r;
+  ImageFit fit;
+  fit.behind_camera = kernels_.residuals(batch(state, chunk), r.u.data(), r.v.data());
+  const int count = chunk.end - chunk.begin;
+  for (int k = 0; k < count; ++k) fit.sum_of_squares += r.squared(k);
+  fit.cost = fit.sum_of_squares;
+  if (is_robust()) {
+    fit.cost = 0.0;
+    for (int k = 0; k < count; ++k) fit.cost += loss_.rho(r.squared(k));
+  }
+  return fit;
+}
+
+ImageFit ImageResiduals::total(const std::vector<ImageFit>& fits) const {
+  std::array<double, 4> sums{};
+  for (const ImageFit& fit : fits) {
+    sums[0] += fit.cost;
+    sums[1] += fit.sum_of_squares;
+    sums[2] += fit.behind_camera;
+  }
+  sums[3] = graph_.num_observations();
+  exchange_.sum(sums);
+  return {.cost = 0.5 * sums[0],
+          .sum_of_squares = sums[1],
+          .observations = sums[3],
+          .behind_camera = sums[2]};
+}
+
+}  // namespace sfmcpp::ba

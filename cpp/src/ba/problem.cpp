@@ -1,0 +1,18 @@
+#include "sfmcpp/ba/problem.hpp"
+
+namespace sfmcpp::ba {
+
+optim::State state_of(const Problem& problem) {
+  return {.cameras = {problem.cameras.begin(), problem.cameras.end()},
+          .intrinsics = {problem.intrinsics.begin(), problem.intrinsics.end()},
+          .points = {problem.points.begin(), problem.points.end()}};
+}
+
+linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange) {
+  linear::ObservationGraph graph = linear::make_observation_graph(
+      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  exchange.sum(graph.of_camera_on_all_ranks);
+  return graph;
+}
+
+}  // namespace sfmcpp::ba
