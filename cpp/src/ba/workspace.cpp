@@ -35,7 +35,7 @@ void check_state(const Problem& problem, const optim::State& state) {
 }
 
 Loss make_loss(const SolveOptions& options, const std::vector<double>& residuals) {
-  if (!options.automatic_loss_scale) return {options.loss, options.loss_scale_px};
+  if (options.loss_scale_px) return {options.loss, *options.loss_scale_px};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
   const double sigma = std::max(mad_sigma(residuals), 1e-9);
   return {options.loss, efficient_scale(options.loss, sigma)};

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from typing import Literal
+from typing import Annotated, Any, TypeVar
 
 import typer
+
+from sfmcpp._core import SolveOption
+from sfmcpp.ba.options import OPTIONS
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
@@ -19,16 +25,52 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
     return check
 
 
-def loss_scale(text: str) -> float | Literal["auto"]:
-    """Read a scale in pixels, or "auto"."""
-    if text == "auto":
-        return "auto"
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} is neither a number of pixels nor 'auto'", param_hint="'--loss-scale-px'"
-        ) from None
+def with_solve_options(command: Command) -> Command:
+    """Give a command that ends in ``**options`` an option for each of a solve, as the core lists them."""
+    own = inspect.signature(command, eval_str=True)
+    kept = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    added = [
+        inspect.Parameter(
+            o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default, annotation=_annotation(o)
+        )
+        for o in OPTIONS.values()
+    ]
+    command.__signature__ = own.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in (*kept, *added)}
+    return command
+
+
+def _annotation(option: SolveOption) -> Any:
+    """Type and look of an option on the command line."""
+    flag, names = "--" + option.name.replace("_", "-"), tuple(name for name, _ in option.choices)
+    if names:
+        what = f"{option.description}: {', '.join(names)}."
+        return Annotated[str, typer.Option(flag, metavar="NAME", callback=one_of(names), help=what)]
+    what, metavar = f"{option.description}.", option.unit.upper() if option.unit else None
+    if option.unset:
+        return Annotated[
+            Any,
+            typer.Option(
+                flag, metavar=f"{metavar}|{option.unset}", parser=_number_or_text(option), help=what
+            ),
+        ]
+    number = {"int": int, "float": float, "bool": bool}[option.type]
+    return Annotated[
+        number | None if option.optional else number, typer.Option(flag, metavar=metavar, help=what)
+    ]
+
+
+def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
+    def read(text: str) -> float | str:
+        try:
+            return text if text == option.unset else float(text)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{text!r} is neither a number of {option.unit} nor {option.unset!r}",
+                param_hint=f"'--{option.name.replace('_', '-')}'",
+            ) from None
+
+    return read
 
 
 def refined_intrinsics(text: str | None) -> tuple[str, ...] | None:
