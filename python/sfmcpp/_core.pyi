@@ -530,3 +530,26 @@ INSTRUCTION_SET: str
 SOLVE_OPTIONS: tuple
 SPARSE_CHOLESKY: str
 __version__: str
+class SolveKeywords(typing.TypedDict, total=False):
+    method: str
+    line_search: str
+    line_search_iterations: int
+    line_search_damping: float | None
+    line_search_on_rejection: bool
+    backtracking_test: str
+    algebraic_weights: str
+    linear_solver: str
+    loss: str
+    loss_scale_px: float | typing.Literal['auto']
+    max_iterations: int
+    max_seconds: float | None
+    function_tolerance: float
+    gradient_tolerance: float
+    parameter_tolerance: float
+    threads: int
+    gauge: str
+    initial_damping: float | None
+    initial_radius: float | None
+    damping_matrix: str
+    pcg_tolerance: float
+    pcg_max_iterations: int

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from sfmcpp._core import SolveKeywords
 
 OPTIONS: dict[str, _core.SolveOption] = {option.name: option for option in _core.SOLVE_OPTIONS}
 
@@ -34,6 +39,31 @@ METHODS, LINE_SEARCHES, LINEAR_SOLVERS = choices("method"), choices("line_search
 LOSSES, GAUGES = choices("loss"), choices("gauge")
 
 
+def signature_with_options(
+    own: inspect.Signature, annotation: Callable[[_core.SolveOption], Any]
+) -> inspect.Signature:
+    """Signature of a function that ends in ``**options``, with all of them by name.
+
+    Parameters
+    ----------
+    own : inspect.Signature
+        As it is written.
+    annotation : callable
+        Annotation of an option.
+
+    Returns
+    -------
+    inspect.Signature
+        The options in place of ``**options``.
+    """
+    kept = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    added = [
+        inspect.Parameter(o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default, annotation=annotation(o))
+        for o in OPTIONS.values()
+    ]
+    return own.replace(parameters=[*kept, *added])
+
+
 def takes_options(function: Solver) -> Solver:
     """Let a function that ends in ``**options`` show all of them in its signature and its docstring.
 
@@ -47,15 +77,7 @@ def takes_options(function: Solver) -> Solver:
     callable
         The same function.
     """
-    own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-    keywords = [
-        inspect.Parameter(
-            o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default, annotation=_annotation(o)
-        )
-        for o in OPTIONS.values()
-    ]
-    signature = inspect.signature(function).replace(parameters=[*own, *keywords])
-    function.__signature__ = signature  # type: ignore[attr-defined]
+    function.__signature__ = signature_with_options(inspect.signature(function), _annotation)  # type: ignore[attr-defined]
     _describe_options(function)
     return function
 
@@ -99,7 +121,7 @@ class SolveOptions(_core.SolveOptions):
         If a value has the wrong type, or names no choice.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options: Unpack[SolveKeywords]) -> None:
         super().__init__()
         for name, value in options.items():
             self._set(name, value)

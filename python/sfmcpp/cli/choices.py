@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from sfmcpp._core import SolveOption
-from sfmcpp.ba.options import OPTIONS
+from sfmcpp.ba.options import signature_with_options
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -27,37 +27,26 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
 
 def with_solve_options(command: Command) -> Command:
     """Give a command that ends in ``**options`` an option for each of a solve, as the core lists them."""
-    own = inspect.signature(command, eval_str=True)
-    kept = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
-    added = [
-        inspect.Parameter(
-            o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default, annotation=_annotation(o)
-        )
-        for o in OPTIONS.values()
-    ]
-    command.__signature__ = own.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
-    command.__annotations__ = {p.name: p.annotation for p in (*kept, *added)}
+    signature = signature_with_options(inspect.signature(command, eval_str=True), _annotation)
+    command.__signature__ = signature  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
     return command
 
 
 def _annotation(option: SolveOption) -> Any:
     """Type and look of an option on the command line."""
-    flag, names = "--" + option.name.replace("_", "-"), tuple(name for name, _ in option.choices)
+    names = tuple(name for name, _ in option.choices)
+    type_: Any = {"str": str, "int": int, "float": float, "bool": bool}[option.type]
+    look: dict[str, Any] = {"help": f"{option.description}{': ' * bool(names)}{', '.join(names)}."}
     if names:
-        what = f"{option.description}: {', '.join(names)}."
-        return Annotated[str, typer.Option(flag, metavar="NAME", callback=one_of(names), help=what)]
-    what, metavar = f"{option.description}.", option.unit.upper() if option.unit else None
+        look |= {"metavar": "NAME", "callback": one_of(names)}
+    if option.unit:
+        look["metavar"] = option.unit.upper() + (f"|{option.unset}" if option.unset else "")
     if option.unset:
-        return Annotated[
-            Any,
-            typer.Option(
-                flag, metavar=f"{metavar}|{option.unset}", parser=_number_or_text(option), help=what
-            ),
-        ]
-    number = {"int": int, "float": float, "bool": bool}[option.type]
-    return Annotated[
-        number | None if option.optional else number, typer.Option(flag, metavar=metavar, help=what)
-    ]
+        type_, look["parser"] = Any, _number_or_text(option)
+    elif option.optional:
+        type_ = type_ | None
+    return Annotated[type_, typer.Option("--" + option.name.replace("_", "-"), **look)]
 
 
 def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:

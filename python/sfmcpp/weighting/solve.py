@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from sfmcpp.ba.adjust import Callback, adjust
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.weighting.whole.selection import select_group_weights
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from sfmcpp._core import SolveKeywords
 
 
 @takes_options
@@ -20,7 +25,7 @@ def solve(
     constraints: Iterable[ConstraintGroup] = (),
     weight: str | Mapping[str, str] | None = None,
     callback: Callback | None = None,
-    **options: Any,
+    **options: Unpack[SolveKeywords],
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
 
