@@ -8,3 +8,12 @@ trap 'rm -rf "$folder"' EXIT
 "$python" -m pybind11_stubgen sfmcpp._core --exit-code --output-dir "$folder"
 # Texts such as the version and the instruction set belong to one build, not to the interface.
 sed -E 's/^(\w+: str) = .*/\1/' "$folder/sfmcpp/_core.pyi" >"$output"
+# The options of a solve as keywords, for type checkers and editors.
+"$python" - >>"$output" <<'PYTHON'
+from sfmcpp._core import SOLVE_OPTIONS
+
+print("class SolveKeywords(typing.TypedDict, total=False):")
+for option in SOLVE_OPTIONS:
+    other = f" | typing.Literal[{option.unset!r}]" if option.unset else " | None" if option.optional else ""
+    print(f"    {option.name}: {option.type}{other}")
+PYTHON

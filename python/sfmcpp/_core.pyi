@@ -6,7 +6,45 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CONSTRAINT_KINDS', 'ConstraintKind', 'CoreIteration', 'CoreSummary', 'GAUGES', 'INSTRUCTION_SET', 'JacobianCheck', 'LINEAR_SOLVERS', 'LINE_SEARCHES', 'LOSSES', 'METHODS', 'PoseSweepOptions', 'SPARSE_CHOLESKY', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+class SolveOption:
+    """
+    What is known of an option of a solve.
+    """
+    @property
+    def choices(self) -> list[tuple[str, str]]:
+        """
+        Names and what they mean, if it has choices.
+        """
+    @property
+    def default(self) -> typing.Any:
+        ...
+    @property
+    def description(self) -> str:
+        """
+        What it means, without a full stop.
+        """
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def optional(self) -> bool:
+        """
+        Whether it may have no value.
+        """
+    @property
+    def type(self) -> str:
+        """
+        'str', 'int', 'float' or 'bool'.
+        """
+    @property
+    def unit(self) -> str | None:
+        ...
+    @property
+    def unset(self) -> str | None:
+        """
+        The text for no value; None: None.
+        """
 class SolveOptions:
     """
     Options of a solve, with the defaults of the core.
@@ -20,7 +58,7 @@ class SolveOptions:
     @property
     def algebraic_weights(self) -> str:
         """
-        How observations count in an algebraic line search.
+        How observations count in an algebraic line search
         """
     @algebraic_weights.setter
     def algebraic_weights(self, arg1: str) -> None:
@@ -28,7 +66,7 @@ class SolveOptions:
     @property
     def backtracking_test(self) -> str:
         """
-        What a backtracking line search demands of a length.
+        What a backtracking line search demands of a length
         """
     @backtracking_test.setter
     def backtracking_test(self, arg1: str) -> None:
@@ -36,7 +74,7 @@ class SolveOptions:
     @property
     def damping_matrix(self) -> str:
         """
-        What λ multiplies: the diagonal of JᵀJ, or the identity.
+        What λ multiplies
         """
     @damping_matrix.setter
     def damping_matrix(self, arg1: str) -> None:
@@ -44,7 +82,7 @@ class SolveOptions:
     @property
     def function_tolerance(self) -> float:
         """
-        Stop when an accepted step decreases the cost by less than this share.
+        Stop when an accepted step decreases the cost by less than this share
         """
     @function_tolerance.setter
     def function_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -52,7 +90,7 @@ class SolveOptions:
     @property
     def gauge(self) -> str:
         """
-        What holds the similarity freedom.
+        What holds position, orientation and scale where nothing else does
         """
     @gauge.setter
     def gauge(self, arg1: str) -> None:
@@ -60,7 +98,7 @@ class SolveOptions:
     @property
     def gradient_tolerance(self) -> float:
         """
-        Stop when no entry of the gradient is larger.
+        Stop when no entry of the gradient is larger
         """
     @gradient_tolerance.setter
     def gradient_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -68,7 +106,7 @@ class SolveOptions:
     @property
     def initial_damping(self) -> float | None:
         """
-        First λ; None: that of the method.
+        First λ; else that of the method
         """
     @initial_damping.setter
     def initial_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -76,7 +114,7 @@ class SolveOptions:
     @property
     def initial_radius(self) -> float | None:
         """
-        First radius of the Dog-Leg; None: that of the method.
+        First radius of the Dog-Leg; else that of the method
         """
     @initial_radius.setter
     def initial_radius(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -84,7 +122,7 @@ class SolveOptions:
     @property
     def line_search(self) -> str:
         """
-        Line search along each step.
+        How far to go along each step
         """
     @line_search.setter
     def line_search(self, arg1: str) -> None:
@@ -92,7 +130,7 @@ class SolveOptions:
     @property
     def line_search_damping(self) -> float | None:
         """
-        Search in later iterations too while λ is above this; None: do not.
+        Search in later iterations too while λ is above this
         """
     @line_search_damping.setter
     def line_search_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -100,7 +138,7 @@ class SolveOptions:
     @property
     def line_search_iterations(self) -> int:
         """
-        Iterations, from the first on, that search along their step.
+        Iterations, from the first on, that search
         """
     @line_search_iterations.setter
     def line_search_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -108,7 +146,7 @@ class SolveOptions:
     @property
     def line_search_on_rejection(self) -> bool:
         """
-        Search in later iterations too where the unit step would be rejected.
+        Search in later iterations too where the unit step would be rejected
         """
     @line_search_on_rejection.setter
     def line_search_on_rejection(self, arg1: bool) -> None:
@@ -116,7 +154,7 @@ class SolveOptions:
     @property
     def linear_solver(self) -> str:
         """
-        Solver of the normal equations.
+        Solver of the reduced camera system
         """
     @linear_solver.setter
     def linear_solver(self, arg1: str) -> None:
@@ -124,7 +162,7 @@ class SolveOptions:
     @property
     def loss(self) -> str:
         """
-        Robust loss.
+        Robust loss
         """
     @loss.setter
     def loss(self, arg1: str) -> None:
@@ -132,7 +170,7 @@ class SolveOptions:
     @property
     def loss_scale_px(self) -> float | str:
         """
-        Residual at which the loss leaves the parabola [px]; 'auto': from the median residual at the start.
+        Residual over σ at which the loss leaves the parabola; auto: from the median absolute residual at the start
         """
     @loss_scale_px.setter
     def loss_scale_px(self, arg1: typing.SupportsFloat | typing.SupportsIndex | str) -> None:
@@ -140,7 +178,7 @@ class SolveOptions:
     @property
     def max_iterations(self) -> int:
         """
-        Steps tried at most, rejected ones included.
+        Steps tried at most, rejected ones included
         """
     @max_iterations.setter
     def max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -148,7 +186,7 @@ class SolveOptions:
     @property
     def max_seconds(self) -> float | None:
         """
-        Time limit [s]; None: none.
+        Time limit
         """
     @max_seconds.setter
     def max_seconds(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -156,7 +194,7 @@ class SolveOptions:
     @property
     def method(self) -> str:
         """
-        Minimiser.
+        Minimiser
         """
     @method.setter
     def method(self, arg1: str) -> None:
@@ -164,7 +202,7 @@ class SolveOptions:
     @property
     def parameter_tolerance(self) -> float:
         """
-        Stop when the step is shorter than this share of the unknowns' norm.
+        Stop when the step is shorter than this share of the norm of the unknowns
         """
     @parameter_tolerance.setter
     def parameter_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -172,7 +210,7 @@ class SolveOptions:
     @property
     def pcg_max_iterations(self) -> int:
         """
-        Iterations of the iterative linear solver at most.
+        Iterations of the iterative linear solver at most
         """
     @pcg_max_iterations.setter
     def pcg_max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -180,7 +218,7 @@ class SolveOptions:
     @property
     def pcg_tolerance(self) -> float:
         """
-        Relative residual at which the iterative linear solver stops.
+        Relative residual at which the iterative linear solver stops
         """
     @pcg_tolerance.setter
     def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -188,7 +226,7 @@ class SolveOptions:
     @property
     def threads(self) -> int:
         """
-        Threads; 0: as many as useful.
+        Threads, the result has the same bits for any; 0: as many as the machine has and the problem is worth
         """
     @threads.setter
     def threads(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -424,6 +462,28 @@ class ConstraintKind:
     @property
     def values(self) -> tuple | None:
         ...
+class CoreCameraModel:
+    """
+    What the core knows of a camera model.
+    """
+    @property
+    def can_be_free(self) -> bool:
+        """
+        Whether any of them may be free.
+        """
+    @property
+    def intrinsics(self) -> list[str]:
+        """
+        Names, in the order they are stored.
+        """
+    @property
+    def metric(self) -> bool:
+        """
+        Whether its cameras are poses [R | c].
+        """
+    @property
+    def name(self) -> str:
+        ...
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.
@@ -464,12 +524,32 @@ def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (M, 2) pixels as a lens without distortion would have seen them.
     """
+CAMERA_MODELS: tuple
 CONSTRAINT_KINDS: tuple
-GAUGES: tuple = ('auto', 'free', 'fixed')
 INSTRUCTION_SET: str
-LINEAR_SOLVERS: tuple = ('auto', 'dense', 'sparse', 'iterative')
-LINE_SEARCHES: tuple = ('none', 'g-als', 't-als', 'exact', 'soft', 'backtracking')
-LOSSES: tuple = ('squared', 'huber', 'cauchy', 'tukey')
-METHODS: tuple = ('lm', 'lm-nielsen', 'dog-leg', 'gauss-newton', 'gradient-descent', 'conjugate-gradient', 'alternation')
+SOLVE_OPTIONS: tuple
 SPARSE_CHOLESKY: str
 __version__: str
+class SolveKeywords(typing.TypedDict, total=False):
+    method: str
+    line_search: str
+    line_search_iterations: int
+    line_search_damping: float | None
+    line_search_on_rejection: bool
+    backtracking_test: str
+    algebraic_weights: str
+    linear_solver: str
+    loss: str
+    loss_scale_px: float | typing.Literal['auto']
+    max_iterations: int
+    max_seconds: float | None
+    function_tolerance: float
+    gradient_tolerance: float
+    parameter_tolerance: float
+    threads: int
+    gauge: str
+    initial_damping: float | None
+    initial_radius: float | None
+    damping_matrix: str
+    pcg_tolerance: float
+    pcg_max_iterations: int

@@ -40,7 +40,7 @@ Loss make_loss(const SolveOptions& options,
                const ImageResiduals& images,
                const optim::State& start,
                Exchange& exchange) {
-  if (!options.automatic_loss_scale) return {options.loss, options.loss_scale_px};
+  if (options.loss_scale_px) return {options.loss, *options.loss_scale_px};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
   const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), 1e-9);
   return {options.loss, efficient_scale(options.loss, sigma)};

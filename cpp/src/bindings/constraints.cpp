@@ -121,21 +121,9 @@ ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
 }
 
 py::object shape_of(Measurement measurement) {
-  switch (measurement) {
-    case Measurement::kNone:
-      return py::none();
-    case Measurement::kScalar:
-      return py::tuple();
-    case Measurement::kPair:
-      return py::make_tuple(2);
-    case Measurement::kVector:
-      return py::make_tuple(3);
-    case Measurement::kRotation:
-      return py::make_tuple(3, 3);
-    case Measurement::kPose:
-      break;
-  }
-  return py::make_tuple(3, 4);
+  static const std::vector<std::vector<int>> kShapes{{}, {}, {2}, {3}, {3, 3}, {3, 4}};
+  if (measurement == Measurement::kNone) return py::none();
+  return py::tuple(py::cast(kShapes[static_cast<std::size_t>(measurement)]));
 }
 
 py::tuple numbers_of(CamerasOfMember cameras) {

@@ -1,9 +1,9 @@
 #include "options.hpp"
 
-#include <cmath>
-#include <limits>
 #include <optional>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <variant>
 
 #include <pybind11/stl.h>
@@ -11,184 +11,128 @@
 namespace sfmcpp::bindings {
 namespace {
 
+using ba::OptionFacts;
+using ba::SolveOptions;
+
+using Named = std::vector<std::pair<std::string, std::string>>;  // names and what they mean
+
+// An option as Python and the command line see it.
+struct Option {
+  std::string name;
+  std::string description;
+  std::string type;  // "str", "int", "float" or "bool"
+  bool optional = false;
+  std::optional<std::string> unit;
+  std::optional<std::string> unset;
+  Named choices;
+  py::object default_value;
+};
+
+template <class T>
+constexpr bool kIsOptional = false;
+template <class T>
+constexpr bool kIsOptional<std::optional<T>> = true;
+
 template <class E>
-std::vector<std::string> names_of() {
-  std::vector<std::string> names;
-  names.reserve(EnumNames<E>::kTable.size());
-  for (const auto& [value, name] : EnumNames<E>::kTable) names.emplace_back(name);
+Named names_of() {
+  Named names;
+  for (const auto& row : EnumTraits<E>::kTable) names.emplace_back(row.name, row.description);
   return names;
 }
 
-// An enum option is text in Python.
 template <class E, class Get>
-void def_enum(py::class_<ba::SolveOptions>& c, const char* name, const Get& get, const char* doc) {
+void def_choice(py::class_<SolveOptions>& c, const OptionFacts& facts, const Get& get) {
   c.def_property(
-      name,
-      [get](ba::SolveOptions& o) { return std::string(enum_name(get(o))); },
-      [get](ba::SolveOptions& o, const std::string& text) { get(o) = parse_enum<E>(text); },
-      doc);
+      facts.name,
+      [get](const SolveOptions& o) { return std::string(enum_name(get(o))); },
+      [get](SolveOptions& o, const std::string& text) { get(o) = parse_enum<E>(text); },
+      facts.description);
 }
 
 template <class T, class Get>
-void def_value(py::class_<ba::SolveOptions>& c, const char* name, const Get& get, const char* doc) {
+void def_value(py::class_<SolveOptions>& c, const OptionFacts& facts, const Get& get) {
   c.def_property(
-      name,
-      [get](ba::SolveOptions& o) -> T { return get(o); },
-      [get](ba::SolveOptions& o, T value) { get(o) = value; },
-      doc);
+      facts.name,
+      [get](const SolveOptions& o) -> T { return get(o); },
+      [get](SolveOptions& o, T value) { get(o) = value; },
+      facts.description);
 }
 
-void def_choices(py::class_<ba::SolveOptions>& c) {
-  using O = ba::SolveOptions;
-  def_enum<optim::Method>(
-      c, "method", [](O & o) -> auto& { return o.minimizer.method; }, "Minimiser.");
-  def_enum<optim::LineSearchKind>(
-      c,
-      "line_search",
-      [](O & o) -> auto& { return o.minimizer.line_search.kind; },
-      "Line search along each step.");
-  def_enum<optim::BacktrackingTest>(
-      c,
-      "backtracking_test",
-      [](O & o) -> auto& { return o.minimizer.line_search.backtracking_test; },
-      "What a backtracking line search demands of a length.");
-  def_enum<ba::AlgebraicWeights>(
-      c,
-      "algebraic_weights",
-      [](O & o) -> auto& { return o.algebraic_weights; },
-      "How observations count in an algebraic line search.");
-  def_enum<linear::LinearSolverKind>(
-      c,
-      "linear_solver",
-      [](O & o) -> auto& { return o.linear_solver.kind; },
-      "Solver of the normal equations.");
-  def_enum<linear::DampingMatrix>(
-      c,
-      "damping_matrix",
-      [](O & o) -> auto& { return o.minimizer.damping_matrix; },
-      "What λ multiplies: the diagonal of JᵀJ, or the identity.");
-  def_enum<LossKind>(
-      c, "loss", [](O & o) -> auto& { return o.loss; }, "Robust loss.");
-  def_enum<ba::Gauge>(
-      c, "gauge", [](O & o) -> auto& { return o.gauge; }, "What holds the similarity freedom.");
-}
-
-void def_line_search(py::class_<ba::SolveOptions>& c) {
-  using O = ba::SolveOptions;
-  def_value<int>(
-      c,
-      "line_search_iterations",
-      [](O & o) -> auto& { return o.minimizer.line_search.iterations; },
-      "Iterations, from the first on, that search along their step.");
-  def_value<std::optional<double>>(
-      c,
-      "line_search_damping",
-      [](O & o) -> auto& { return o.minimizer.line_search.damping_threshold; },
-      "Search in later iterations too while λ is above this; None: do not.");
-  def_value<bool>(
-      c,
-      "line_search_on_rejection",
-      [](O & o) -> auto& { return o.minimizer.line_search.on_rejection; },
-      "Search in later iterations too where the unit step would be rejected.");
-}
-
-void def_numbers(py::class_<ba::SolveOptions>& c) {
-  using O = ba::SolveOptions;
-  def_value<std::optional<double>>(
-      c,
-      "initial_damping",
-      [](O & o) -> auto& { return o.minimizer.initial_damping; },
-      "First λ; None: that of the method.");
-  def_value<std::optional<double>>(
-      c,
-      "initial_radius",
-      [](O & o) -> auto& { return o.minimizer.initial_radius; },
-      "First radius of the Dog-Leg; None: that of the method.");
-  def_value<int>(
-      c,
-      "max_iterations",
-      [](O & o) -> auto& { return o.minimizer.termination.max_iterations; },
-      "Steps tried at most, rejected ones included.");
-  def_value<double>(
-      c,
-      "function_tolerance",
-      [](O & o) -> auto& { return o.minimizer.termination.function_tolerance; },
-      "Stop when an accepted step decreases the cost by less than this share.");
-  def_value<double>(
-      c,
-      "gradient_tolerance",
-      [](O & o) -> auto& { return o.minimizer.termination.gradient_tolerance; },
-      "Stop when no entry of the gradient is larger.");
-  def_value<double>(
-      c,
-      "parameter_tolerance",
-      [](O & o) -> auto& { return o.minimizer.termination.parameter_tolerance; },
-      "Stop when the step is shorter than this share of the unknowns' norm.");
-  def_value<double>(
-      c,
-      "pcg_tolerance",
-      [](O & o) -> auto& { return o.linear_solver.pcg_tolerance; },
-      "Relative residual at which the iterative linear solver stops.");
-  def_value<int>(
-      c,
-      "pcg_max_iterations",
-      [](O & o) -> auto& { return o.linear_solver.pcg_max_iterations; },
-      "Iterations of the iterative linear solver at most.");
-  def_value<int>(
-      c, "threads", [](O & o) -> auto& { return o.num_threads; }, "Threads; 0: as many as useful.");
-}
-
-// Options whose Python type is a union.
-void def_unions(py::class_<ba::SolveOptions>& c) {
-  using O = ba::SolveOptions;
+// A number, or the text that stands for none.
+template <class Get>
+void def_number_or_text(py::class_<SolveOptions>& c, const OptionFacts& facts, const Get& get) {
+  using Value = std::variant<double, std::string>;
+  const std::string unset = facts.unset;
+  const std::string rule = "must be a number of " + std::string(facts.unit) + " or '" + unset + "'";
   c.def_property(
-      "loss_scale_px",
-      [](const O& o) -> std::variant<double, std::string> {
-        if (o.automatic_loss_scale) return std::string("auto");
-        return o.loss_scale_px;
-      },
-      [](O& o, const std::variant<double, std::string>& value) {
+      facts.name,
+      [get, unset](const SolveOptions& o) { return get(o) ? Value(*get(o)) : Value(unset); },
+      [get, unset, rule, name = facts.name](SolveOptions& o, const Value& value) {
         const auto* text = std::get_if<std::string>(&value);
-        if (text != nullptr && *text != "auto") {
-          throw InvalidArgument("loss_scale_px = '" + *text +
-                                "': must be a number of pixels or 'auto'");
-        }
-        o.automatic_loss_scale = text != nullptr;
-        if (text == nullptr) o.loss_scale_px = std::get<double>(value);
+        if (text != nullptr && *text != unset)
+          throw InvalidArgument(std::string(name) + " = '" + *text + "': " + rule);
+        get(o) = text == nullptr ? std::optional(std::get<double>(value)) : std::nullopt;
       },
-      "Residual at which the loss leaves the parabola [px]; 'auto': from the median residual at "
-      "the start.");
-  c.def_property(
-      "max_seconds",
-      [](const O& o) -> std::optional<double> {
-        const double seconds = o.minimizer.termination.max_seconds;
-        return std::isinf(seconds) ? std::nullopt : std::optional(seconds);
-      },
-      [](O& o, std::optional<double> value) {
-        o.minimizer.termination.max_seconds =
-            value.value_or(std::numeric_limits<double>::infinity());
-      },
-      "Time limit [s]; None: none.");
+      facts.description);
+}
+
+template <class T>
+const char* python_type() {
+  if (std::is_same_v<T, bool>) return "bool";
+  return std::is_integral_v<T> ? "int" : "float";
+}
+
+template <class Get>
+Option bind_option(py::class_<SolveOptions>& c, const OptionFacts& facts, const Get& get) {
+  using T = std::remove_cvref_t<decltype(get(std::declval<SolveOptions&>()))>;
+  Option option;
+  option.name = facts.name;
+  option.description = facts.description;
+  if (facts.unit != nullptr) option.unit = facts.unit;
+  if constexpr (std::is_enum_v<T>) {
+    def_choice<T>(c, facts, get);
+    option.type = "str";
+    option.choices = names_of<T>();
+  } else if constexpr (kIsOptional<T>) {
+    if (facts.unset != nullptr) {
+      def_number_or_text(c, facts, get);
+      option.unset = facts.unset;
+    } else {
+      def_value<T>(c, facts, get);
+    }
+    option.type = python_type<typename T::value_type>();
+    option.optional = true;
+  } else {
+    def_value<T>(c, facts, get);
+    option.type = python_type<T>();
+  }
+  option.default_value = py::cast(SolveOptions{}).attr(facts.name);
+  return option;
 }
 
 }  // namespace
 
 void bind_options(py::module_& m) {
-  py::class_<ba::SolveOptions> c(
+  py::class_<Option>(m, "SolveOption", "What is known of an option of a solve.")
+      .def_readonly("name", &Option::name)
+      .def_readonly("description", &Option::description, "What it means, without a full stop.")
+      .def_readonly("type", &Option::type, "'str', 'int', 'float' or 'bool'.")
+      .def_readonly("optional", &Option::optional, "Whether it may have no value.")
+      .def_readonly("unit", &Option::unit)
+      .def_readonly("unset", &Option::unset, "The text for no value; None: None.")
+      .def_readonly("choices", &Option::choices, "Names and what they mean, if it has choices.")
+      .def_readonly("default", &Option::default_value);
+  py::class_<SolveOptions> c(
       m, "SolveOptions", "Options of a solve, with the defaults of the core.");
   c.def(py::init<>());
-  def_choices(c);
-  def_line_search(c);
-  def_numbers(c);
-  def_unions(c);
   c.def("validate",
-        &ba::SolveOptions::validate,
+        &SolveOptions::validate,
         "Raise InvalidArgument naming every option out of its range.");
-  m.attr("METHODS") = py::tuple(py::cast(names_of<optim::Method>()));
-  m.attr("LINE_SEARCHES") = py::tuple(py::cast(names_of<optim::LineSearchKind>()));
-  m.attr("LINEAR_SOLVERS") = py::tuple(py::cast(names_of<linear::LinearSolverKind>()));
-  m.attr("LOSSES") = py::tuple(py::cast(names_of<LossKind>()));
-  m.attr("GAUGES") = py::tuple(py::cast(names_of<ba::Gauge>()));
+  py::list options;
+  ba::for_each_option([&](const OptionFacts& facts, const auto& get) {
+    options.append(py::cast(bind_option(c, facts, get)));
+  });
+  m.attr("SOLVE_OPTIONS") = py::tuple(options);
 }
 
 }  // namespace sfmcpp::bindings

@@ -14,5 +14,6 @@ void bind_solve(py::module_& m);
 void bind_check(py::module_& m);
 void bind_pose(py::module_& m);
 void bind_constraint_kinds(py::module_& m);
+void bind_camera_models(py::module_& m);
 
 }  // namespace sfmcpp::bindings

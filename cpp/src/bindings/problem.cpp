@@ -1,6 +1,9 @@
 #include "problem.hpp"
 
+#include <pybind11/stl.h>
+
 #include "arrays.hpp"
+#include "options.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -28,6 +31,26 @@ ba::Problem problem_of(const py::dict& arrays) {
   problem.fixed_points = flags(arrays, "fixed_points");
   problem.fixed_intrinsics = flags(arrays, "fixed_intrinsics");
   return problem;
+}
+
+void bind_camera_models(py::module_& m) {
+  struct CameraModel {
+    std::string_view name;
+    std::vector<std::string_view> intrinsics;
+    bool can_be_free, metric;
+  };
+  py::class_<CameraModel>(m, "CoreCameraModel", "What the core knows of a camera model.")
+      .def_readonly("name", &CameraModel::name)
+      .def_readonly("intrinsics", &CameraModel::intrinsics, "Names, in the order they are stored.")
+      .def_readonly("can_be_free", &CameraModel::can_be_free, "Whether any of them may be free.")
+      .def_readonly("metric", &CameraModel::metric, "Whether its cameras are poses [R | c].");
+  py::list models;
+  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
+    const auto names = intrinsic_names(model);
+    models.append(py::cast(CameraModel{
+        name, {names.begin(), names.end()}, has_free_intrinsics(model), is_metric(model)}));
+  }
+  m.attr("CAMERA_MODELS") = py::tuple(models);
 }
 
 }  // namespace sfmcpp::bindings

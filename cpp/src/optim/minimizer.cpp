@@ -208,7 +208,10 @@ class Minimizer {
 
   bool stop_requested() { return agree_on(events_.poll()) != Stop::kNo || finished(); }
 
-  bool out_of_time() const { return clock_.seconds() >= options_.termination.max_seconds; }
+  bool out_of_time() const {
+    const std::optional<double>& limit = options_.termination.max_seconds;
+    return limit && clock_.seconds() >= *limit;
+  }
 
   double state_norm() const {
     ThreadPool& pool = model_.normal_equations().pool();

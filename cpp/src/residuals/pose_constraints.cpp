@@ -159,37 +159,26 @@ void require_points(std::span<const double> points, const std::string& name) {
 
 }  // namespace
 
-void pose_equation(const PoseConstraint& c,
-                   const double* pose,
-                   const double*,
-                   const ConstraintOutput& out) {
-  put_pose(Pose(pose), absolute(c), nullptr, Rows(c, out));
+void pose_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  put_pose(Pose(in.pose), absolute(in.measured), nullptr, Rows(in.measured, out));
 }
 
-void position_equation(const PoseConstraint& c,
-                       const double* pose,
-                       const double*,
-                       const ConstraintOutput& out) {
-  const Rows rows(c, out);
-  rows.residual(0, Pose(pose).centre - c.translation);
+void position_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Rows rows(in.measured, out);
+  rows.residual(0, Pose(in.pose).centre - in.measured.translation);
   rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
 }
 
-void orientation_equation(const PoseConstraint& c,
-                          const double* pose,
-                          const double*,
-                          const ConstraintOutput& out) {
-  put_orientation(Pose(pose), absolute(c), nullptr, Rows(c, out));
+void orientation_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  put_orientation(Pose(in.pose), absolute(in.measured), nullptr, Rows(in.measured, out));
 }
 
 // The other camera has the measured rotation but the same centre, and moves with it.
-void orientation_reprojections_equation(const PoseConstraint& c,
-                                        const double* pose,
-                                        const double*,
-                                        const ConstraintOutput& out) {
-  PoseMatrix turned = Eigen::Map<const PoseMatrix>(pose);
+void orientation_reprojections_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const PoseConstraint& c = in.measured;
+  PoseMatrix turned = Eigen::Map<const PoseMatrix>(in.pose);
   turned.leftCols<3>() = c.rotation;
-  put_images(c, pose, turned.data(), {out.residual, out.by_pose});
+  put_images(c, in.pose, turned.data(), {out.residual, out.by_pose});
   if (out.by_previous != nullptr) std::fill_n(out.by_previous, 12L * num_points(c), 0.0);
   if (out.by_pose == nullptr) return;
   const double factor = 1.0 / std::sqrt(num_points(c));
@@ -202,53 +191,38 @@ void orientation_reprojections_equation(const PoseConstraint& c,
   }
 }
 
-void displacement_pose_equation(const PoseConstraint& c,
-                                const double* pose,
-                                const double* previous,
-                                const ConstraintOutput& out) {
-  const Pose before(previous);
-  put_pose(Pose(pose), relative(c, before), &before, Rows(c, out));
+void displacement_pose_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Pose before(in.previous);
+  put_pose(Pose(in.pose), relative(in.measured, before), &before, Rows(in.measured, out));
 }
 
-void displacement_translation_equation(const PoseConstraint& c,
-                                       const double* pose,
-                                       const double* previous,
-                                       const ConstraintOutput& out) {
-  const Rows rows(c, out);
-  rows.residual(0, (Pose(pose).centre - Pose(previous).centre) - c.translation);
+void displacement_translation_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Rows rows(in.measured, out);
+  rows.residual(0, (Pose(in.pose).centre - Pose(in.previous).centre) - in.measured.translation);
   rows.by_pose(0, kCentreColumn, Matrix3d::Identity());
   rows.by_previous(0, kCentreColumn, -Matrix3d::Identity());
 }
 
-void displacement_rotation_equation(const PoseConstraint& c,
-                                    const double* pose,
-                                    const double* previous,
-                                    const ConstraintOutput& out) {
-  const Pose before(previous);
-  put_orientation(Pose(pose), relative(c, before), &before, Rows(c, out));
+void displacement_rotation_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Pose before(in.previous);
+  put_orientation(Pose(in.pose), relative(in.measured, before), &before, Rows(in.measured, out));
 }
 
-void displacement_rotation_log_equation(const PoseConstraint& c,
-                                        const double* pose,
-                                        const double* previous,
-                                        const ConstraintOutput& out) {
-  const Rows rows(c, out);
-  const Matrix3d motion = Pose(previous).rotation.transpose() * Pose(pose).rotation;
-  const Vector3d error = log_so3(c.rotation.transpose() * motion);
+void displacement_rotation_log_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Rows rows(in.measured, out);
+  const Matrix3d motion = Pose(in.previous).rotation.transpose() * Pose(in.pose).rotation;
+  const Vector3d error = log_so3(in.measured.rotation.transpose() * motion);
   const Matrix3d by_rotation = inverse_right_jacobian_so3(error);
   rows.residual(0, error);
   rows.by_pose(0, kRotationColumn, by_rotation);
   rows.by_previous(0, kRotationColumn, -by_rotation * motion.transpose());
 }
 
-void scale_equation(const PoseConstraint& c,
-                    const double* pose,
-                    const double* previous,
-                    const ConstraintOutput& out) {
-  const Vector3d moved = Pose(pose).centre - Pose(previous).centre;
+void scale_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Vector3d moved = Pose(in.pose).centre - Pose(in.previous).centre;
   const double length = moved.norm();
   const Vector3d direction = length > 0.0 ? Vector3d(moved / length) : Vector3d::Zero();
-  *out.residual = length - c.distance;
+  *out.residual = length - in.measured.distance;
   for (auto [jacobian, sign] : {std::pair(out.by_pose, 1.0), std::pair(out.by_previous, -1.0)}) {
     if (jacobian == nullptr) continue;
     Eigen::Map<Vector3d>(jacobian + kRotationColumn).setZero();
@@ -256,12 +230,9 @@ void scale_equation(const PoseConstraint& c,
   }
 }
 
-void smoothing_equation(const PoseConstraint& c,
-                        const double* pose_numbers,
-                        const double* previous_numbers,
-                        const ConstraintOutput& out) {
-  const Pose pose(pose_numbers), previous(previous_numbers);
-  const Rows rows(c, out);
+void smoothing_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  const Pose pose(in.pose), previous(in.previous);
+  const Rows rows(in.measured, out);
   const Eigen::Matrix<double, 3, 4> p = projection_matrix(pose), q = projection_matrix(previous);
   for (int column = 0; column < 4; ++column) {
     rows.residual(3 * column, p.col(column) - q.col(column));
@@ -272,11 +243,8 @@ void smoothing_equation(const PoseConstraint& c,
   rows.by_previous(kRotationEntries, kCentreColumn, previous.rotation.transpose());
 }
 
-void smoothing_reprojections_equation(const PoseConstraint& c,
-                                      const double* pose,
-                                      const double* previous,
-                                      const ConstraintOutput& out) {
-  put_images(c, pose, previous, out);
+void smoothing_reprojections_equation(const ConstraintInput& in, const ConstraintOutput& out) {
+  put_images(in.measured, in.pose, in.previous, out);
 }
 
 IntrinsicsResidual focal_equation(const double* values, const double* reference) {
@@ -298,7 +266,7 @@ void evaluate(const PoseConstraint& c,
               const double* pose,
               const double* previous,
               const ConstraintOutput& out) {
-  facts_of(c.kind).equation(c, pose, previous, out);
+  facts_of(c.kind).equation({c, pose, previous}, out);
 }
 
 IntrinsicsResidual evaluate(ConstraintKind kind, const double* values, const double* reference) {

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from typing import Literal
+from typing import Annotated, Any, TypeVar
 
 import typer
+
+from sfmcpp._core import SolveOption
+from sfmcpp.ba.options import signature_with_options
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
@@ -19,16 +25,41 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
     return check
 
 
-def loss_scale(text: str) -> float | Literal["auto"]:
-    """Read a scale in pixels, or "auto"."""
-    if text == "auto":
-        return "auto"
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} is neither a number of pixels nor 'auto'", param_hint="'--loss-scale-px'"
-        ) from None
+def with_solve_options(command: Command) -> Command:
+    """Give a command that ends in ``**options`` an option for each of a solve, as the core lists them."""
+    signature = signature_with_options(inspect.signature(command, eval_str=True), _annotation)
+    command.__signature__ = signature  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
+    return command
+
+
+def _annotation(option: SolveOption) -> Any:
+    """Type and look of an option on the command line."""
+    names = tuple(name for name, _ in option.choices)
+    type_: Any = {"str": str, "int": int, "float": float, "bool": bool}[option.type]
+    look: dict[str, Any] = {"help": f"{option.description}{': ' * bool(names)}{', '.join(names)}."}
+    if names:
+        look |= {"metavar": "NAME", "callback": one_of(names)}
+    if option.unit:
+        look["metavar"] = option.unit.upper() + (f"|{option.unset}" if option.unset else "")
+    if option.unset:
+        type_, look["parser"] = Any, _number_or_text(option)
+    elif option.optional:
+        type_ = type_ | None
+    return Annotated[type_, typer.Option("--" + option.name.replace("_", "-"), **look)]
+
+
+def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
+    def read(text: str) -> float | str:
+        try:
+            return text if text == option.unset else float(text)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{text!r} is neither a number of {option.unit} nor {option.unset!r}",
+                param_hint=f"'--{option.name.replace('_', '-')}'",
+            ) from None
+
+    return read
 
 
 def refined_intrinsics(text: str | None) -> tuple[str, ...] | None:

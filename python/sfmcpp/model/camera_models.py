@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sfmcpp import _core
 from sfmcpp.model.checks import looked_up
 
 
@@ -48,17 +49,13 @@ class CameraModel:
         return 3 if self.metric else 4
 
 
-_PINHOLE = ("f", "aspect", "cx", "cy", "skew")
-_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
+_FREE_BY_DEFAULT = {"perspective": ("f",), "bal": ("f", "k1", "k2")}
 
 CAMERA_MODELS: dict[str, CameraModel] = {
-    model.name: model
-    for model in (
-        CameraModel("calibrated", _PINHOLE, frozenset(), can_be_free=False),
-        CameraModel("perspective", _PINHOLE + _DISTORTION, frozenset({"f"})),
-        CameraModel("bal", ("f", "k1", "k2"), frozenset({"f", "k1", "k2"})),
-        CameraModel("projective", ("scale", "cx", "cy"), frozenset(), can_be_free=False, metric=False),
+    m.name: CameraModel(
+        m.name, tuple(m.intrinsics), frozenset(_FREE_BY_DEFAULT.get(m.name, ())), m.can_be_free, m.metric
     )
+    for m in _core.CAMERA_MODELS
 }
 
 

@@ -4,33 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING
 
 from sfmcpp.ba.adjust import Callback, adjust
-from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.weighting.whole.selection import select_group_weights
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
+    from sfmcpp._core import SolveKeywords
+
+
+@takes_options
 def solve(
     problem: Problem,
     *,
     constraints: Iterable[ConstraintGroup] = (),
     weight: str | Mapping[str, str] | None = None,
-    method: str = "lm-nielsen",
-    line_search: str = "none",
-    line_search_iterations: int = 5,
-    linear_solver: str = "auto",
-    loss: str = "squared",
-    loss_scale_px: float | Literal["auto"] = 1.0,
-    max_iterations: int = 50,
-    max_seconds: float | None = None,
-    function_tolerance: float = 1e-6,
-    threads: int = 0,
-    gauge: str = "auto",
     callback: Callback | None = None,
-    **more: Any,
+    **options: Unpack[SolveKeywords],
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
 
@@ -69,39 +64,9 @@ def solve(
         Every weight keeps 90 % of the inliers of the images alone, if any does. All fits use the loss,
         linear solver, gauge and limits given here, each for itself; Ctrl-C during the choice raises
         KeyboardInterrupt and leaves everything as it was.
-    method : str
-        "lm-nielsen", "lm": Levenberg–Marquardt with the Nielsen or the Hartley rule; "dog-leg" (Powell's);
-        "gauss-newton"; "gradient-descent"; "conjugate-gradient": nonlinear, with a block preconditioner;
-        "alternation": resection–intersection.
-    line_search : {"none", "g-als", "t-als", "exact", "soft", "backtracking"}
-        How far to go along each step: algebraic with one length or two (thesis ch. 4), Frandsen's exact
-        or soft search, backtracking.
-    line_search_iterations : int
-        Iterations, from the first on, that search.
-    linear_solver : {"auto", "dense", "sparse", "iterative"}
-        Solver of the reduced camera system; "auto" predicts what each would cost.
-    loss : {"squared", "huber", "cauchy", "tukey"}
-        Robust loss ρ.
-    loss_scale_px : float or "auto"
-        Where the loss leaves the parabola; "auto": from the median absolute residual at the start.
-    max_iterations : int
-        Steps tried at most, rejected ones included.
-    max_seconds : float, optional
-        Time limit [s].
-    function_tolerance : float
-        Stop when an accepted step decreases the cost by less than this share.
-    threads : int
-        0: as many as the machine has and the problem is worth. The result has the same bits for any.
-    gauge : {"auto", "free", "fixed"}
-        Whether damping holds the similarity freedom, or the first pose and the scale stay fixed, as far
-        as neither what is fixed nor constraints hold them already.
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
-    **more
-        Any other attribute of ``sfmcpp.SolveOptions``: `initial_damping`, `initial_radius`,
-        `damping_matrix`, `line_search_damping`, `line_search_on_rejection`, `backtracking_test`,
-        `algebraic_weights`, `gradient_tolerance`, `parameter_tolerance`, `pcg_tolerance`,
-        `pcg_max_iterations`.
+    **options
 
     Returns
     -------
@@ -115,21 +80,8 @@ def solve(
         `weight`: if there is nothing to choose from, the problem is too large for the method, or a name is
         unknown.
     """
-    values = {
-        "method": method,
-        "line_search": line_search,
-        "line_search_iterations": line_search_iterations,
-        "linear_solver": linear_solver,
-        "loss": loss,
-        "loss_scale_px": loss_scale_px,
-        "max_iterations": max_iterations,
-        "max_seconds": max_seconds,
-        "function_tolerance": function_tolerance,
-        "threads": threads,
-        "gauge": gauge,
-    }
-    options = SolveOptions(**values, **more)
-    options.validate()
+    settings = SolveOptions(**options)
+    settings.validate()
     groups = list(constraints)
-    chosen = [] if weight is None else select_group_weights(problem, groups, weight, options)
-    return replace(adjust(problem, groups, options, callback), group_weights=chosen)
+    chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
+    return replace(adjust(problem, groups, settings, callback), group_weights=chosen)

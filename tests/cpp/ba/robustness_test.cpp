@@ -80,7 +80,7 @@ TEST(AutomaticLossScale, RecoversSigmaAtTheTruthFromBothSides) {
   for (LossKind loss : {LossKind::kHuber, LossKind::kCauchy, LossKind::kTukey}) {
     SolveOptions options;
     options.loss = loss;
-    options.automatic_loss_scale = true;
+    options.loss_scale_px.reset();
     options.minimizer.termination.max_iterations = 0;
     State state = state_of(scene.view());
     const double sigma =

@@ -4,12 +4,10 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/ba/mask.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/cameras/camera_model.hpp"
-#include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/optim/options.hpp"
 #include "sfmcpp/optim/summary.hpp"
-#include "sfmcpp/residuals/loss.hpp"
+#include "sfmcpp/residuals/constraint_kinds.hpp"
 
 namespace sfmcpp {
 namespace {
@@ -20,10 +18,14 @@ class EveryEnum : public testing::Test {};
 using Enums = testing::Types<CameraModelId,
                              LossKind,
                              ba::Gauge,
+                             ba::AlgebraicWeights,
                              linear::LinearSolverKind,
                              linear::DampingMatrix,
+                             optim::BacktrackingTest,
+                             optim::LineSearchKind,
                              optim::Method,
-                             optim::Termination>;
+                             optim::Termination,
+                             residuals::ConstraintKind>;
 TYPED_TEST_SUITE(EveryEnum, Enums);
 
 TYPED_TEST(EveryEnum, NamesGoToValuesAndBack) {

@@ -17,6 +17,7 @@ using Eigen::Matrix4d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using residuals::Measurement;
 using residuals::PoseConstraint;
 using support::analytic;
 using support::expect_close;
@@ -117,23 +118,52 @@ TEST_P(EveryConstraint, JacobiansAreTheNumericOnes) {
   }
 }
 
+// What a sensor without error measures.
+void measure(Setting& s) {
+  const Matrix4d t = matrix_of(s.pose), p = matrix_of(s.previous), d = p.inverse() * t;
+  const Kind kind = s.constraint.kind;
+  const Matrix4d& measured = facts_of(kind).relates_two_poses() ? d : t;
+  s.constraint.rotation = measured.topLeftCorner<3, 3>();
+  s.constraint.translation = kind == Kind::kDisplacementTranslation
+                                 ? Vector3d((t - p).topRightCorner<3, 1>())
+                                 : Vector3d(measured.topRightCorner<3, 1>());
+  s.constraint.distance = (t - p).topRightCorner<3, 1>().norm();
+}
+
 TEST_P(EveryConstraint, VanishesWhereTheMeasurementIsRight) {
   Setting s(GetParam());
-  const Matrix4d t = matrix_of(s.pose), p = matrix_of(s.previous), d = p.inverse() * t;
-  if (!facts_of(GetParam()).relates_two_poses()) {
-    s.constraint.rotation = t.topLeftCorner<3, 3>();
-    s.constraint.translation = t.topRightCorner<3, 1>();
-  } else {
-    s.constraint.rotation = d.topLeftCorner<3, 3>();
-    s.constraint.translation = GetParam() == Kind::kDisplacementTranslation
-                                   ? Vector3d((t - p).topRightCorner<3, 1>())
-                                   : Vector3d(d.topRightCorner<3, 1>());
-  }
-  s.constraint.distance = (t - p).topRightCorner<3, 1>().norm();
-  const bool smooths =
-      GetParam() == Kind::kSmoothing || GetParam() == Kind::kSmoothingReprojections;
-  if (smooths) s.previous = s.pose;
+  measure(s);
+  if (facts_of(GetParam()).measurement == Measurement::kNone) s.previous = s.pose;
   EXPECT_LT(s.residual().norm(), 1e-12);
+}
+
+TEST_P(EveryConstraint, HasAsManyIndependentEquationsAsItsFactsSay) {
+  Setting s(GetParam());
+  measure(s);
+  const Jacobians a = analytic(s);
+  Eigen::MatrixXd both(a.by_pose.rows(), 12);
+  both << a.by_pose, a.by_previous;
+  EXPECT_EQ(Eigen::FullPivLU<Eigen::MatrixXd>(both).setThreshold(1e-9).rank(),
+            facts_of(GetParam()).freedom);
+}
+
+// A small error d of the sensor, in its unit, makes the mean squared error ‖d‖² / spread.
+TEST_P(EveryConstraint, ErrorsOfTheSensorMakeTheMeanSquaredErrorOfItsSpread) {
+  const residuals::ConstraintKindFacts& facts = facts_of(GetParam());
+  if (facts.compares_images() || facts.measurement == Measurement::kNone) return;
+  Setting s(GetParam());
+  measure(s);
+  const Vector3d error = s.vector(1e-5);
+  double squared = error.squaredNorm();
+  if (facts.unit == "rad") {
+    s.constraint.rotation *= exp_so3(error);
+  } else if (facts.measurement == Measurement::kScalar) {
+    s.constraint.distance += error[0];
+    squared = error[0] * error[0];
+  } else {
+    s.constraint.translation += error;
+  }
+  EXPECT_NEAR(s.residual().squaredNorm() * facts.spread / squared, 1.0, 1e-4);
 }
 
 // A world turned and moved as a whole changes what relates two poses only where it is said in the

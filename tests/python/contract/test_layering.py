@@ -46,7 +46,8 @@ PYTHON_APART = {"ba": {"geometry", "sensors"}}
 # The package's own __init__ and __main__, which re-export and start.
 PYTHON_ROOT = "sfmcpp"
 # What every layer may import beside the standard library; SciPy inside functions only, as it loads slowly.
-PYTHON_EVERYWHERE = {"numpy", "scipy"}
+# Of typing_extensions type checkers have their own copy; nothing imports it at run time.
+PYTHON_EVERYWHERE = {"numpy", "scipy", "typing_extensions"}
 PYTHON_FOREIGN = {
     "cli": {"rich", "typer", "matplotlib"},
     "study": {"matplotlib", "viser"},

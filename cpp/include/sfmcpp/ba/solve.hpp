@@ -4,29 +4,11 @@
 #include <string>
 #include <vector>
 
-#include "sfmcpp/ba/algebraic_cost.hpp"
-#include "sfmcpp/ba/mask.hpp"
 #include "sfmcpp/ba/problem.hpp"
-#include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/optim/options.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/optim/summary.hpp"
-#include "sfmcpp/residuals/loss.hpp"
 
 namespace sfmcpp::ba {
-
-struct SolveOptions {
-  optim::MinimizerOptions minimizer;
-  linear::LinearSolverOptions linear_solver;
-  LossKind loss = LossKind::kSquared;
-  double loss_scale_px = 1.0;         // of the residual over σ
-  bool automatic_loss_scale = false;  // from the median absolute residual at the start
-  Gauge gauge = Gauge::kAuto;
-  AlgebraicWeights algebraic_weights = AlgebraicWeights::kUniform;  // of the algebraic line search
-  int num_threads = 0;  // 0: as many as the machine has and the problem is worth
-
-  // Throws InvalidArgument listing every option out of its range.
-  void validate() const;
-};
 
 // Weighted, as it counts in the cost.
 struct ConstraintGroupCost {

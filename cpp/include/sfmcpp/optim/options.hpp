@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <limits>
 #include <optional>
 #include <string_view>
 
@@ -26,7 +25,7 @@ namespace optim {
 // When to stop.
 struct TerminationOptions {
   int max_iterations = 50;  // steps tried, rejected ones included
-  double max_seconds = std::numeric_limits<double>::infinity();
+  std::optional<double> max_seconds;
   double function_tolerance = 1e-6;    // relative decrease of the cost by an accepted step
   double gradient_tolerance = 1e-10;   // largest entry of the gradient
   double parameter_tolerance = 1e-12;  // norm of the step, relative to that of the unknowns

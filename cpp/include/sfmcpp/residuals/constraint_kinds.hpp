@@ -46,12 +46,16 @@ struct PoseConstraint;
 struct ConstraintOutput;
 struct IntrinsicsResidual;
 
-// The equation of a kind on poses: e and its Jacobians at poses of 12 numbers (cameras/pose.hpp).
-// `previous` is null for kinds on one camera.
-using PoseEquation = void(const PoseConstraint& constraint,
-                          const double* pose,
-                          const double* previous,
-                          const ConstraintOutput& out);
+// What was measured, and poses of 12 numbers (cameras/pose.hpp); `previous` is null for kinds on
+// one camera.
+struct ConstraintInput {
+  const PoseConstraint& measured;
+  const double* pose;
+  const double* previous;
+};
+
+// The equation of a kind on poses: writes e and its Jacobians.
+using PoseEquation = void(const ConstraintInput& in, const ConstraintOutput& out);
 PoseEquation pose_equation, position_equation, orientation_equation,
     orientation_reprojections_equation, displacement_pose_equation,
     displacement_translation_equation, displacement_rotation_equation,

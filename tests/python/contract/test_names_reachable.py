@@ -1,0 +1,139 @@
+"""Every name that the core knows can be said in Python and on the command line, and is described."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import sfmcpp
+import sfmcpp.cli.run
+from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOptions, _core
+from sfmcpp.ba.options import OPTIONS
+from sfmcpp.cli.app import app
+from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.weighting import METHODS, WEIGHT_METHODS, selection_method
+
+CHOICES = [(option.name, choice) for option in OPTIONS.values() for choice, _ in option.choices]
+VALUES: dict[type, Any] = {int: 7, float: 0.25, bool: True}
+SAMPLES = [(name, "auto" if o.unset else VALUES[type_]) for name, o in OPTIONS.items()
+           for type_ in VALUES if o.type == type_.__name__]  # fmt: skip
+
+
+def help_of(command: str) -> str:
+    """What ``sfmcpp COMMAND --help`` prints, without line breaks, of which some are at hyphens."""
+    output = CliRunner().invoke(app, [command, "--help"]).output
+    return " ".join(re.sub(r"(?<=[^\s-]-)\n\s+", "", output).split())
+
+
+def flag(option: str) -> str:
+    return "--" + option.replace("_", "-")
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Options that reach the solve of the command line, which is not run."""
+    found: dict[str, Any] = {}
+
+    def note(job: sfmcpp.cli.run.Job) -> ExitCode:
+        found.update(job.options)
+        return ExitCode.DONE
+
+    monkeypatch.setattr(sfmcpp.cli.run, "solve_file", note)
+    return found
+
+
+def test_the_tables_are_not_empty() -> None:
+    assert len(CONSTRAINT_KINDS) == len(_core.CONSTRAINT_KINDS) > 10
+    assert len(CHOICES) > 20
+    assert len(SAMPLES) + len({name for name, _ in CHOICES}) == len(OPTIONS)
+
+
+@pytest.mark.parametrize(("option", "choice"), CHOICES)
+def test_every_choice_is_taken_by_python_and_by_the_command_line(
+    option: str, choice: str, asked: dict[str, Any]
+) -> None:
+    assert getattr(SolveOptions(**{option: choice}), option) == choice
+    result = CliRunner().invoke(app, ["solve", "input.txt", flag(option), choice])
+    assert result.output == ""
+    assert asked[option] == choice
+
+
+@pytest.mark.parametrize(("option", "choice"), CHOICES)
+def test_every_choice_is_described(option: str, choice: str) -> None:
+    meaning = dict(OPTIONS[option].choices)[choice]
+    assert meaning
+    assert f'- "{choice}": {meaning}.' in (sfmcpp.solve.__doc__ or "")
+    listed = help_of("solve").split(f"{flag(option)} ")[1].split(" --")[0]
+    assert choice in listed.replace(",", " ").replace(".", " ").split()
+
+
+@pytest.mark.parametrize(("option", "value"), SAMPLES)
+def test_every_other_option_is_taken_by_python_and_by_the_command_line(
+    option: str, value: object, asked: dict[str, Any]
+) -> None:
+    assert getattr(SolveOptions(**{option: value}), option) == value
+    words = [flag(option)] if value is True else [flag(option), str(value)]
+    result = CliRunner().invoke(app, ["solve", "input.txt", *words])
+    assert result.output == ""
+    assert asked[option] == value
+
+
+def test_the_command_line_and_solve_have_the_defaults_of_the_core(asked: dict[str, Any]) -> None:
+    CliRunner().invoke(app, ["solve", "input.txt"])
+    core = _core.SolveOptions()
+    defaults = {name: getattr(core, name) for name in OPTIONS}
+    assert asked == defaults
+    parameters = inspect.signature(sfmcpp.solve).parameters
+    assert {name: parameters[name].default for name in OPTIONS} == defaults
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_every_option_is_described(option: str) -> None:
+    assert f"\n    {option} : " in (sfmcpp.solve.__doc__ or "")
+    assert flag(option) in help_of("solve")
+
+
+def test_a_number_or_auto_is_neither_on_the_command_line() -> None:
+    result = CliRunner().invoke(app, ["solve", "input.txt", "--loss-scale-px", "wide"])
+    assert result.exit_code == ExitCode.BAD_INPUT
+    assert "'wide' is neither a number of pixels nor 'auto'" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("kind", [kind.name for kind in _core.CONSTRAINT_KINDS])
+def test_every_kind_of_constraint_is_taken_by_a_solve_and_described(kind: str) -> None:
+    facts = CONSTRAINT_KINDS[kind]
+    empty = ConstraintGroup(kind, [], None if facts.values is None else np.zeros((0, *facts.values)))
+    problem = sfmcpp.circle_scene(4, 20, camera_model="perspective", seed=1)
+    summary = sfmcpp.solve(problem, constraints=[empty], max_iterations=0)
+    assert summary.constraint_costs == {kind: (0.0, 0.0)}
+    row = next(line for line in (ConstraintGroup.__doc__ or "").splitlines() if line.split()[:1] == [kind])
+    assert facts.error in row
+    assert row.endswith(facts.frame)
+
+
+@pytest.mark.parametrize("method", WEIGHT_METHODS)
+def test_every_way_to_weigh_groups_is_taken_by_solve_and_described(method: str) -> None:
+    problem = sfmcpp.circle_scene(5, 30, camera_model="calibrated", seed=1)
+    noise = np.random.default_rng(1).normal(0, 0.1, (5, 3))
+    gps = ConstraintGroup("position", np.arange(5), problem.centres + noise)
+    summary = sfmcpp.solve(problem, constraints=[gps], weight=method)
+    assert summary.group_weights[0].name == gps.name
+    assert f'"{method}"' in (sfmcpp.solve.__doc__ or "")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_way_to_weigh_a_sensor_is_listed_by_the_command_line(method: str) -> None:
+    assert selection_method(method.replace("λ", "2"))
+    assert method in help_of("slam").split("--weights")[1].split(" --")[0]
+
+
+@pytest.mark.parametrize("model", [model.name for model in _core.CAMERA_MODELS])
+def test_every_camera_model_is_known_to_python_and_to_the_command_line(model: str) -> None:
+    assert model in (sfmcpp.CameraModel.__doc__ or "")
+    assert CAMERA_MODELS[model].name == model
+    assert model in help_of("synth") + help_of("solve")
