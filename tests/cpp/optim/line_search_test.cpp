@@ -16,6 +16,12 @@
 namespace sfmcpp::optim {
 namespace {
 
+std::unique_ptr<LineSearch> make_backtracking(BacktrackingTest test) {
+  LineSearchOptions options;
+  options.backtracking_test = test;
+  return make_backtracking_search(options);
+}
+
 using support::FakeLine;
 using support::Function;
 
@@ -63,8 +69,7 @@ TEST_P(OnFunctions, ExactSearchEndsWhereTheSlopeIsAThousandthOfThatAtTheStartOrN
 }
 
 TEST_P(OnFunctions, ArmijoMeetsTheFirstWolfeCondition) {
-  const double a =
-      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo}));
+  const double a = length_by(*make_backtracking(BacktrackingTest::kArmijo));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-4));
   EXPECT_LE(a, 1.0);
   EXPECT_TRUE(line.slopes.empty());
@@ -72,8 +77,7 @@ TEST_P(OnFunctions, ArmijoMeetsTheFirstWolfeCondition) {
 }
 
 TEST_P(OnFunctions, StrongWolfeMeetsBothConditions) {
-  const double a =
-      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kStrongWolfe}));
+  const double a = length_by(*make_backtracking(BacktrackingTest::kStrongWolfe));
   EXPECT_LE(line.cost_of(a), tangent(a, 1e-4));
   EXPECT_LE(std::abs(slope_fraction(a)), 0.9);
   expect_asked_once_and_at_most(20);
@@ -85,8 +89,7 @@ bool has_hardly_a_slope(const Function& f) { return std::abs(f.slope(0.0)) < 1e-
 
 TEST_P(OnFunctions, GoldsteinIsBetweenItsTwoTangents) {
   if (has_hardly_a_slope(GetParam())) return;
-  const double a =
-      length_by(*make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein}));
+  const double a = length_by(*make_backtracking(BacktrackingTest::kGoldstein));
   EXPECT_LE(line.cost_of(a), tangent(a, 0.25));
   EXPECT_GE(line.cost_of(a), tangent(a, 0.75));
   EXPECT_TRUE(line.slopes.empty());
@@ -110,8 +113,7 @@ std::vector<std::unique_ptr<LineSearch>> all_searches() {
   std::vector<std::unique_ptr<LineSearch>> searches;
   searches.push_back(make_exact_search({}));
   searches.push_back(make_soft_search({}));
-  for (BacktrackingTest test : kTests)
-    searches.push_back(make_backtracking_search({.backtracking_test = test}));
+  for (BacktrackingTest test : kTests) searches.push_back(make_backtracking(test));
   return searches;
 }
 
@@ -124,7 +126,7 @@ double least_cost_asked(const FakeLine& line) {
 
 TEST(Backtracking, TheBestLengthSeenIsTakenWhereNoneIsGoodInTwentyEvaluations) {
   FakeLine line(support::more_thuente_2, support::more_thuente_2_slope);
-  const auto search = make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein});
+  const auto search = make_backtracking(BacktrackingTest::kGoldstein);
   const double a = search->search(line).lengths.camera;
   EXPECT_EQ(line.costs.size(), 20U);
   EXPECT_EQ(line.cost_of(a), least_cost_asked(line));
@@ -134,7 +136,7 @@ TEST(Backtracking, TheBestLengthSeenIsTakenWhereNoneIsGoodInTwentyEvaluations) {
 // The first length is 1, and the minimum of the parabola through it is that of a quadratic.
 TEST(Backtracking, FindsTheMinimumOfAQuadraticInTwoEvaluations) {
   FakeLine line(support::third, support::third_slope);
-  const auto search = make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo});
+  const auto search = make_backtracking(BacktrackingTest::kArmijo);
   EXPECT_NEAR(search->search(line).lengths.camera, 1.0 / 3.0, 1e-15);
   EXPECT_EQ(line.costs.size(), 2U);
 }
@@ -153,11 +155,9 @@ double with_decrease(double fraction) { return 0.5 / (1.0 - fraction); }
 double with_slope(double fraction) { return 1.0 / (1.0 - fraction); }
 
 TEST(Backtracking, KeepsTheUnitStepWithinTheLimitsOfItsTest) {
-  const auto armijo = make_backtracking_search({.backtracking_test = BacktrackingTest::kArmijo});
-  const auto wolfe =
-      make_backtracking_search({.backtracking_test = BacktrackingTest::kStrongWolfe});
-  const auto goldstein =
-      make_backtracking_search({.backtracking_test = BacktrackingTest::kGoldstein});
+  const auto armijo = make_backtracking(BacktrackingTest::kArmijo);
+  const auto wolfe = make_backtracking(BacktrackingTest::kStrongWolfe);
+  const auto goldstein = make_backtracking(BacktrackingTest::kGoldstein);
   EXPECT_FALSE(keeps_unit_step(*armijo, with_decrease(0.9e-4)));
   EXPECT_TRUE(keeps_unit_step(*armijo, with_decrease(1.1e-4)));
   EXPECT_TRUE(keeps_unit_step(*armijo, with_decrease(0.99)));
@@ -271,7 +271,7 @@ TEST(MakeLineSearch, MakesTheSearchThatItsOptionsName) {
   add(LineSearchKind::kExact, make_exact_search({}));
   add(LineSearchKind::kSoft, make_soft_search({}));
   for (BacktrackingTest test : kTests) {
-    add(LineSearchKind::kBacktracking, make_backtracking_search({.backtracking_test = test}));
+    add(LineSearchKind::kBacktracking, make_backtracking(test));
     cases.back().first.backtracking_test = test;
   }
   std::set<Outcome> outcomes;
