@@ -241,7 +241,7 @@ std::vector<Case> losses_and_searches() {
            scene_of(CameraModelId::kPerspective),
            options_of(Method::kLevenbergMarquardt)};
     c.options.loss = loss;
-    c.options.automatic_loss_scale = true;
+    c.options.loss_scale_px.reset();  // from the residuals at the start
     cases.push_back(c);
   }
   for (const auto& [search, name] : EnumNames<LineSearchKind>::kTable) {
