@@ -7,6 +7,7 @@
 
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "support/cut_scene.hpp"
 #include "support/random_constraints.hpp"
 #include "support/threaded_exchange.hpp"
 
@@ -17,39 +18,10 @@ using linear::LinearSolverKind;
 using optim::LineSearchKind;
 using optim::Method;
 using optim::State;
+using support::observed_where;
 using support::OwnedProblem;
-using Kind = residuals::PoseConstraintKind;
-
-// The observations with keep(camera, point).
-template <class F>
-OwnedProblem observed_where(const OwnedProblem& scene, const F& keep) {
-  OwnedProblem kept = scene;
-  for (std::vector<int>* index : {&kept.camera_index, &kept.point_index}) index->clear();
-  for (std::vector<double>* values : {&kept.pixels, &kept.sigma_px}) values->clear();
-  for (std::size_t k = 0; k < scene.camera_index.size(); ++k) {
-    const int camera = scene.camera_index[k], point = scene.point_index[k];
-    if (!keep(camera, point)) continue;
-    kept.observe(camera, point, scene.pixels[2 * k], scene.pixels[2 * k + 1]);
-    if (!scene.sigma_px.empty()) kept.sigma_px.push_back(scene.sigma_px[k]);
-  }
-  return kept;
-}
-
-// The points p with p mod num_ranks = rank, and all cameras.
-OwnedProblem part_of(const OwnedProblem& whole, int rank, int num_ranks) {
-  OwnedProblem part =
-      observed_where(whole, [&](int, int point) { return point % num_ranks == rank; });
-  for (int& point : part.point_index) point /= num_ranks;
-  part.points.clear();
-  part.fixed_points.clear();
-  const int width = whole.view().point_storage();
-  for (int p = rank; p < whole.view().num_points(); p += num_ranks) {
-    const auto first = whole.points.begin() + static_cast<long>(width) * p;
-    part.points.insert(part.points.end(), first, first + width);
-    part.fixed_points.push_back(whole.fixed_points[p]);
-  }
-  return part;
-}
+using support::part_of;
+using Kind = residuals::ConstraintKind;
 
 struct Answer {
   SolveSummary summary;
@@ -269,7 +241,7 @@ std::vector<Case> losses_and_searches() {
            scene_of(CameraModelId::kPerspective),
            options_of(Method::kLevenbergMarquardt)};
     c.options.loss = loss;
-    c.options.automatic_loss_scale = true;
+    c.options.loss_scale_px.reset();  // from the residuals at the start
     cases.push_back(c);
   }
   for (const auto& [search, name] : EnumNames<LineSearchKind>::kTable) {
