@@ -75,7 +75,7 @@ TEST(Cauchy, GrowsWithTheLogarithm) {
   EXPECT_DOUBLE_EQ(cauchy.derivative(4.0), 0.5);
 }
 
-// EQUATIONS §4: c²/6 (1 − (1 − (x/c)²)³) is the cost of one residual: ½ ρ(x²).
+// docs/equations.md §4: c²/6 (1 − (1 − (x/c)²)³) is the cost of one residual: ½ ρ(x²).
 TEST(Tukey, IsTheBiweightAndSaturatesAtTheScale) {
   const double c = 2.0;
   const Loss tukey{LossKind::kTukey, c};

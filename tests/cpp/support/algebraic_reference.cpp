@@ -65,7 +65,7 @@ Matrix3d pinhole_change(CameraModelId model,
   return 0.5 * (pinhole(model, {ahead.data(), size}) - pinhole(model, {behind.data(), size}));
 }
 
-// EQUATIONS §5: ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc].
+// docs/equations.md §5: ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc].
 Matrix34 metric_change(const LinearizedProblem& work, const CameraStep& step, int k) {
   const Matrix34 view = view_matrix(stored_camera(work, k));
   const Matrix3d turn = skew(step.tangent.head<3>());
@@ -87,7 +87,7 @@ Matrix34 change_to_pixels(const LinearizedProblem& work, const CameraStep& step,
   return frame_matrix(intrinsics_of(work, k)) * Eigen::Map<const Matrix34>(step.tangent.data());
 }
 
-// N of the image (thesis eq. 4.3, with the scale set right in EQUATIONS §5).
+// N of the image (thesis eq. 4.3, with the scale set right in docs/equations.md §5).
 Matrix3d normalization(const ba::Problem& problem, int camera) {
   Vector2d centre = Vector2d::Zero();
   double distance = 0.0, count = 0.0;

@@ -1,5 +1,5 @@
 // Fits of ONE pose to fixed points and weighted constraints, for many weights and many folds: the
-// inner loops of weight selection (thesis §5.2.3; EQUATIONS §6).
+// inner loops of weight selection (thesis §5.2.3; docs/equations.md §6).
 //
 //   F(R, t) = 1/n Σ_j ‖r_j‖² + Σ_k λ_k² ε_k        (thesis eqs 5.1, 5.15)
 //

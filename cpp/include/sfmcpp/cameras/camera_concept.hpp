@@ -156,8 +156,8 @@ struct MetricCamera {
   static void normalize_point(double*) {}
 
   // P = K [Rᵀ | −Rᵀc] and, to first order,
-  // ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc] (EQUATIONS §5; thesis eq. 4.20 is for
-  // another parametrisation and a fixed K). Distortion is left out: see `undistort`.
+  // ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc] (docs/equations.md §5; thesis eq. 4.20
+  // is for another parametrisation and a fixed K). Distortion is left out: see `undistort`.
   static void matrix(const double* camera,
                      const double* intrinsics,
                      const double* delta,

@@ -1,7 +1,7 @@
 // The camera models by name, and what is known of them without their type.
 //
 // A camera is a 3×4 row-major block of 12 numbers: [R | c] for metric cameras, rotation
-// world_from_camera and centre in the world (EQUATIONS §1, the note's parametrisation); the
+// world_from_camera and centre in the world (docs/equations.md §1, the note's parametrisation); the
 // projection matrix itself for projective ones. A row of intrinsic parameters belongs to one camera
 // or is shared by several.
 //

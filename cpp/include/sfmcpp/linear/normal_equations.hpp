@@ -1,9 +1,10 @@
 // The linearised problem at one state: Jacobian, gradient and the blocks that do not depend on
 // damping.
 //
-// J = [Jc Jp], kept per observation; V = Σ JpᵀJp per point; b = Jᵀ r (EQUATIONS §2), so that −b is
-// the gradient of the cost. U and W are never formed. Linearise once, solve for many dampings.
-// Residuals that see cameras alone add their part of JᵀJ and Jᵀr as blocks (camera_terms.hpp).
+// J = [Jc Jp], kept per observation; V = Σ JpᵀJp per point; b = Jᵀ r (docs/equations.md §2), so
+// that −b is the gradient of the cost. U and W are never formed. Linearise once, solve for many
+// dampings. Residuals that see cameras alone add their part of JᵀJ and Jᵀr as blocks
+// (camera_terms.hpp).
 #pragma once
 
 #include <array>

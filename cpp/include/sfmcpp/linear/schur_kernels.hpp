@@ -1,7 +1,7 @@
 // The inner loops of the Schur complement, for the block size and instruction set chosen at run
 // time.
 //
-// Notation of one observation a of point p in camera i (EQUATIONS §2; D = camera_size):
+// Notation of one observation a of point p in camera i (docs/equations.md §2; D = camera_size):
 //   J  2×D  derivative by the camera, A  2×3  derivative by the point, r  2  residual
 //   M  3×3  inverse Cholesky factor of the damped V: V*⁻¹ = Mᵀ M;   y = M b_p
 //   G = A Mᵀ  (2×3),  r̄ = r − G y  (2)

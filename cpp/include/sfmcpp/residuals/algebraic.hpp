@@ -1,4 +1,4 @@
-// The algebraic reprojection error along a step (thesis §4.3, eqs 4.8–4.18; EQUATIONS §5).
+// The algebraic reprojection error along a step (thesis §4.3, eqs 4.8–4.18; docs/equations.md §5).
 //
 // With q̂ the observation without distortion, normalised in its image, P the matrix to normalised
 // pixels and S the first two rows of [q̂]×:

@@ -1,5 +1,5 @@
 // The kinds of constraints on cameras, from a second sensor or from what is known beforehand: every
-// row of thesis table 5.1 (EQUATIONS §7), and all that is known of each, in one table.
+// row of thesis table 5.1 (docs/equations.md §7), and all that is known of each, in one table.
 //
 // A constraint is a MEAN squared error ε = ‖e‖²: e is divided by the root of its dimension, so that
 // the number of constrained parameters does not change the importance. The dimension counts entries

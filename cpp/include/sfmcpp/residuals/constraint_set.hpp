@@ -1,10 +1,10 @@
 // Constraints on cameras in named groups, one weight each: what a bundle adjustment minimises
-// beside the errors of its observations (thesis ch. 5, EQUATIONS §7).
+// beside the errors of its observations (thesis ch. 5, docs/equations.md §7).
 //
 // The cost of a group is ½ weight Σ member weight · ‖e‖², e of constraint_kinds.hpp: a weighted sum
 // of MEAN squared errors. A group that measures with standard deviation σ, in the unit of e, has
 // the weight d/σ² with d the dimension of e, where observations are over theirs; a constraint
-// chosen by λ beside N observations has the member weight λ² N (EQUATIONS §6).
+// chosen by λ beside N observations has the member weight λ² N (docs/equations.md §6).
 //
 // Changing a weight rebuilds nothing.
 #pragma once

@@ -1,5 +1,5 @@
 // Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3;
-// eq. 2.51 with σ and c set right, EQUATIONS §4). All behave like s near zero.
+// eq. 2.51 with σ and c set right, docs/equations.md §4). All behave like s near zero.
 //
 // How to add a loss: a struct like those here, an enumerator and its row in the table.
 #pragma once
