@@ -72,7 +72,7 @@ def _measured(
         "seconds": time.perf_counter() - begin,
         "error": _centre_rms(problem, truth),
         "ratios": _ratios(summary, sensors),
-        "disagrees": any(not chosen.agrees for chosen in summary.group_weights),
+        "disagrees": any(chosen.conflict.conflicting for chosen in summary.group_weights),
     }
 
 

@@ -39,4 +39,5 @@ PYBIND11_MODULE(_core, m) {
   sfmcpp::bindings::bind_pose(m);
   sfmcpp::bindings::bind_constraint_kinds(m);
   sfmcpp::bindings::bind_camera_models(m);
+  sfmcpp::bindings::bind_linearize(m);
 }

@@ -1,6 +1,7 @@
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/cholesky_isa.hpp"
@@ -11,7 +12,8 @@ namespace {
 // From this size on, tiles of columns are wider, and tasks are several strips that share a block of
 // b.
 constexpr int kLarge = 1024;
-constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
+constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
+constexpr int kInnerBlock = 256;     // columns of b that stay in the cache
 
 int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
 
@@ -101,6 +103,24 @@ bool DenseCholesky::factorize(ThreadPool& pool) {
 void DenseCholesky::solve(std::span<double> x) {
   kernels_.forward(matrix_.data(), ld_, size_, x.data());
   kernels_.backward(matrix_.data(), ld_, size_, x.data());
+}
+
+void DenseCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {
+  const Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>> l(
+      matrix_.data(), size_, size_, Eigen::OuterStride<>(ld_));
+  const auto columns = static_cast<int>(x.cols());
+  pool.parallel_for((columns + kColumnsPerTask - 1) / kColumnsPerTask, [&](int task) {
+    const int begin = task * kColumnsPerTask;
+    auto slab = x.middleCols(begin, std::min(kColumnsPerTask, columns - begin));
+    l.triangularView<Eigen::Lower>().solveInPlace(slab);
+    l.transpose().triangularView<Eigen::Upper>().solveInPlace(slab);
+  });
+}
+
+double DenseCholesky::log_determinant() const {
+  double sum = 0.0;
+  for (long k = 0; k < size_; ++k) sum += std::log(matrix_[k * ld_ + k]);
+  return 2.0 * sum;
 }
 
 }  // namespace sfmcpp::linear

@@ -62,6 +62,8 @@ bool ExplicitSchurSolver::factorize(const Damping& damping) {
 }
 
 bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) { return reduced_->solve(x); }
+void ExplicitSchurSolver::solve_reduced(Eigen::MatrixXd& x) { reduced_->solve_columns(x); }
+double ExplicitSchurSolver::log_determinant() const { return reduced_->log_determinant(); }
 
 void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
   const ParameterMap& map = normal_.map();

@@ -22,6 +22,8 @@ class DenseReducedSolver final : public ReducedSolver {
   }
   std::span<double> values() override { return cholesky_.values(); }
   bool factorize() override { return cholesky_.factorize(pool_); }
+  void solve_columns(Eigen::MatrixXd& x) override { cholesky_.solve(x, pool_); }
+  double log_determinant() const override { return cholesky_.log_determinant(); }
 
  private:
   int position(int block) const override { return block; }
@@ -60,6 +62,7 @@ class SparseReducedSolver final : public ReducedSolver {
   }
   std::span<double> values() override { return matrix_.value; }
   bool factorize() override { return cholesky_->factorize(matrix_); }
+  double log_determinant() const override { return cholesky_->log_determinant(); }
 
  private:
   int position(int block) const override { return position_[block]; }
@@ -203,6 +206,14 @@ void ReducedSolver::add_within(const Segment& rows,
 bool ReducedSolver::solve(std::vector<double>& x) {
   solve_in_place(x);
   return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
+}
+
+void ReducedSolver::solve_columns(Eigen::MatrixXd& x) {
+  for (auto column : x.colwise()) {
+    std::vector<double> values(column.begin(), column.end());
+    solve_in_place(values);
+    std::copy(values.begin(), values.end(), column.begin());
+  }
 }
 
 std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,

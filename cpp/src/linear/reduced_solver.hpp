@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
@@ -30,6 +32,10 @@ class ReducedSolver {
   virtual bool factorize() = 0;
   // `x` holds the right-hand side before and the solution after; false if that is not finite.
   bool solve(std::vector<double>& x);
+  // The same for every column of `x`, which need not come out finite.
+  virtual void solve_columns(Eigen::MatrixXd& x);
+  // Of the factorised matrix.
+  virtual double log_determinant() const = 0;
 
  protected:
   const ParameterMap& map() const { return map_; }

@@ -1,5 +1,6 @@
 #ifdef SFMCPP_WITH_CHOLMOD
 #include <algorithm>
+#include <cmath>
 #include <new>
 
 #include <cholmod.h>
@@ -55,6 +56,26 @@ class CholmodCholesky final : public SparseCholesky {
     if (solution == nullptr) throw std::bad_alloc();
     std::copy_n(static_cast<const double*>(solution->x), x.size(), x.begin());
     cholmod_l_free_dense(&solution, &common_);
+  }
+
+  double log_determinant() const override {
+    const auto* values = static_cast<const double*>(factor_->x);
+    double sum = 0.0;
+    if (factor_->is_super == 0) {
+      const auto* begin = static_cast<const SuiteSparse_long*>(factor_->p);
+      for (std::size_t k = 0; k < factor_->n; ++k) sum += std::log(values[begin[k]]);
+      return 2.0 * sum;
+    }
+    // Supernode s: columns first[s] to first[s + 1], stored full, with as many rows as it has
+    // indices.
+    const auto* first = static_cast<const SuiteSparse_long*>(factor_->super);
+    const auto* rows = static_cast<const SuiteSparse_long*>(factor_->pi);
+    const auto* entries = static_cast<const SuiteSparse_long*>(factor_->px);
+    for (std::size_t s = 0; s < factor_->nsuper; ++s) {
+      for (long k = 0; k < first[s + 1] - first[s]; ++k)
+        sum += std::log(values[entries[s] + k * (rows[s + 1] - rows[s]) + k]);
+    }
+    return 2.0 * sum;
   }
 
  private:

@@ -22,6 +22,10 @@ class EigenCholesky final : public SparseCholesky {
     b = cholesky_.solve(b).eval();
   }
 
+  double log_determinant() const override {
+    return 2.0 * cholesky_.matrixL().nestedExpression().diagonal().array().log().sum();
+  }
+
  private:
   static Eigen::Map<const Matrix> view_of(const SparseLower& m) {
     return {m.size,

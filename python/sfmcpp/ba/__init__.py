@@ -3,6 +3,13 @@
 from sfmcpp.ba.adjust import adjust
 from sfmcpp.ba.check import check, check_jacobians, cost, residuals
 from sfmcpp.ba.explore import StepExploration, explore_step
+from sfmcpp.ba.linearize import (
+    ConstraintRows,
+    Covariance,
+    LinearModel,
+    LinearStep,
+    linearize,
+)
 from sfmcpp.ba.options import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS, SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
 from sfmcpp.ba.summary import Iteration, Summary
@@ -13,7 +20,11 @@ __all__ = [
     "LINE_SEARCHES",
     "LOSSES",
     "METHODS",
+    "ConstraintRows",
+    "Covariance",
     "Iteration",
+    "LinearModel",
+    "LinearStep",
     "SolveOptions",
     "StepExploration",
     "Summary",
@@ -23,6 +34,7 @@ __all__ = [
     "check_jacobians",
     "cost",
     "explore_step",
+    "linearize",
     "projection_matrices",
     "projective_problem",
     "residuals",

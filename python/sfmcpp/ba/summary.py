@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.weight_selection import GroupWeightSelection
+from sfmcpp.model.weight_selection import WeightSelection
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,7 +98,7 @@ class Summary:
         Weighted cost of each group of constraints, by its name, at the start and at the end.
     iterations : list of Iteration
         The whole history; the first is the start.
-    group_weights : list of GroupWeightSelection
+    group_weights : list of WeightSelection
         Groups whose weight was chosen from the data.
     """
 
@@ -121,7 +121,7 @@ class Summary:
     observations_behind_camera: tuple[int, int] = (0, 0)
     constraint_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
     iterations: list[Iteration] = field(default_factory=list)
-    group_weights: list[GroupWeightSelection] = field(default_factory=list)
+    group_weights: list[WeightSelection] = field(default_factory=list)
 
     @property
     def converged(self) -> bool:

@@ -5,7 +5,7 @@ from sfmcpp.model.constraints import CONSTRAINT_KINDS, ConstraintGroup, Constrai
 from sfmcpp.model.problem import Metadata, Problem
 from sfmcpp.model.sensor_stream import Gap, SensorStream
 from sfmcpp.model.trajectory import Trajectory
-from sfmcpp.model.weight_selection import GroupWeightSelection
+from sfmcpp.model.weight_selection import WeightSelection
 
 __all__ = [
     "CAMERA_MODELS",
@@ -14,11 +14,11 @@ __all__ = [
     "ConstraintGroup",
     "ConstraintKind",
     "Gap",
-    "GroupWeightSelection",
     "Metadata",
     "Problem",
     "SensorStream",
     "Trajectory",
+    "WeightSelection",
     "camera_model",
     "constraint_kind",
 ]

@@ -62,7 +62,8 @@ def fuse(
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
     # Sensors without weight must not move the pose: a least-squares fit is not what resection gives.
     used = any(constraint.weight > 0 for constraint in weighted)
-    return Fused(selections[0].pose if used else pose, weighted, selections)
+    fitted = selections[0].pose
+    return Fused(fitted if used and fitted is not None else pose, weighted, selections)
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:

@@ -188,10 +188,10 @@ class Slam:
             self._register()
         record = KeyframeRecord(frame.number, frame.t_s, inliers, new_points, dict(clock.laps))
         record.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
-        record.conflicts = {s.constraint.name: s.conflict.sigmas for s in fused.selections}
+        record.conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
         record.selections = list(fused.selections)
         self._sensors.in_conflict = frozenset(
-            selection.constraint.name for selection in fused.selections if selection.conflict.conflicting
+            selection.name for selection in fused.selections if selection.conflict.conflicting
         )
         self.result.records.append(record)
 

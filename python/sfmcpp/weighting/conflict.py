@@ -3,71 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
-from sfmcpp.model.arrays import FloatArray, finite_array
+from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.pose_constraint import PoseConstraint
 from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.units import ConstraintUnit
 
 CONFLICT_SIGMAS = 3.0
 # Singular values below this share of the largest are directions that the constraint does not see.
 _RANK_TOLERANCE = 1e-9
 # Keeps the covariance of a pose finite where the images leave it open.
 _RIDGE = 1e-14
+# Members that the fit follows altogether tell nothing: their error is not blown up further than this.
+_LEAST_FREE = 0.3
+# Standard deviation of a standard deviation by the median of n squared normal numbers, times √n.
+_MEDIAN_SPREAD = 1.17
 # The smallest probability whose quantile the normal distribution still gives.
 _LEAST_PROBABILITY = 1e-300
-
-
-@dataclass(frozen=True)
-class ConflictReport:
-    """How far a sensor is from the pose that the images alone say.
-
-    Attributes
-    ----------
-    name : str
-        What the constraint is called.
-    discrepancy : float
-        Length of the error, in `unit`.
-    unit : str
-        Unit of the sensor.
-    squared_mahalanobis : float
-        Squared length of the error under the covariance of the images and of the sensor.
-    degrees_of_freedom : int
-        Directions in which the pose moves the error.
-    sigmas : float
-        As many standard deviations of one normal number are as unlikely.
-    sensor_sigma : float or None
-        Declared standard deviation of the sensor; None: it was taken as exact.
-    """
-
-    name: str
-    discrepancy: float
-    unit: str
-    squared_mahalanobis: float
-    degrees_of_freedom: int
-    sigmas: float
-    sensor_sigma: float | None
-
-    @property
-    def conflicting(self) -> bool:
-        """Whether chance does not explain the discrepancy: more than `CONFLICT_SIGMAS`."""
-        return self.sigmas > CONFLICT_SIGMAS
-
-    def describe(self) -> str:
-        """The report in one sentence."""
-        if self.degrees_of_freedom == 0:
-            return f"{self.name}: the pose does not move its error, so the images say nothing of it"
-        given = "taken as exact" if self.sensor_sigma is None else f"σ = {self.sensor_sigma:.3g} {self.unit}"
-        verdict = "disagrees with" if self.conflicting else "agrees with"
-        return (
-            f"{self.name} ({given}) {verdict} the images: {self.discrepancy:.3g} {self.unit} apart, "
-            f"{self.sigmas:.1f} σ"
-        )
 
 
 def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike) -> ConflictReport:
@@ -100,16 +59,79 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
     error = np.asarray(at["residuals"][0]).ravel()
     jacobian = np.asarray(at["jacobians"][0])
     vision = view.pixel_sigma(at["vision"]) ** 2 * _inverse(np.asarray(at["vision_normal"]))
-    sensor = (constraint.sensor_sigma or 0.0) ** 2 / constraint.spread
+    sensor = (constraint.sensor_sigma or 0.0) ** 2 / constraint.unit.spread
     squared, freedom = _squared_mahalanobis(error, jacobian, vision, sensor)
+    sigmas = equivalent_sigmas(squared, freedom)
     return ConflictReport(
         name=constraint.name,
-        discrepancy=float(np.sqrt(constraint.spread) * np.linalg.norm(error)),
-        unit=constraint.unit,
+        discrepancy=float(np.sqrt(constraint.unit.spread) * np.linalg.norm(error)),
+        unit=constraint.unit.name,
         squared_mahalanobis=squared,
         degrees_of_freedom=freedom,
-        sigmas=equivalent_sigmas(squared, freedom),
+        sigmas=sigmas,
+        conflicting=sigmas > CONFLICT_SIGMAS,
         sensor_sigma=constraint.sensor_sigma,
+    )
+
+
+def member_conflict(
+    name: str, unit: ConstraintUnit, member: IndexArray, errors: FloatArray, hat: FloatArray
+) -> ConflictReport:
+    """Judge a group by the errors that the fit leaves its members.
+
+    The measure is the median member, which a few wrong ones do not move. A member draws the fit to itself:
+    its squared error is blown up by what its leverage took. Errors have the covariance ``I − K``, which tells
+    how large their mean, entry by entry, may be by chance, and how alike those of neighbours.
+
+    Parameters
+    ----------
+    name : str
+        What the group is called.
+    unit : ConstraintUnit
+        Unit of its sensor.
+    member : (R,) int32
+        The member each error belongs to, ascending.
+    errors : (R,) float64
+        The errors.
+    hat : (R, R) float64
+        Hat matrix K of the group; zero where the problem is too large to tell.
+
+    Returns
+    -------
+    ConflictReport
+        Of the worst member, with what mean and neighbours say.
+    """
+    members, places, counts = np.unique(member, return_inverse=True, return_counts=True)
+    free = 1 - np.bincount(places, np.diag(hat)) / unit.freedom
+    measured = np.bincount(places, errors**2)
+    squared = measured / np.maximum(free, _LEAST_FREE)
+    worst = int(np.argmax(squared))
+    median = unit.freedom * (1 - 2 / (9 * unit.freedom)) ** 3  # Wilson and Hilferty's, of a chi-square number
+    variance = float(np.median(squared)) / median
+    discrepancy = math.sqrt(unit.spread * measured[worst])
+    if variance <= np.finfo(float).tiny:
+        return ConflictReport(
+            name, discrepancy, unit.name, 0.0, unit.freedom, 0.0, False, member=int(members[worst])
+        )
+    distance = float(squared[worst]) / variance
+    sigmas = equivalent_sigmas(distance, unit.freedom)
+    entry = np.arange(len(places)) - np.repeat(np.cumsum(counts) - counts, counts)
+    entries = [np.flatnonzero(entry == e) for e in range(int(counts.max()))]
+    bias = max(_mean_sigmas(errors, hat, variance, of_entry) for of_entry in entries)
+    alike = _neighbour_sigmas(errors, hat, variance, entries)
+    count = len(members)
+    limits = [_limit(of, count) for of in (count, len(entries), 1)]
+    return ConflictReport(
+        name=name,
+        discrepancy=discrepancy,
+        unit=unit.name,
+        squared_mahalanobis=distance,
+        degrees_of_freedom=unit.freedom,
+        sigmas=sigmas,
+        conflicting=any(x > limit for x, limit in zip((sigmas, bias, alike), limits, strict=True)),
+        member=int(members[worst]),
+        bias_sigmas=bias,
+        alike_sigmas=alike,
     )
 
 
@@ -128,34 +150,14 @@ def equivalent_sigmas(squared_mahalanobis: float, degrees_of_freedom: int) -> fl
     float
         Standard deviations, not negative.
     """
+    from scipy.special import chdtrc, ndtri
+
     if degrees_of_freedom == 0:
         return 0.0
-    probability = chi_square_survival(squared_mahalanobis, degrees_of_freedom)
+    probability = float(chdtrc(degrees_of_freedom, squared_mahalanobis))
     if probability < _LEAST_PROBABILITY:
         return math.sqrt(squared_mahalanobis)
-    return abs(NormalDist().inv_cdf(probability / 2))
-
-
-def chi_square_survival(x: float, degrees_of_freedom: int) -> float:
-    """Probability that a chi-square number exceeds `x`, by recursion from one or two degrees of freedom.
-
-    Parameters
-    ----------
-    x : float
-        The number, not negative.
-    degrees_of_freedom : int
-        At least 1.
-
-    Returns
-    -------
-    float
-        The probability.
-    """
-    odd = degrees_of_freedom % 2 == 1
-    survival = math.erfc(math.sqrt(x / 2)) if odd else math.exp(-x / 2)
-    for k in range(1 if odd else 2, degrees_of_freedom, 2):
-        survival += (x / 2) ** (k / 2) * math.exp(-x / 2) / math.gamma(k / 2 + 1)
-    return survival
+    return abs(float(ndtri(probability / 2)))
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
@@ -177,3 +179,37 @@ def _squared_mahalanobis(
     covariance += sensor_variance * np.eye(len(covariance))
     apart = seen.T @ error
     return float(apart @ np.linalg.solve(covariance, apart)), seen.shape[1]
+
+
+def _neighbour_sigmas(
+    errors: FloatArray, hat: FloatArray, variance: float, entries: Sequence[NDArray[np.intp]]
+) -> float:
+    """Standard deviations by which products of neighbouring errors exceed what chance makes of them.
+
+    A sensor that is wrong for a while bends the fit towards itself, and leaves errors that are not large but
+    alike.
+    """
+    products = expected = spread = 0.0
+    free = 1 - np.diag(hat)
+    for entry in entries:
+        before, here = entry[:-1], entry[1:]
+        products += float(errors[before] @ errors[here])
+        expected -= variance * float(hat[before, here].sum())
+        spread += float(free[before] @ free[here])
+    return (products - expected) / (variance * math.sqrt(max(spread, _LEAST_FREE)))
+
+
+def _mean_sigmas(errors: FloatArray, hat: FloatArray, variance: float, entry: NDArray[np.intp]) -> float:
+    """Standard deviations by which the mean of some errors differs from zero."""
+    among = hat[np.ix_(entry, entry)]
+    free = max(len(among) - float(among.sum()), _LEAST_FREE)
+    return float(abs(errors[entry].sum()) / np.sqrt(variance * free))
+
+
+def _limit(count: int, members: int) -> float:
+    """Standard deviations that the largest of as many numbers exceeds as rarely as one the usual limit.
+
+    Raised by what the median of the members leaves open of their measure.
+    """
+    rare = -NormalDist().inv_cdf(NormalDist().cdf(-CONFLICT_SIGMAS) / count)
+    return rare * (1 + _MEDIAN_SPREAD / math.sqrt(members))

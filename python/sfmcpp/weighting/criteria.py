@@ -6,6 +6,10 @@ minimises beside the selected constraint, and ν, the mean squared error of that
 derivative is ever taken (Hansen, "The L-curve and its use in the numerical treatment of inverse problems",
 2001, §5). Differences of ρ itself drown in rounding at small weights, where ρ moves with λ⁴: the thesis
 reports a chaotic zone there, and that its L-curve and LTN choose in it.
+
+All three take the weights λ (W,), not negative and increasing; ρ and ν (W,) at each; and dν / d log λ (W,),
+None for differences. They return (W,) scores, infinite for λ = 0, and raise InvalidArgument if the arrays do
+not fit together or the weights do not increase.
 """
 
 from __future__ import annotations
@@ -28,24 +32,13 @@ def l_curve_scores(
 
     Parameters
     ----------
-    weights : (W,) float64
-        Weights λ, increasing.
-    rest : (W,) float64
-        ρ, the mean squared reprojection error (and the constraints that keep their weight).
-    constraint : (W,) float64
-        ν, the mean squared error of the constraint.
-    slope : (W,) float64, optional
-        dν / d log λ; None: from differences.
+    weights, rest, constraint, slope : (W,) float64
+        λ, ρ, ν and dν / d log λ.
 
     Returns
     -------
     (W,) float64
         −κ; infinite where the curve stands still or an objective is zero, and for λ = 0.
-
-    Raises
-    ------
-    InvalidArgument
-        If the arrays do not fit together or the weights do not increase.
     """
     rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
     defined = (weights > 0) & (rho > 0) & (nu > 0) & (nu_slope < 0)
@@ -66,24 +59,13 @@ def scaled_l_curve_scores(
 
     Parameters
     ----------
-    weights : (W,) float64
-        Weights λ, increasing.
-    rest : (W,) float64
-        ρ, the mean squared reprojection error (and the constraints that keep their weight).
-    constraint : (W,) float64
-        ν, the mean squared error of the constraint.
-    slope : (W,) float64, optional
-        dν / d log λ; None: from differences.
+    weights, rest, constraint, slope : (W,) float64
+        λ, ρ, ν and dν / d log λ.
 
     Returns
     -------
     (W,) float64
         Minus the curvature; infinite where the curve stands still, and for λ = 0.
-
-    Raises
-    ------
-    InvalidArgument
-        If the arrays do not fit together or the weights do not increase.
     """
     rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
     height, width = np.ptp(nu), np.ptp(rho)
@@ -101,24 +83,13 @@ def ltn_scores(
 
     Parameters
     ----------
-    weights : (W,) float64
-        Weights λ, increasing.
-    rest : (W,) float64
-        ρ, the mean squared reprojection error (and the constraints that keep their weight).
-    constraint : (W,) float64
-        ν, the mean squared error of the constraint.
-    slope : (W,) float64, optional
-        dν / d log λ; None: from differences.
+    weights, rest, constraint, slope : (W,) float64
+        λ, ρ, ν and dν / d log λ.
 
     Returns
     -------
     (W,) float64
         The scores; zero for an objective that stands still, infinite for λ = 0.
-
-    Raises
-    ------
-    InvalidArgument
-        If the arrays do not fit together or the weights do not increase.
     """
     rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
     scores = _scaled(weights**2 * nu_slope, rho) ** 2 + _scaled(nu_slope, nu) ** 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,30 +11,10 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CONSTRAINT_KINDS
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
+from sfmcpp.weighting.units import ConstraintUnit, unit_of
 
-
-@dataclass(frozen=True)
-class ConstraintUnit:
-    """How the mean squared error of a kind relates to errors in the unit of the sensor.
-
-    Attributes
-    ----------
-    name : str
-        The unit.
-    spread : float
-        An error vector d in that unit has the mean squared error ``‖d‖² / spread``, to first order; NaN: the
-        number of its points.
-    """
-
-    name: str
-    spread: float
-
-
-CONSTRAINT_UNITS: dict[str, ConstraintUnit] = {
-    kind.name: ConstraintUnit(kind.unit, math.nan if kind.spread is None else kind.spread)
-    for kind in CONSTRAINT_KINDS.values()
-    if kind.on_poses
-}
+# Constraints on intrinsics are no constraints on one pose.
+POSE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses)
 
 
 @dataclass(frozen=True)
@@ -64,7 +43,7 @@ class PoseConstraint:
     Parameters
     ----------
     kind : str
-        One of `CONSTRAINT_UNITS`.
+        One of `POSE_KINDS`.
     rotation : (3, 3) float64
         Measured rotation.
     translation : (3,) float64
@@ -99,8 +78,8 @@ class PoseConstraint:
     name: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in CONSTRAINT_UNITS:
-            raise InvalidArgument(f"kind = {self.kind!r}: must be one of {', '.join(CONSTRAINT_UNITS)}")
+        if self.kind not in POSE_KINDS:
+            raise InvalidArgument(f"kind = {self.kind!r}: must be one of {', '.join(POSE_KINDS)}")
         if CONSTRAINT_KINDS[self.kind].cameras == (2,) and self.previous is None:
             raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
         if self.sensor_sigma is not None:
@@ -118,15 +97,9 @@ class PoseConstraint:
         object.__setattr__(self, name, finite_array(name, value, shape))
 
     @property
-    def unit(self) -> str:
-        """Unit of the sensor's error."""
-        return CONSTRAINT_UNITS[self.kind].name
-
-    @property
-    def spread(self) -> float:
-        """Square of an error in `unit`, over the mean squared error it makes."""
-        spread = CONSTRAINT_UNITS[self.kind].spread
-        return float(len(self.points)) if math.isnan(spread) else spread
+    def unit(self) -> ConstraintUnit:
+        """Unit of the sensor's error, and how it relates to the mean squared error."""
+        return unit_of(self.kind, [self.points])
 
     def arrays(self, weight: float) -> dict[str, object]:
         """The constraint at a weight as the core takes it."""

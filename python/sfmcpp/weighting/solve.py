@@ -10,7 +10,7 @@ from sfmcpp.ba.adjust import Callback, adjust
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.weighting.whole.selection import select_group_weights
+from sfmcpp.weighting.problem import frame_conflict, select_group_weights
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -84,4 +84,6 @@ def solve(
     settings.validate()
     groups = list(constraints)
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
-    return replace(adjust(problem, groups, settings, callback), group_weights=chosen)
+    apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
+    summary = adjust(problem, groups, settings, callback)
+    return replace(summary, group_weights=chosen, warnings=[*summary.warnings, *apart])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp import _core
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.weighting.pose_constraint import PoseConstraint
 from sfmcpp.weighting.pose_view import PoseView
@@ -17,8 +18,7 @@ from sfmcpp.weighting.pose_view import PoseView
 INLIER_PX = 2.0
 FOLD_ITERATIONS = 3
 
-# A constraint and the weight it keeps.
-Held = tuple[PoseConstraint, float]
+WeightedConstraint = tuple[PoseConstraint, float]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def sweep_weights(
     weights: ArrayLike,
     start: ArrayLike,
     *,
-    held: Sequence[Held] = (),
+    held: Sequence[WeightedConstraint] = (),
     leave_one_out: bool = False,
     approximate_leave_one_out: bool = False,
     threads: int = 1,
@@ -136,7 +136,7 @@ def sweep_weights(
     return WeightSweep(weights=grid, **found)
 
 
-def refine_pose(view: PoseView, constraints: Sequence[Held], start: ArrayLike) -> PoseFit:
+def refine_pose(view: PoseView, constraints: Sequence[WeightedConstraint], start: ArrayLike) -> PoseFit:
     """Fit the pose with every constraint at its weight (thesis eq. 5.7).
 
     Parameters
@@ -161,3 +161,30 @@ def refine_pose(view: PoseView, constraints: Sequence[Held], start: ArrayLike) -
     arrays = [constraint.arrays(weight) for constraint, weight in constraints]
     pose = finite_array("start", start, (3, 4))
     return PoseFit(**_core.refine_pose(view.arrays(), arrays, pose, _core.PoseSweepOptions()))
+
+
+def weight_grid(count: int = 100, smallest: float = 1e-3, largest: float = 1e3) -> FloatArray:
+    """Zero and log-spaced weights (thesis eq. 5.6, with both ends included).
+
+    Parameters
+    ----------
+    count : int
+        Number of weights, zero included; at least 3.
+    smallest, largest : float
+        Ends of the positive weights.
+
+    Returns
+    -------
+    (count,) float64
+        Increasing weights, the first of them zero.
+
+    Raises
+    ------
+    InvalidArgument
+        If `count` is too small or the ends are not positive, finite and in order.
+    """
+    if count < 3:
+        raise InvalidArgument(f"count = {count}: must be at least 3")
+    if not 0 < smallest < largest < np.inf:
+        raise InvalidArgument(f"smallest = {smallest}, largest = {largest}: must be positive and in order")
+    return np.concatenate([[0.0], np.geomspace(smallest, largest, count - 1)])

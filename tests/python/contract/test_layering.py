@@ -227,7 +227,7 @@ def test_a_forbidden_import_is_found(tmp_path: Path, file: str, text: str) -> No
             "import os.path\nimport numpy as np\nfrom sfmcpp import _core\nfrom ..model import Problem",
         ),
         ("ba/solve.py", "from . import options\nfrom .options import SolveOptions"),
-        ("weighting/whole/fits.py", "from sfmcpp.ba import adjust\nfrom scipy import sparse"),
+        ("weighting/fits.py", "from sfmcpp.ba import adjust\nfrom scipy import sparse"),
         ("study/evaluation/rms.py", "from sfmcpp.ba import adjust"),
     ],
 )

@@ -32,6 +32,8 @@ class ConstraintTerms {
                   const std::vector<int>& free_intrinsics);
 
   linear::CameraPairs pairs() const;
+  // Where derivatives go among the columns of a camera.
+  const residuals::ConstraintColumns& columns() const { return columns_; }
   // Independent equations at most.
   long num_equations() const;
 

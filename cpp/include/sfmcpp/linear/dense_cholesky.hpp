@@ -2,6 +2,8 @@
 
 #include <span>
 
+#include <Eigen/Core>
+
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
@@ -31,6 +33,9 @@ class DenseCholesky {
   bool factorize(ThreadPool& pool);
   // x ← A⁻¹ x.
   void solve(std::span<double> x);
+  // The same for every column.
+  void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
+  double log_determinant() const;
 
  private:
   CholeskyKernels kernels_;

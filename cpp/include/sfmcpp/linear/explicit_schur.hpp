@@ -3,6 +3,8 @@
 #include <memory>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 
@@ -30,6 +32,8 @@ class ExplicitSchurSolver final : public LinearSolver {
   // columns before and the solution after. False where the matrix is not positive definite.
   bool factorize(const Damping& damping);
   bool solve_reduced(std::vector<double>& x);
+  void solve_reduced(Eigen::MatrixXd& x);  // every column
+  double log_determinant() const;
   const PointElimination& elimination() const { return elimination_; }
 
  private:

@@ -24,6 +24,8 @@ class SparseCholesky {
   // False if not positive definite.
   virtual bool factorize(const SparseLower& matrix) = 0;
   virtual void solve(std::vector<double>& x) = 0;
+  // Of the factorised matrix.
+  virtual double log_determinant() const = 0;
 };
 
 // Analyses the pattern; the columns keep their order.

@@ -102,7 +102,7 @@ def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
         Not shown, not registered with pyplot.
     """
     start = records[0].t_s if records else 0.0
-    names = sorted({selection.constraint.name for record in records for selection in _curves(record)})
+    names = sorted({selection.name for record in records for selection in _curves(record)})
     figure = new_figure(10, 4 * max(len(names), 1))
     panels = figure.subplots(max(len(names), 1), 2, squeeze=False)
     for name, (errors, scores) in zip(names, panels, strict=True):
@@ -125,7 +125,7 @@ def _curves(record: KeyframeRecord) -> Iterator[WeightSelection]:
 def _of_sensor(records: Sequence[KeyframeRecord], name: str, start_s: float) -> Iterator[Chosen]:
     for record in records:
         for selection in _curves(record):
-            if selection.constraint.name == name:
+            if selection.name == name:
                 yield record.t_s - start_s, selection
 
 
@@ -183,7 +183,7 @@ def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> 
     errors.set_xscale("log")
     errors.set_yscale("log")
     scores.set_xscale("log")
-    errors.set_xlabel(f"mean squared error of the {name} [{example.constraint.unit}²]")
+    errors.set_xlabel(f"mean squared error of the {name} [{example.unit}²]")
     errors.set_ylabel("relative increase of that of the images")
     scores.set_xlabel("weight λ")
     scores.set_ylabel(f"score of {example.method}, scaled")

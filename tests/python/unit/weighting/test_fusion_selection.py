@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from fusion_helpers import Array, Drive, make_drive, moved, project, slow_fit, slow_leave_one_out, stacked
 from sfmcpp import InvalidArgument
 from sfmcpp.weighting import (
+    POSE_METHODS,
     PoseConstraint,
     PoseView,
     WeightSweep,
@@ -20,10 +21,9 @@ from sfmcpp.weighting import (
     sweep_weights,
     weight_grid,
 )
-from sfmcpp.weighting.method import METHODS
 
 SENSORS = ("odometer", "gyro", "gps")
-NAMED = [name for name in METHODS if name != "fixed:λ"]
+NAMED = [name for name in POSE_METHODS if name != "fixed:λ"]
 
 
 def sensor(drive: Drive, name: str, sigma: float = 0.02) -> PoseConstraint:
@@ -191,9 +191,10 @@ def test_millimetres_instead_of_metres_change_the_unit_and_nothing_else(method: 
 @pytest.mark.parametrize("method", NAMED)
 def test_selection_carries_the_curve_it_was_chosen_from(method: str) -> None:
     drive = make_drive(9)
-    choice = select_weight(drive.view, drive.gyro(0.01), drive.truth, method)
+    gyro = drive.gyro(0.01)
+    choice = select_weight(drive.view, gyro, drive.truth, method)
     index = int(np.flatnonzero(choice.weights == choice.weight)[0])
-    expected = refine_pose(drive.view, [(choice.constraint, choice.weight)], drive.truth)
+    expected = refine_pose(drive.view, [(gyro, choice.weight)], drive.truth)
     np.testing.assert_allclose(choice.pose, expected.pose, atol=1e-9)
     assert choice.vision[index] == pytest.approx(expected.vision)
     assert choice.constraint_error[index] == pytest.approx(expected.constraints[0])
@@ -220,7 +221,7 @@ def test_several_sensors_are_fitted_together_at_their_weights() -> None:
     sensors = [drive.odometer(0.01), drive.gyro(0.002)]
     choices = select_weights(drive.view, sensors, drive.truth, ["loo", "fixed:40"])
     assert choices[1].weight == 40
-    weighted = [(c.constraint, c.weight) for c in choices]
+    weighted = [(s, c.weight) for s, c in zip(sensors, choices, strict=True)]
     expected = slow_fit(drive.view, weighted, drive.truth)
     for choice in choices:
         np.testing.assert_allclose(choice.pose, expected, atol=2e-7)
@@ -251,6 +252,10 @@ def test_refusals_name_argument_and_rule() -> None:
     gyro = drive.gyro(0.01)
     with pytest.raises(InvalidArgument, match="method = 'best': must be one of loo, loo-approx"):
         select_weight(drive.view, gyro, drive.truth, "best")
+    with pytest.raises(
+        InvalidArgument, match="method = 'variance': is for a whole problem; for one pose must"
+    ):
+        select_weight(drive.view, gyro, drive.truth, "variance")
     with pytest.raises(InvalidArgument, match="method = 'fixed:much': the weight must be a finite number"):
         select_weight(drive.view, gyro, drive.truth, "fixed:much")
     with pytest.raises(InvalidArgument, match="weights: must begin with zero"):

@@ -9,19 +9,27 @@ import pytest
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem, Summary
-from sfmcpp.model import GroupWeightSelection
-from sfmcpp.weighting import WEIGHT_METHODS, l_curve_scores, ltn_scores, running_median, scaled_l_curve_scores
-from sfmcpp.weighting.whole import member_errors, reduced_system, selection
+from sfmcpp.geometry import fit_similarity
+from sfmcpp.weighting import (
+    PROBLEM_METHODS,
+    WeightSelection,
+    l_curve_scores,
+    ltn_scores,
+    running_median,
+    scaled_l_curve_scores,
+    statistics,
+)
+from sfmcpp.weighting import problem as weighting_problem
 from weight_helpers import Array, gps, odometer, street
 
 
 def choose(
     problem: Problem, *groups: ConstraintGroup, weight: str = "auto", **options: object
-) -> list[GroupWeightSelection]:
+) -> list[WeightSelection]:
     return sfmcpp.solve(problem.copy(), constraints=groups, weight=weight, **options).group_weights
 
 
-def is_recovered(chosen: GroupWeightSelection, sigma: float) -> bool:
+def is_recovered(chosen: WeightSelection, sigma: float) -> bool:
     """Within three standard errors of a standard deviation from that many numbers, and at most half off."""
     assert chosen.redundancy is not None
     return abs(np.log(chosen.sensor_sigma / sigma)) < min(3 / np.sqrt(2 * chosen.redundancy), np.log(2))
@@ -44,7 +52,7 @@ def test_the_noise_of_a_gps_is_recovered(drift: tuple[Problem, Problem], sigma_m
     assert chosen.method == "variance"
     assert chosen.unit == "m"
     assert is_recovered(chosen, sigma_m)
-    assert chosen.agrees
+    assert not chosen.conflict.conflicting
 
 
 def test_the_noises_of_two_sensors_are_recovered_together(drift: tuple[Problem, Problem]) -> None:
@@ -160,9 +168,9 @@ def test_one_bad_fix_is_named(drift: tuple[Problem, Problem]) -> None:
     assert group.values is not None
     group.values[17, 1] += 2.0
     (chosen,) = choose(drift[0], group)
-    assert not chosen.agrees
-    assert chosen.worst_member == 17
-    assert chosen.worst_sigmas > 6
+    assert chosen.conflict.conflicting
+    assert chosen.conflict.member == 17
+    assert chosen.conflict.sigmas > 6
     assert "disagrees with the images: member 17 is" in chosen.describe()
 
 
@@ -171,10 +179,10 @@ def test_fixes_that_are_off_for_a_while_are_told_by_their_neighbours(drift: tupl
     assert group.values is not None
     group.values[15:25, 0] += 2.0
     (chosen,) = choose(drift[0], group)
-    assert not chosen.agrees
-    assert chosen.alike_sigmas > 4
+    assert chosen.conflict.conflicting
+    assert chosen.conflict.alike_sigmas > 4
     honest = choose(drift[0], gps(drift[1], 0.1))[0]
-    assert abs(honest.alike_sigmas) < 3
+    assert abs(honest.conflict.alike_sigmas) < 3
 
 
 def test_a_wrong_scale_of_an_odometer_is_told_by_its_mean(drift: tuple[Problem, Problem]) -> None:
@@ -182,10 +190,10 @@ def test_a_wrong_scale_of_an_odometer_is_told_by_its_mean(drift: tuple[Problem, 
     assert wrong.values is not None
     wrong.values *= 1.3
     honest, lying = choose(drift[0], gps(drift[1], 0.1), wrong)
-    assert honest.agrees
+    assert not honest.conflict.conflicting
     assert is_recovered(honest, 0.1)
-    assert not lying.agrees
-    assert lying.bias_sigmas > 4
+    assert lying.conflict.conflicting
+    assert lying.conflict.bias_sigmas > 4
     assert lying.sensor_sigma > 10 * 0.02
 
 
@@ -229,8 +237,7 @@ def test_a_summary_with_weights_prints_and_is_plain_json(
 def test_a_problem_too_large_for_dense_matrices_is_weighed_by_folds(
     drift: tuple[Problem, Problem], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (member_errors, reduced_system, selection):
-        monkeypatch.setattr(module, "MAX_COLUMNS", 100)
+    monkeypatch.setattr(statistics, "MAX_COLUMNS", 100)
     (chosen,) = choose(drift[0], gps(drift[1], 0.1), weight="k-fold")
     assert chosen.redundancy is None
     assert 0.5 < chosen.sensor_sigma / 0.1 < 2
@@ -257,7 +264,9 @@ def test_without_a_method_nothing_is_chosen(drift: tuple[Problem, Problem]) -> N
 def test_an_unknown_method_is_refused_with_the_known_ones(
     drift: tuple[Problem, Problem], weight: str | dict[str, str]
 ) -> None:
-    with pytest.raises(InvalidArgument, match="weight = 'best': must be one of " + ", ".join(WEIGHT_METHODS)):
+    with pytest.raises(
+        InvalidArgument, match="weight = 'best': must be one of " + ", ".join(PROBLEM_METHODS)
+    ):
         sfmcpp.solve(drift[0], constraints=[gps(drift[1], 0.1)], weight=weight)
 
 
@@ -287,9 +296,39 @@ def test_ctrl_c_while_choosing_leaves_everything_as_it_was(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(selection, "balanced", interrupted)
+    monkeypatch.setattr(weighting_problem, "VarianceSearch", interrupted)
     start, group = drift[0].copy(), gps(drift[1], 0.1, weight=5.0)
     with pytest.raises(KeyboardInterrupt):
         sfmcpp.solve(start, constraints=[group], weight="auto")
     assert group.weight == 5.0
     np.testing.assert_array_equal(start.cameras, drift[0].cameras)
+
+
+@pytest.mark.parametrize("kind", ["position", "pose"])
+def test_positions_in_another_frame_are_refused_with_the_alignment_to_use(
+    drift: tuple[Problem, Problem], kind: str
+) -> None:
+    start, truth = drift[0].copy(), drift[1]
+    utm = np.array([4.5e5, 5.4e6, 300.0])
+    values = truth.centres if kind == "position" else truth.cameras.copy()
+    values = values + (utm if kind == "position" else np.pad(utm[:, None], ((0, 0), (3, 0))))
+    group = ConstraintGroup(kind, np.arange(truth.num_cameras), values, name="gps", weight=1e-9)
+    before = start.cameras.copy()
+    with pytest.raises(
+        InvalidArgument, match=r"constraints\['gps'\]: its positions are 5.42e\+06 from"
+    ) as told:
+        sfmcpp.solve(start, constraints=[group], weight="auto")
+    assert "sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.values" in str(told.value)
+    np.testing.assert_array_equal(start.cameras, before)
+    (warning,) = [
+        w for w in sfmcpp.solve(start.copy(), constraints=[group], max_iterations=1).warnings if "gps" in w
+    ]
+    assert "Align first" in warning
+    if kind == "pose":
+        return
+    h = fit_similarity(start.centres[group.cameras], group.values)
+    start.cameras[:], start.points[:] = h.apply_to_poses(start.cameras), h.apply(start.points)
+    noisy = gps(truth, 0.1)
+    noisy.values += utm
+    (chosen,) = choose(start, noisy)
+    assert is_recovered(chosen, 0.1)

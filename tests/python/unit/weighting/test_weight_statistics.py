@@ -8,9 +8,10 @@ from scipy.optimize import minimize_scalar
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, Problem
-from sfmcpp.weighting.whole.fits import WeightFit, WeightFits
-from sfmcpp.weighting.whole.methods import FOLDS, SWEEPS, fold_of_observation
-from sfmcpp.weighting.whole.statistics import FitStatistics
+from sfmcpp.weighting import WEIGHT_METHODS
+from sfmcpp.weighting.fits import WeightFit, WeightFits
+from sfmcpp.weighting.statistics import FitStatistics
+from sfmcpp.weighting.trials import FOLDS, fold_of_observation, score_of
 from weight_helpers import Array, dense_jacobian, dense_rows, fitted, gps, odometer, small_scene
 
 SIGMA_M = 0.05
@@ -46,7 +47,7 @@ def test_redundancies_add_up_to_the_degrees_of_freedom() -> None:
     groups = [gps(truth, SIGMA_M), odometer(truth, 0.01)]
     weights = np.array([3 / SIGMA_M**2, 1e4])
     fits, fit = fitted(problem, groups, weights)
-    found = FitStatistics(fits, fit, weights).redundancy
+    found = FitStatistics(fits, fit.problem, weights).redundancy
     measured = 2 * len(problem.pixels) + 3 * 6 + 5
     unknown = 6 * 6 + 3 * problem.num_points
     assert found.images + found.groups.sum() == pytest.approx(measured - unknown, abs=1e-3)
@@ -61,7 +62,7 @@ def test_the_redundancy_of_a_group_is_that_of_the_dense_hat_matrix(
     jacobian, (_, rows) = dense_jacobian(fit.problem), dense_rows(group, fit.problem)
     rows = np.sqrt(weights[0]) * rows
     hat = rows @ np.linalg.solve(jacobian.T @ jacobian + rows.T @ rows, rows.T)
-    found = FitStatistics(fits, fit, weights)
+    found = FitStatistics(fits, fit.problem, weights)
     np.testing.assert_allclose(found.hats[0], hat, atol=1e-5)
     assert found.redundancy.groups[0] == pytest.approx(18 - np.trace(hat), abs=1e-4)
 
@@ -72,7 +73,7 @@ def test_the_best_factor_maximises_the_dense_restricted_likelihood(factor: float
     group = gps(truth, SIGMA_M, seed=3)
     weights = np.array([factor * 3 / SIGMA_M**2])
     fits, fit = fitted(problem, [group], weights)
-    statistics = FitStatistics(fits, fit, weights)
+    statistics = FitStatistics(fits, fit.problem, weights)
     residuals = sfmcpp.residuals(fit.problem).ravel()
     jacobian, (errors, rows) = dense_jacobian(fit.problem), dense_rows(group, fit.problem)
 
@@ -97,7 +98,7 @@ def test_left_out_errors_in_closed_form_are_those_of_refits(
         [refitted_residuals(fit, group, np.array([o]))[0] for o in range(len(fit.problem.pixels))]
     )
     score = fits.left_out_loss((exact**2).sum(axis=1)).mean()
-    assert FitStatistics(fits, fit, weights).left_out_error() == pytest.approx(score, rel=0.05)
+    assert FitStatistics(fits, fit.problem, weights).left_out_error() == pytest.approx(score, rel=0.05)
 
 
 def test_folds_leave_out_four_observations_of_each_point_one_at_a_time() -> None:
@@ -118,7 +119,14 @@ def test_the_score_of_folds_is_that_of_plain_refits(
     folds = fold_of_observation(fit.problem.point_index)
     exact = [refitted_residuals(fit, group, np.flatnonzero(folds == f)) for f in range(FOLDS)]
     score = fits.left_out_loss((np.concatenate(exact) ** 2).sum(axis=1)).mean()
-    assert SWEEPS["k-fold"].score(fits, 0, weights[None], [fit])[0] == pytest.approx(score, rel=1e-3)
+    assert score_of(WEIGHT_METHODS["k-fold"])(fits, 0, weights[None], [fit])[0] == pytest.approx(
+        score, rel=1e-3
+    )
+
+
+def _image_sigma(problem: Problem, group: ConstraintGroup, weights: Array, **options: object) -> float:
+    fits, fit = fitted(problem, [group], weights, **options)
+    return FitStatistics(fits, fit.problem, weights).image_sigma
 
 
 def test_image_sigma_is_found_with_and_without_outliers() -> None:
@@ -126,9 +134,9 @@ def test_image_sigma_is_found_with_and_without_outliers() -> None:
     problem = sfmcpp.perturb(truth, position_sigma_m=0.02, seed=1)
     weights = np.array([3 / SIGMA_M**2])
     group = gps(truth, SIGMA_M)
-    sigma = FitStatistics(*fitted(problem, [group], weights), weights).image_sigma
+    sigma = _image_sigma(problem, group, weights)
     assert sigma == pytest.approx(2.0, rel=0.07)
     spoiled, _ = sfmcpp.add_outliers(problem, 0.05, seed=2)
     options = {"loss": "tukey", "loss_scale_px": 4.6851 * 2}
-    robust = FitStatistics(*fitted(spoiled, [group], weights, **options), weights).image_sigma
+    robust = _image_sigma(spoiled, group, weights, **options)
     assert robust == pytest.approx(2.0, rel=0.15)

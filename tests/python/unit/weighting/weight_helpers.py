@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 import sfmcpp
 from sfmcpp import ConstraintGroup, Problem
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.weighting.whole.constraint_rows import constraint_rows
-from sfmcpp.weighting.whole.fits import WeightFit, WeightFits
-from sfmcpp.weighting.whole.image_jacobian import image_jacobian
+from sfmcpp.weighting.fits import WeightFit, WeightFits
 
 Array = NDArray[np.float64]
 
@@ -61,18 +59,12 @@ def fitted(
 
 def dense_jacobian(problem: Problem) -> Array:
     """(2M, n + 3N): all columns of cameras, then all points."""
-    blocks = image_jacobian(problem)
-    count, cameras = len(problem.pixels), blocks.cameras.count
-    dense = np.zeros((count, 2, cameras + 1 + 3 * problem.num_points))
-    for o in range(count):
-        for d, column in enumerate(blocks.columns[o]):
-            dense[o, :, column] += blocks.by_camera[o, :, d]
-        begin = cameras + 1 + 3 * problem.point_index[o]
-        dense[o, :, begin : begin + 3] += blocks.by_point[o]
-    return np.delete(dense, cameras, axis=2).reshape(2 * count, -1)
+    return np.asarray(sfmcpp.linearize(problem).jacobian().toarray())
 
 
 def dense_rows(group: ConstraintGroup, problem: Problem) -> tuple[Array, Array]:
     """Errors of a group and their Jacobian over the columns of :func:`dense_jacobian`."""
-    rows = constraint_rows(group, problem, image_jacobian(problem).cameras)
-    return rows.errors, np.pad(rows.jacobian, ((0, 0), (0, 3 * problem.num_points)))
+    model = sfmcpp.linearize(problem, constraints=[group])
+    (rows,) = model.groups
+    missing = model.num_columns - model.num_camera_columns
+    return rows.errors, np.pad(rows.jacobian().toarray(), ((0, 0), (0, missing)))

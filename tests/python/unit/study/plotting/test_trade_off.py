@@ -7,18 +7,18 @@ from matplotlib.axes import Axes
 
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.study.plotting.weights import SHOWN, has_curves, plot_trade_off
-from sfmcpp.weighting import ConflictReport, PoseConstraint, WeightSelection
+from sfmcpp.weighting import ConflictReport, WeightSelection
 
 WEIGHTS = np.array([0.0, 0.1, 1.0, 10.0])
-CONFLICT = ConflictReport("", 0.1, "m", 1.0, 1, 1.0, None)
+CONFLICT = ConflictReport("", 0.1, "m", 1.0, 1, 1.0, conflicting=False)
 
 
 def selection(name: str, chosen: int, score: np.ndarray | None = None) -> WeightSelection:
     """A choice among `WEIGHTS`; the images' error grows by a hundredth a step, the constraint's is halved."""
-    constraint = PoseConstraint("scale", distance=1.0, previous=np.eye(3, 4), name=name)
     score = (np.arange(4.0) - chosen) ** 2 if score is None else score
     return WeightSelection(
-        constraint=constraint,
+        name=name,
+        unit="m",
         method="loo",
         weight=float(WEIGHTS[chosen]),
         pose=np.eye(3, 4),

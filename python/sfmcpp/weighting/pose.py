@@ -1,4 +1,4 @@
-"""Weights of sensor constraints, chosen from the data of one pose."""
+"""Weights of sensor constraints, chosen from the data of one pose: λ of each."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
-from sfmcpp.weighting.conflict import ConflictReport, conflict
-from sfmcpp.weighting.criteria import admissible_weights
-from sfmcpp.weighting.method import SelectionMethod, selection_method
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.weight_selection import WeightSelection
+from sfmcpp.weighting.conflict import conflict
+from sfmcpp.weighting.criteria import admissible_weights, running_median
+from sfmcpp.weighting.methods import WeightMethod, selection_method
 from sfmcpp.weighting.pose_constraint import PoseConstraint
 from sfmcpp.weighting.pose_view import PoseView
-from sfmcpp.weighting.sweep import Held, refine_pose, sweep_weights
-from sfmcpp.weighting.weights import weight_grid
+from sfmcpp.weighting.sweep import WeightedConstraint, WeightSweep, refine_pose, sweep_weights, weight_grid
+from sfmcpp.weighting.units import sigma_of_weight
 
 # Rounds over several sensors: each weight is chosen with the others in place, then once more.
 ROUNDS = 2
@@ -25,60 +26,8 @@ ROUNDS = 2
 _FIRST_ROUND = {"loo": "loo-approx"}
 
 
-@dataclass(frozen=True)
-class WeightSelection:
-    """A weight, and the whole curve it was chosen from.
-
-    Attributes
-    ----------
-    constraint : PoseConstraint
-        Whose weight it is.
-    method : str
-        How it was chosen.
-    weight : float
-        The chosen λ.
-    pose : (3, 4) float64
-        The pose fitted at that weight, world_from_camera.
-    weights : (W,) float64
-        The weights tried.
-    vision : (W,) float64
-        Mean squared reprojection error at each, in units of sigma_px².
-    constraint_error : (W,) float64
-        Mean squared error of the constraint at each.
-    score : (W,) float64
-        What the method minimises; infinite where it may not choose.
-    admissible : (W,) bool
-        Weights that keep at least 90 % of the inliers.
-    sensor_sigma : float
-        Standard deviation that the weight amounts to, in the constraint's unit: with it and with the noise
-        of the images, maximum likelihood has the same minimum. Infinite for λ = 0.
-    conflict : ConflictReport
-        Whether the sensor agrees with the images alone.
-    """
-
-    constraint: PoseConstraint
-    method: str
-    weight: float
-    pose: FloatArray
-    weights: FloatArray
-    vision: FloatArray
-    constraint_error: FloatArray
-    score: FloatArray
-    admissible: BoolArray
-    sensor_sigma: float
-    conflict: ConflictReport
-
-    def describe(self) -> str:
-        """What was chosen, and whether sensor and images agree, in one line."""
-        amounts = f"σ = {self.sensor_sigma:.3g} {self.constraint.unit}" if self.weight > 0 else "left out"
-        return f"λ = {self.weight:.3g} by {self.method} ({amounts}); {self.conflict.describe()}"
-
-
 def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixel_sigma: float) -> float:
-    """Standard deviation of a sensor that a weight amounts to.
-
-    ``1/n Σ‖r‖² + λ² ‖d‖²/spread`` is, up to a factor, the log-likelihood
-    ``Σ‖r‖²/σ_px² + ‖d‖²/σ²`` with ``σ = σ_px √(spread / n) / λ``.
+    """Standard deviation of a sensor that a weight λ amounts to: ``σ_px √(spread / n) / λ``.
 
     Parameters
     ----------
@@ -96,9 +45,7 @@ def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixe
     float
         Standard deviation of each component, in the constraint's unit; infinite for λ = 0.
     """
-    if weight == 0:
-        return float("inf")
-    return float(pixel_sigma * np.sqrt(constraint.spread / count) / weight)
+    return sigma_of_weight(constraint.unit, count * weight**2, pixel_sigma)
 
 
 def select_weight(
@@ -108,7 +55,7 @@ def select_weight(
     method: str = "loo",
     *,
     weights: ArrayLike | None = None,
-    held: Sequence[Held] = (),
+    held: Sequence[WeightedConstraint] = (),
     threads: int = 1,
 ) -> WeightSelection:
     """Choose the weight of one constraint (thesis §5.2.3).
@@ -221,9 +168,9 @@ class _Images:
 def _select(
     images: _Images,
     constraint: PoseConstraint,
-    method: SelectionMethod,
+    method: WeightMethod,
     weights: ArrayLike | None,
-    held: Sequence[Held],
+    held: Sequence[WeightedConstraint],
 ) -> WeightSelection:
     grid = method.grid if method.grid is not None else _checked_grid(weights)
     sweep = sweep_weights(
@@ -238,23 +185,32 @@ def _select(
     )
     alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
     admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))
-    score = method.score(sweep)
+    score = _score(method, sweep)
     index = method.choose(score, admissible)
     pixel_sigma = images.view.pixel_sigma(float(alone.vision[0]))
     weight = float(grid[index])
     return WeightSelection(
-        constraint=constraint,
+        name=constraint.name,
         method=method.name,
         weight=weight,
-        pose=sweep.poses[index],
         weights=grid,
         vision=sweep.vision,
         constraint_error=sweep.constraint,
         score=score,
         admissible=admissible,
         sensor_sigma=equivalent_sigma(constraint, weight, images.view.count, pixel_sigma),
+        unit=constraint.unit.name,
         conflict=conflict(images.view, constraint, images.pose),
+        pose=sweep.poses[index],
     )
+
+
+def _score(method: WeightMethod, sweep: WeightSweep) -> FloatArray:
+    if method.trade_off is not None:
+        rest = sweep.vision + sweep.held
+        return running_median(method.trade_off(sweep.weights, rest, sweep.constraint, sweep.constraint_slope))
+    measured = {"loo": sweep.leave_one_out, "loo-approx": sweep.approximate_leave_one_out}
+    return measured.get(method.name, np.zeros_like(sweep.weights))
 
 
 def _checked_grid(weights: ArrayLike | None) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The ways to choose the weight of a group from a whole problem, by name."""
+"""A whole problem over a grid of weights of one group, and what each method makes of it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.weighting import criteria
-from sfmcpp.weighting.whole.fits import WeightFit, WeightFits
-from sfmcpp.weighting.whole.statistics import fit_statistics
+from sfmcpp.weighting.criteria import admissible_weights, running_median
+from sfmcpp.weighting.fits import WeightFit, WeightFits
+from sfmcpp.weighting.methods import WeightMethod
+from sfmcpp.weighting.statistics import FitStatistics
 
 # The sweep: half a decade a step, four decades each way from where images and constraint balance; a method
 # that finds a lowest score tries four more weights around it.
@@ -25,7 +26,7 @@ FOLDS = 4
 FOLD_STEPS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trials:
     """Optima over weights of one group.
 
@@ -50,62 +51,12 @@ class Trials:
     index: int
 
 
-@dataclass(frozen=True)
-class SweepMethod:
-    """A way to choose from a sweep over weights.
-
-    Attributes
-    ----------
-    score : callable
-        (W,) scores of the weights of group k, given as (W, groups), and their optima.
-    choose : callable
-        Index of the weight to take, from scores and which weights are admissible.
-    refines : bool
-        Whether more weights around the first choice make sense.
-    """
-
-    score: Callable[[WeightFits, int, FloatArray, Sequence[WeightFit]], FloatArray]
-    choose: Callable[[FloatArray, BoolArray], int]
-    refines: bool
-
-
 def admissible(fits: WeightFits, tried: Sequence[WeightFit]) -> BoolArray:
     """Which fits keep enough inliers of the images alone (thesis §5.2.3.2)."""
-    return criteria.admissible_weights(np.array([fit.inliers for fit in tried]), fits.alone.inliers)
+    return admissible_weights(np.array([fit.inliers for fit in tried]), fits.alone.inliers)
 
 
-def balanced(fits: WeightFits, weights: FloatArray, chosen: Sequence[int]) -> tuple[FloatArray, WeightFit]:
-    """Weights at which images and constraints balance, as if the fit used up no redundancy.
-
-    ``w = s² n / Σ m ε`` with n numbers measured and s the noise of the images alone; twice, because the
-    images alone are free to drift away from the sensor.
-
-    Parameters
-    ----------
-    fits : WeightFits
-        Problem and groups.
-    weights : (k,) float64
-        Weights of the groups that keep theirs.
-    chosen : sequence of int
-        The others.
-
-    Returns
-    -------
-    weights : (k,) float64
-        All weights.
-    fit : WeightFit
-        The optimum there.
-    """
-    found, fit = weights.copy(), fits.alone
-    for _ in range(2):
-        for k in chosen:
-            error = max(fit.errors[k], np.finfo(float).tiny)
-            found[k] = fits.bounded(k, fits.noise**2 * fits.measurements(k) / error)
-        fit = fits.fit(found, fit.problem)
-    return found, fit
-
-
-def sweep(fits: WeightFits, k: int, weights: FloatArray, start: WeightFit, method: SweepMethod) -> Trials:
+def sweep(fits: WeightFits, k: int, weights: FloatArray, start: WeightFit, method: WeightMethod) -> Trials:
     """Choose the weight of one group from a logarithmic grid, the other groups held.
 
     Parameters
@@ -118,7 +69,7 @@ def sweep(fits: WeightFits, k: int, weights: FloatArray, start: WeightFit, metho
         Present weights; that of the group is the middle of the grid.
     start : WeightFit
         The optimum at these weights. Each fit starts at that of its neighbour nearer to it.
-    method : SweepMethod
+    method : WeightMethod
         How to score and choose.
 
     Returns
@@ -151,11 +102,11 @@ def _fits_outwards(
 
 
 def _trials(
-    fits: WeightFits, k: int, weights: FloatArray, found: dict[float, WeightFit], method: SweepMethod
+    fits: WeightFits, k: int, weights: FloatArray, found: dict[float, WeightFit], method: WeightMethod
 ) -> Trials:
     tried = np.array(sorted(found))
     optima = [found[float(weight)] for weight in tried]
-    score = method.score(fits, k, np.array([_with(weights, k, w) for w in tried]), optima)
+    score = score_of(method)(fits, k, np.array([_with(weights, k, w) for w in tried]), optima)
     allowed = admissible(fits, optima)
     return Trials(tried, optima, score, allowed, method.choose(score, allowed))
 
@@ -166,9 +117,30 @@ def _with(weights: FloatArray, k: int, weight: float) -> FloatArray:
     return changed
 
 
+Scores = Callable[[WeightFits, int, FloatArray, Sequence[WeightFit]], FloatArray]
+
+
+def score_of(method: WeightMethod) -> Scores:
+    """(W,) scores of the weights of group k, given as (W, groups), and their optima."""
+    if method.trade_off is None:
+        return {"loo-approx": _left_out, "k-fold": _folds}[method.name]
+    criterion = method.trade_off
+
+    def score(fits: WeightFits, k: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+        """In the terms of one pose: means ρ and ν, and λ² with ``M (ρ + λ² ν)`` the cost."""
+        count, members = fits.alone.problem.num_observations, fits.groups[k].member_weights.sum()
+        errors = np.array([fit.errors for fit in optima])
+        others = np.delete(weights * errors, k, axis=1).sum(axis=1)
+        rest = (np.array([fit.images for fit in optima]) + others) / count
+        lambdas = np.sqrt(weights[:, k] * members / count)
+        return running_median(criterion(lambdas, rest, errors[:, k] / members, None), _MEDIAN_WIDTH)
+
+    return score
+
+
 def _left_out(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
     return np.array(
-        [fit_statistics(fits, fit, w).left_out_error() for w, fit in zip(weights, optima, strict=True)]
+        [FitStatistics(fits, fit.problem, w).left_out_error() for w, fit in zip(weights, optima, strict=True)]
     )
 
 
@@ -214,28 +186,3 @@ def fold_of_observation(point_index: IndexArray) -> NDArray[np.int64]:
     fold = np.empty(count, dtype=np.int64)
     fold[order] = np.where((views >= FOLDS) & (here > before), before, -1)
     return fold
-
-
-def _trade_off(
-    scores: Callable[[FloatArray, FloatArray, FloatArray, FloatArray | None], FloatArray],
-) -> SweepMethod:
-    """A criterion of one pose in its own terms: means ρ and ν, and λ² with ``M (ρ + λ² ν)`` the cost."""
-
-    def score(fits: WeightFits, k: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
-        count, members = fits.alone.problem.num_observations, fits.groups[k].member_weights.sum()
-        errors = np.array([fit.errors for fit in optima])
-        others = np.delete(weights * errors, k, axis=1).sum(axis=1)
-        rest = (np.array([fit.images for fit in optima]) + others) / count
-        lambdas = np.sqrt(weights[:, k] * members / count)
-        return criteria.running_median(scores(lambdas, rest, errors[:, k] / members, None), _MEDIAN_WIDTH)
-
-    return SweepMethod(score, criteria.lowest_valley, refines=False)
-
-
-SWEEPS: dict[str, SweepMethod] = {
-    "loo-approx": SweepMethod(_left_out, criteria.lowest, refines=True),
-    "k-fold": SweepMethod(_folds, criteria.lowest, refines=True),
-    "l-curve": _trade_off(criteria.l_curve_scores),
-    "l-curve-scaled": _trade_off(criteria.scaled_l_curve_scores),
-    "ltn": _trade_off(criteria.ltn_scores),
-}

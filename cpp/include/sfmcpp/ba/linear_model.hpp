@@ -1,0 +1,137 @@
+// The linear model of a problem at one state, and what statistics ask of it.
+//
+// Residuals r = (observed − projected)/σ of the observations, errors √(member weight) e of groups
+// of constraints with weights w:
+//   √ρ′ r(x ⊕ δ) ≈ √ρ′ r + J δ,   e(x ⊕ δ) ≈ e + G δ,   H = JᵀJ + Σ w GᵀG,
+// with J, H and the factorised Schur complement S of the solver itself. Nothing is derived twice.
+//
+// Columns: the reduced ones of cameras and intrinsics (parameter_map.hpp), then three for each
+// point that may move. In the free gauge they are all columns, H is singular and its pseudo-inverse
+// is meant: with x* any solution where the columns of choose_gauge() are held, and N an orthonormal
+// basis of what H does not see, H⁺ = (I − NNᵀ) H⁻ (I − NNᵀ). In the fixed gauge held columns are
+// left out and the inverse is meant.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+
+#include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
+
+namespace sfmcpp::ba {
+
+// A group's errors and their derivatives, without the weight of the group; members of weight zero
+// have no rows.
+struct ConstraintRows {
+  std::string name;
+  double weight = 0.0;
+  std::vector<int> member;  // of each row
+  Eigen::VectorXd errors;
+  Eigen::SparseMatrix<double, Eigen::RowMajor> jacobian;  // rows × camera columns
+};
+
+// The minimum of the linear model.
+struct LinearStep {
+  optim::State state;                   // moved there
+  std::vector<Eigen::VectorXd> errors;  // of each group, as the model predicts them
+  double decrease = 0.0;                // of the cost, likewise
+};
+
+struct Spectrum {
+  Eigen::VectorXd values;  // ascending
+  Eigen::MatrixXd vectors;
+};
+
+class LinearModel {
+ public:
+  // The largest reduced system that is inverted as a whole.
+  static constexpr int kMaxInverse = 4000;
+
+  // Linearises at the present state; the arrays of the problem are not read later. `ridge` is added
+  // to the diagonal of H as a share of it. Throws InvalidArgument as solve() does.
+  LinearModel(const Problem& problem, const SolveOptions& options, double ridge = 0.0);
+  ~LinearModel();
+  LinearModel(const LinearModel&) = delete;
+  LinearModel& operator=(const LinearModel&) = delete;
+
+  int num_cameras() const;
+  int num_points() const;
+  int num_observations() const;
+  // Columns of a camera: its pose, then the intrinsic parameters that are free in any row.
+  int camera_size() const;
+  std::vector<std::string> free_intrinsics() const;
+  int num_camera_columns() const { return map_.num_columns; }
+  int num_columns() const { return map_.num_columns + 3 * static_cast<int>(points_.size()); }
+  void camera_columns(int* out) const;  // cameras × camera_size, −1: none
+  void point_columns(int* out) const;   // the first of three of each point, −1: none
+
+  double cost() const { return cost_; }
+  double loss_scale() const;
+  // In the caller's order, two per observation; ρ′, one per observation.
+  void residuals(double* out) const;
+  void observation_weights(double* out) const;
+  // J in blocks, observations in the caller's order: 2 × camera_size and 2 × 3.
+  void jacobian(double* by_camera, double* by_point) const;
+  const std::vector<ConstraintRows>& groups() const { return groups_; }
+
+  // All that follows needs S factorised; the first call does so. Throws InvalidArgument for a
+  // projective camera model, whose gauge no column can hold, and where H is singular beyond the
+  // gauge.
+
+  // Parameters that residuals and constraints determine: the rank of H.
+  int num_determined();
+  double log_determinant();  // of S, in the fixed gauge
+  // Covariance among chosen columns.
+  Eigen::MatrixXd covariance(std::span<const int> columns);
+  // Of blocks of columns, `width` each with −1 for none, each block by itself: blocks × width ×
+  // width.
+  void covariance_blocks(std::span<const int> columns, int width, double* out);
+  // J_o H⁻¹ J_oᵀ of each observation in the caller's order, 2 × 2.
+  void leverages(double* out);
+  // w G H⁻¹ Gᵀ of a group: how much its errors draw the fit to themselves.
+  const Eigen::MatrixXd& hat(int group);
+  Spectrum hat_spectrum(int group);
+  LinearStep step();
+
+ private:
+  using SparseColumns = Eigen::SparseMatrix<double>;
+  using Entry = Eigen::Triplet<double>;
+  struct Work;
+
+  void name_columns();
+  void fill_groups();
+  void factorize();
+  void find_unseen();
+  Eigen::MatrixXd motions(Eigen::Matrix<double, 7, 7>& held) const;
+  Eigen::MatrixXd assembled(const Eigen::MatrixXd& camera, const Eigen::MatrixXd& point) const;
+  void require_determined(std::span<const int> columns, const Eigen::MatrixXd& covariance) const;
+  const Eigen::MatrixXd& inverse();
+  SparseColumns reduced(std::span<const int> columns) const;
+  Eigen::MatrixXd solve(const SparseColumns& rhs);
+  void solve_all(Eigen::MatrixXd& camera, Eigen::MatrixXd& point);
+
+  double ridge_;
+  residuals::ConstraintSet constraints_;
+  Problem problem_;
+  optim::State state_;
+  std::unique_ptr<Work> work_;    // in the fixed gauge
+  linear::ParameterMap map_;      // what columns are called outside
+  std::vector<int> points_;       // that may move
+  std::vector<int> point_place_;  // among them, −1: fixed or not seen
+  std::vector<int> held_;         // columns that the fixed gauge holds
+  std::vector<int> inner_;        // column of each outer one in the fixed gauge, −1: held
+  double cost_ = 0.0;
+  std::vector<double> residuals_;  // in stored order
+  std::vector<ConstraintRows> groups_;
+  std::vector<Eigen::MatrixXd> hats_;   // of each group, once asked for
+  linear::Step step_;                   // to the minimum, in the fixed gauge
+  Eigen::MatrixXd inverse_;             // S⁻¹, once needed
+  Eigen::MatrixXd unseen_, of_unseen_;  // N and H⁻ N, rows by columns
+};
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,165 @@
+#include "sfmcpp/ba/linear_model.hpp"
+
+#include <algorithm>
+
+#include "linear_model_work.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+// The held columns make S regular; a linear solver is made where it is needed alone.
+SolveOptions inner_options(const Problem& problem, SolveOptions options) {
+  options.minimizer.method = optim::Method::kLevenbergMarquardtNielsen;
+  options.gauge = is_metric(problem.camera_model) ? Gauge::kFixed : Gauge::kFree;
+  options.linear_solver.kind = linear::LinearSolverKind::kIterative;
+  return options;
+}
+
+void add_entries(const linear::ParameterMap& map,
+                 int camera,
+                 const double* jacobian,
+                 int row,
+                 std::vector<Eigen::Triplet<double>>& out) {
+  for_each_column(map, camera, [&](int k, int column) {
+    if (jacobian[k] != 0.0) out.emplace_back(row, column, jacobian[k]);
+  });
+}
+
+}  // namespace
+
+LinearModel::LinearModel(const Problem& problem, const SolveOptions& options, double ridge)
+    : ridge_(ridge), problem_(problem), state_(state_of(problem)) {
+  if (problem.constraints != nullptr) constraints_ = *problem.constraints;
+  problem_.constraints = &constraints_;
+  work_ = std::make_unique<Work>(problem_, inner_options(problem, options), state_);
+  Workspace& space = work_->space;
+  map_ = options.gauge == Gauge::kFixed
+             ? space.map
+             : make_parameter_map(problem_, space.graph, space.intrinsics);
+  residuals_ = space.model.images().values(state_);
+  cost_ = space.model.linearize(state_);
+  name_columns();
+  fill_groups();
+}
+
+LinearModel::~LinearModel() = default;
+
+void LinearModel::name_columns() {
+  inner_.assign(map_.num_columns, kNoColumn);
+  for (int i = 0; i < num_cameras(); ++i) {
+    const int* inside = work_->space.map.columns_of(i);
+    for_each_column(map_, i, [&](int k, int column) { inner_[column] = inside[k]; });
+  }
+  for (int c = 0; c < map_.num_columns; ++c) {
+    if (inner_[c] == kNoColumn) held_.push_back(c);
+  }
+  point_place_.assign(num_points(), -1);
+  for (int p = 0; p < num_points(); ++p) {
+    if (!map_.free_point[p]) continue;
+    point_place_[p] = static_cast<int>(points_.size());
+    points_.push_back(p);
+  }
+}
+
+void LinearModel::fill_groups() {
+  const residuals::ConstrainedCameras cameras = constrained_cameras(problem_, state_);
+  const residuals::ConstraintColumns& columns = work_->space.model.constraints().columns();
+  residuals::ConstraintResidual e;
+  for (const residuals::ConstraintGroup& group : constraints_.groups()) {
+    const residuals::ConstraintGroup unweighted{group.name, group.kind, 1.0, {}};
+    ConstraintRows rows;
+    rows.name = group.name;
+    rows.weight = group.weight;
+    std::vector<double> errors;
+    std::vector<Entry> entries;
+    for (std::size_t k = 0; k < group.members.size(); ++k) {
+      const residuals::ConstraintMember& member = group.members[k];
+      if (!(member.weight > 0.0)) continue;
+      residuals::evaluate(unweighted, member, cameras, &columns, e);
+      for (long row = 0; row < e.rows; ++row) {
+        const auto place = static_cast<int>(errors.size());
+        add_entries(map_, member.camera, e.by_camera.data() + columns.width * row, place, entries);
+        if (member.previous != residuals::kNoPrevious)
+          add_entries(
+              map_, member.previous, e.by_previous.data() + columns.width * row, place, entries);
+        errors.push_back(e.residual[row]);
+        rows.member.push_back(static_cast<int>(k));
+      }
+    }
+    rows.errors = Eigen::Map<const VectorXd>(errors.data(), static_cast<Index>(errors.size()));
+    rows.jacobian.resize(rows.errors.size(), map_.num_columns);
+    rows.jacobian.setFromTriplets(entries.begin(), entries.end());
+    groups_.push_back(std::move(rows));
+  }
+}
+
+int LinearModel::num_cameras() const { return problem_.num_cameras(); }
+int LinearModel::num_points() const { return static_cast<int>(map_.free_point.size()); }
+int LinearModel::num_observations() const { return work_->graph().num_observations(); }
+double LinearModel::loss_scale() const { return work_->space.model.images().loss().scale; }
+
+int LinearModel::camera_size() const {
+  return camera_tangent(problem_.camera_model) + static_cast<int>(work_->space.intrinsics.size());
+}
+
+std::vector<std::string> LinearModel::free_intrinsics() const {
+  std::vector<std::string> names;
+  for (int k : work_->space.intrinsics)
+    names.emplace_back(intrinsic_names(problem_.camera_model)[k]);
+  return names;
+}
+
+void LinearModel::camera_columns(int* out) const {
+  for (int i = 0; i < num_cameras(); ++i) out = std::copy_n(map_.columns_of(i), camera_size(), out);
+}
+
+void LinearModel::point_columns(int* out) const {
+  for (int place : point_place_) *out++ = place < 0 ? kNoColumn : map_.num_columns + 3 * place;
+}
+
+void LinearModel::residuals(double* out) const {
+  for (int a = 0; a < num_observations(); ++a)
+    std::copy_n(residuals_.data() + 2L * a, 2, out + 2L * work_->graph().source[a]);
+}
+
+void LinearModel::observation_weights(double* out) const {
+  for (int a = 0; a < num_observations(); ++a) {
+    const double* r = residuals_.data() + 2L * a;
+    out[work_->graph().source[a]] =
+        work_->space.model.images().loss().derivative(r[0] * r[0] + r[1] * r[1]);
+  }
+}
+
+void LinearModel::jacobian(double* by_camera, double* by_point) const {
+  const int size = camera_size();
+  for (int a = 0; a < num_observations(); ++a) {
+    const int camera = work_->graph().camera[a];
+    const long source = work_->graph().source[a];
+    Eigen::Map<CameraRows> of_camera(by_camera + 2L * size * source, 2, size);
+    of_camera.setZero();
+    for_each_column(
+        map_, camera, [&](int k, int) { of_camera.col(k) = -work_->by_camera(a).col(k); });
+    Eigen::Map<PointRows> of_point(by_point + 6 * source);
+    of_point = point_place_[work_->graph().point[a]] < 0 ? PointRows(PointRows::Zero())
+                                                         : PointRows(-work_->by_point(a));
+  }
+}
+
+LinearStep LinearModel::step() {
+  factorize();
+  const linear::NormalEquations& normal = work_->normal();
+  LinearStep step;
+  const linear::Slopes slopes = normal.slopes(step_);
+  step.decrease = -0.5 * (slopes.camera + slopes.point);
+  VectorXd moved = VectorXd::Zero(map_.num_columns);
+  for (std::size_t c = 0; c < inner_.size(); ++c) {
+    if (inner_[c] != kNoColumn) moved[static_cast<Index>(c)] = step_.camera[inner_[c]];
+  }
+  for (const ConstraintRows& group : groups_)
+    step.errors.emplace_back(group.errors + group.jacobian * moved);
+  step.state = state_;
+  work_->space.model.plus(state_, step_, {}, step.state);
+  return step;
+}
+
+}  // namespace sfmcpp::ba

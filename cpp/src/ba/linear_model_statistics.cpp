@@ -1,0 +1,366 @@
+// The inverse of the normal equations and what follows from it (ba/linear_model.hpp).
+#include <algorithm>
+#include <numeric>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+
+#include "linear_model_work.hpp"
+#include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "sfmcpp/math/so3.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+// A variance this many times that of the parameter with all others held is rounding: nothing
+// determines the parameter.
+constexpr double kLargestInflation = 1e13;
+
+// out += the rows of a camera block that have a column (Pᵀ y); and back (P x).
+void fold(const linear::ParameterMap& map,
+          int camera,
+          const MatrixXd& block,
+          Eigen::Ref<MatrixXd> out) {
+  for_each_column(map, camera, [&](int k, int column) { out.row(column) += block.row(k); });
+}
+
+MatrixXd expanded(const linear::ParameterMap& map, int camera, const MatrixXd& x) {
+  MatrixXd block = MatrixXd::Zero(map.camera_size, x.cols());
+  for_each_column(map, camera, [&](int k, int column) { block.row(k) = x.row(column); });
+  return block;
+}
+
+}  // namespace
+
+void LinearModel::factorize() {
+  if (work_->solver) return;
+  if (!is_metric(problem_.camera_model)) {
+    throw InvalidArgument(
+        "camera_model = 'projective': its gauge of 15 degrees of freedom is left to damping, so "
+        "that "
+        "its normal equations have no inverse; covariances and what follows from them are for "
+        "metric "
+        "models");
+  }
+  Workspace& space = work_->space;
+  auto kind = linear::choose_linear_solver(space.graph,
+                                           space.map,
+                                           linear::LinearSolverKind::kAuto,
+                                           work_->normal().camera_terms().pairs())
+                  .kind;
+  if (kind != linear::LinearSolverKind::kDense) kind = linear::LinearSolverKind::kSparse;
+  auto solver = std::make_unique<linear::ExplicitSchurSolver>(work_->normal(), kind);
+  const auto result = solver->solve({.lambda = ridge_}, step_, [] { return false; });
+  if (!result.success) {
+    throw InvalidArgument(
+        "problem: its normal equations are singular: observations and constraints do not determine "
+        "all free parameters of the cameras; fix some or add observations");
+  }
+  work_->solver = std::move(solver);
+  find_unseen();
+}
+
+// How the columns answer to three turns about the middle of the cameras, three shifts and the
+// growth of the world, in units of its extent; and, beside them, how all that is fixed does.
+MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
+  using Motion = Eigen::Matrix<double, 3, 7>;
+  using Camera = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>;
+  const auto camera = [&](int i) {
+    return Camera(state_.cameras.data() + kCameraStorage * long{i});
+  };
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (int i = 0; i < num_cameras(); ++i) middle += camera(i).col(3) / num_cameras();
+  double extent = 0.0;
+  for (int i = 0; i < num_cameras(); ++i)
+    extent = std::max(extent, (camera(i).col(3) - middle).norm());
+  if (extent == 0.0) extent = 1.0;
+  const auto of_position = [&](const Eigen::Vector3d& x) {
+    Motion rows;
+    rows << -skew((x - middle) / extent), Matrix3d::Identity(), (x - middle) / extent;
+    return rows;
+  };
+  MatrixXd result = MatrixXd::Zero(num_columns(), 7);
+  held.setZero();
+  for (int i = 0; i < num_cameras(); ++i) {
+    if (work_->graph().observations_of_camera(i) == 0) continue;
+    Eigen::Matrix<double, kPoseTangent, 7> rows;
+    rows << Motion::Zero(), of_position(camera(i).col(3));
+    rows.topLeftCorner<3, 3>() = camera(i).leftCols<3>().transpose();
+    if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
+    rows.bottomRows<3>() *= extent;
+    for (int k = 0; k < kPoseTangent; ++k) {
+      if (const int column = map_.columns_of(i)[k]; column != kNoColumn)
+        result.row(column) = rows.row(k);
+    }
+  }
+  for (int p = 0; p < num_points(); ++p) {
+    if (work_->graph().observations_of_point(p) == 0) continue;
+    const Motion rows =
+        of_position(Eigen::Map<const Eigen::Vector3d>(state_.points.data() + 3L * p));
+    if (point_place_[p] < 0) {
+      held += rows.transpose() * rows;
+    } else {
+      result.middleRows<3>(map_.num_columns + 3L * point_place_[p]) = extent * rows;
+    }
+  }
+  for (const ConstraintRows& group : groups_) {
+    if (!(group.weight > 0.0)) continue;
+    const MatrixXd rows = group.jacobian * result.topRows(map_.num_columns);
+    held += rows.transpose() * rows / std::max(group.jacobian.squaredNorm(), 1e-300);
+  }
+  return result;
+}
+
+// N and H⁻ N: of the motions of the world, as many as the fixed gauge holds columns, those that
+// nothing else holds.
+void LinearModel::find_unseen() {
+  if (held_.empty()) return;
+  Eigen::Matrix<double, 7, 7> held;
+  const MatrixXd all = motions(held);
+  const auto count = static_cast<Index>(held_.size());
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> spectrum(held);
+  const Eigen::HouseholderQR<MatrixXd> qr(all * spectrum.eigenvectors().leftCols(count));
+  unseen_ = qr.householderQ() * MatrixXd::Identity(all.rows(), count);
+  MatrixXd camera = MatrixXd::Zero(work_->space.map.num_columns, count);
+  MatrixXd point = MatrixXd::Zero(3L * num_points(), count);
+  for (std::size_t c = 0; c < inner_.size(); ++c) {
+    if (inner_[c] != kNoColumn) camera.row(inner_[c]) = unseen_.row(static_cast<Index>(c));
+  }
+  for (std::size_t k = 0; k < points_.size(); ++k)
+    point.middleRows<3>(3L * points_[k]) =
+        unseen_.middleRows<3>(map_.num_columns + 3 * static_cast<Index>(k));
+  solve_all(camera, point);
+  of_unseen_ = assembled(camera, point);
+}
+
+// Rows by columns as they are called outside; zero where held.
+MatrixXd LinearModel::assembled(const MatrixXd& camera, const MatrixXd& point) const {
+  MatrixXd all = MatrixXd::Zero(num_columns(), camera.cols());
+  for (std::size_t c = 0; c < inner_.size(); ++c) {
+    if (inner_[c] != kNoColumn) all.row(static_cast<Index>(c)) = camera.row(inner_[c]);
+  }
+  for (std::size_t k = 0; k < points_.size(); ++k)
+    all.middleRows<3>(map_.num_columns + 3 * static_cast<Index>(k)) =
+        point.middleRows<3>(3L * points_[k]);
+  return all;
+}
+
+// H x = b in the fixed gauge by elimination of the points, for every column; b before, x after.
+void LinearModel::solve_all(MatrixXd& camera, MatrixXd& point) {
+  const linear::ParameterMap& inside = work_->space.map;
+  const linear::ObservationGraph& graph = work_->graph();
+  for (int p : points_) {
+    const MatrixXd alone = work_->point_inverse(p) * point.middleRows<3>(3L * p);
+    work_->for_each_view(p, [&](int a) {
+      fold(inside,
+           graph.camera[a],
+           -work_->by_camera(a).transpose() * (work_->by_point(a) * alone),
+           camera);
+    });
+  }
+  work_->solver->solve_reduced(camera);
+  for (int p : points_) {
+    work_->for_each_view(p, [&](int a) {
+      point.middleRows<3>(3L * p) -=
+          work_->by_point(a).transpose() *
+          (work_->by_camera(a) * expanded(inside, graph.camera[a], camera));
+    });
+    point.middleRows<3>(3L * p) = (work_->point_inverse(p) * point.middleRows<3>(3L * p)).eval();
+  }
+}
+
+int LinearModel::num_determined() {
+  factorize();
+  return std::accumulate(
+      points_.begin(), points_.end(), work_->space.map.num_columns, [&](int sum, int p) {
+        return sum + work_->point_rank(p);
+      });
+}
+
+double LinearModel::log_determinant() {
+  factorize();
+  return work_->solver->log_determinant();
+}
+
+// Columns of the reduced system that stand for columns of H: those of cameras for themselves, those
+// of points with what they pull at the cameras.
+LinearModel::SparseColumns LinearModel::reduced(std::span<const int> columns) const {
+  std::vector<Entry> entries;
+  const linear::ParameterMap& inside = work_->space.map;
+  for (int k = 0; k < static_cast<int>(columns.size()); ++k) {
+    if (columns[k] < map_.num_columns) {
+      if (inner_[columns[k]] != kNoColumn) entries.emplace_back(inner_[columns[k]], k, 1.0);
+      continue;
+    }
+    const int p = points_[(columns[k] - map_.num_columns) / 3];
+    const Eigen::Vector3d alone = work_->point_inverse(p).col((columns[k] - map_.num_columns) % 3);
+    work_->for_each_view(p, [&](int a) {
+      const VectorXd pull = work_->by_camera(a).transpose() * (work_->by_point(a) * alone);
+      for_each_column(inside, work_->graph().camera[a], [&](int row, int column) {
+        entries.emplace_back(column, k, -pull[row]);
+      });
+    });
+  }
+  SparseColumns result(inside.num_columns, static_cast<Index>(columns.size()));
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+const MatrixXd& LinearModel::inverse() {
+  factorize();
+  const int size = work_->space.map.num_columns;
+  if (inverse_.rows() == size) return inverse_;
+  if (size > kMaxInverse) {
+    throw InvalidArgument("problem: " + std::to_string(size) +
+                          " free parameters of cameras, must be at most " +
+                          std::to_string(kMaxInverse) + " for leverages");
+  }
+  inverse_.setIdentity(size, size);
+  work_->solver->solve_reduced(inverse_);
+  inverse_ = (0.5 * (inverse_ + inverse_.transpose())).eval();
+  return inverse_;
+}
+
+MatrixXd LinearModel::solve(const SparseColumns& rhs) {
+  if (inverse_.rows() == rhs.rows()) return inverse_ * rhs;
+  MatrixXd x = rhs;
+  work_->solver->solve_reduced(x);
+  return x;
+}
+
+MatrixXd LinearModel::covariance(std::span<const int> columns) {
+  factorize();
+  for (int column : columns) {
+    if (column < 0 || column >= num_columns())
+      throw InvalidArgument("columns: " + std::to_string(column) + ", must be in [0, " +
+                            std::to_string(num_columns()) + ")");
+  }
+  const SparseColumns rhs = reduced(columns);
+  MatrixXd result = rhs.transpose() * solve(rhs);
+  const auto count = static_cast<Index>(columns.size());
+  for (Index a = 0; a < count; ++a) {
+    for (Index b = 0; b < count; ++b) {
+      const int i = columns[a] - map_.num_columns, j = columns[b] - map_.num_columns;
+      if (i >= 0 && j >= 0 && i / 3 == j / 3)
+        result(a, b) += work_->point_inverse(points_[i / 3])(i % 3, j % 3);
+    }
+  }
+  require_determined(columns, result);
+  if (unseen_.size() > 0) {
+    MatrixXd n(count, unseen_.cols()), of_n(count, unseen_.cols());
+    for (Index a = 0; a < count; ++a) {
+      n.row(a) = unseen_.row(columns[a]);
+      of_n.row(a) = of_unseen_.row(columns[a]);
+    }
+    result += n * (unseen_.transpose() * of_unseen_) * n.transpose() - of_n * n.transpose() -
+              n * of_n.transpose();
+  }
+  return 0.5 * (result + result.transpose());
+}
+
+void LinearModel::require_determined(std::span<const int> columns,
+                                     const MatrixXd& covariance) const {
+  for (std::size_t k = 0; k < columns.size(); ++k) {
+    const int c = columns[k];
+    const bool of_point = c >= map_.num_columns;
+    const int p = of_point ? points_[(c - map_.num_columns) / 3] : -1;
+    const auto place = static_cast<Index>(k);
+    const double alone = of_point
+                             ? work_->normal().point_block(p).diagonal()[(c - map_.num_columns) % 3]
+                         : inner_[c] == kNoColumn ? 0.0
+                                                  : work_->normal().camera_diagonal()[inner_[c]];
+    const bool lost = of_point && work_->point_rank(p) < 3;
+    if (!lost && covariance(place, place) * alone <= kLargestInflation) continue;
+    throw InvalidArgument(of_point
+                              ? "point " + std::to_string(p) +
+                                    ": its position is not determined by its observations, it has "
+                                    "no covariance"
+                              : "column " + std::to_string(c) +
+                                    " of a camera: not determined by observations and "
+                                    "constraints, it has no covariance");
+  }
+}
+
+void LinearModel::covariance_blocks(std::span<const int> columns, int width, double* out) {
+  factorize();
+  const int size = work_->space.map.num_columns;
+  if (size <= kMaxInverse && static_cast<int>(columns.size()) > size) inverse();
+  for (std::size_t first = 0; first < columns.size(); first += width) {
+    std::vector<int> chosen, place;
+    for (int k = 0; k < width; ++k) {
+      if (columns[first + k] < 0) continue;
+      chosen.push_back(columns[first + k]);
+      place.push_back(k);
+    }
+    Eigen::Map<Eigen::MatrixXd> block(out + width * first, width, width);
+    block.setZero();
+    block(place, place) = covariance(chosen);
+  }
+}
+
+void LinearModel::leverages(double* out) {
+  const MatrixXd& cameras = inverse();
+  const linear::ParameterMap& inside = work_->space.map;
+  const linear::ObservationGraph& graph = work_->graph();
+  const Index size = work_->size();
+  // Fixed points too: their observations still draw the cameras.
+  linear::for_each_point(work_->space.pool, num_points(), [&](int p) {
+    const Index views = graph.observations_of_point(p);
+    const bool free = point_place_[p] >= 0;
+    const Matrix3d alone = free ? work_->point_inverse(p) : Matrix3d(Matrix3d::Zero());
+    std::vector<int> columns;
+    MatrixXd pull(views * size, 3);  // Jᵀ A V⁻¹ of the views
+    work_->for_each_view(p, [&](int a) {
+      pull.middleRows(static_cast<Index>(columns.size()), size) =
+          work_->by_camera(a).transpose() * (work_->by_point(a) * alone);
+      columns.insert(columns.end(),
+                     inside.columns_of(graph.camera[a]),
+                     inside.columns_of(graph.camera[a]) + size);
+    });
+    const auto entry = [&](Index r, Index c) {
+      return columns[r] == kNoColumn || columns[c] == kNoColumn ? 0.0
+                                                                : cameras(columns[r], columns[c]);
+    };
+    const Index rows = views * size;
+    const MatrixXd among = MatrixXd::NullaryExpr(rows, rows, entry);
+    const MatrixXd with_point = among * pull;
+    const Matrix3d of_point = alone + pull.transpose() * with_point;
+    Index first = 0;
+    work_->for_each_view(p, [&](int a) {
+      const CameraRows j = work_->by_camera(a);
+      const PointRows by_point = work_->by_point(a);
+      const Eigen::Matrix2d cross = j * with_point.middleRows(first, size) * by_point.transpose();
+      Eigen::Map<Eigen::Matrix2d>(out + 4L * graph.source[a]) =
+          j * among.block(first, first, size, size) * j.transpose() +
+          by_point * of_point * by_point.transpose() - cross - cross.transpose();
+      first += size;
+    });
+  });
+}
+
+const MatrixXd& LinearModel::hat(int g) {
+  factorize();
+  hats_.resize(groups_.size());
+  MatrixXd& known = hats_.at(static_cast<std::size_t>(g));
+  if (known.size() > 0) return known;
+  const ConstraintRows& group = groups_.at(static_cast<std::size_t>(g));
+  std::vector<Entry> entries;
+  for (int row = 0; row < group.jacobian.outerSize(); ++row) {
+    for (decltype(group.jacobian)::InnerIterator e(group.jacobian, row); e; ++e) {
+      if (inner_[e.col()] != kNoColumn) entries.emplace_back(inner_[e.col()], row, e.value());
+    }
+  }
+  SparseColumns rows(work_->space.map.num_columns, group.jacobian.rows());
+  rows.setFromTriplets(entries.begin(), entries.end());
+  const MatrixXd result = group.weight * (rows.transpose() * solve(rows));
+  known = 0.5 * (result + result.transpose());
+  return known;
+}
+
+Spectrum LinearModel::hat_spectrum(int group) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(hat(group));
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+}  // namespace sfmcpp::ba

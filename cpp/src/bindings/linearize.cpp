@@ -1,0 +1,183 @@
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include "arrays.hpp"
+#include "constraints.hpp"
+#include "options.hpp"
+#include "problem.hpp"
+#include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/ba/linear_model.hpp"
+
+namespace sfmcpp::bindings {
+namespace {
+
+using ba::LinearModel;
+using Shape = std::vector<py::ssize_t>;
+
+// An array that `fill` writes.
+template <class T, class F>
+py::array_t<T> filled(const Shape& shape, const F& fill) {
+  py::array_t<T> result(shape);
+  fill(result.mutable_data());
+  return result;
+}
+
+std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
+                                       const ba::SolveOptions& options,
+                                       double ridge) {
+  ba::Problem problem = problem_of(arrays);
+  const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
+  problem.constraints = &constraints;
+  const py::gil_scoped_release release;
+  return std::make_unique<LinearModel>(problem, options, ridge);
+}
+
+py::tuple jacobian(const LinearModel& model) {
+  const py::ssize_t count = model.num_observations();
+  py::array_t<double> camera(Shape{count, 2, model.camera_size()}), point(Shape{count, 2, 3});
+  model.jacobian(camera.mutable_data(), point.mutable_data());
+  return py::make_tuple(camera, point);
+}
+
+py::list groups(const LinearModel& model) {
+  py::list result;
+  for (const ba::ConstraintRows& group : model.groups()) {
+    py::dict rows;
+    rows["name"] = group.name;
+    rows["weight"] = group.weight;
+    rows["member"] =
+        py::array_t<int>(static_cast<py::ssize_t>(group.member.size()), group.member.data());
+    rows["errors"] = group.errors;
+    const auto entries = static_cast<py::ssize_t>(group.jacobian.nonZeros());
+    rows["data"] = py::array_t<double>(entries, group.jacobian.valuePtr());
+    rows["indices"] = py::array_t<int>(entries, group.jacobian.innerIndexPtr());
+    rows["indptr"] = py::array_t<int>(static_cast<py::ssize_t>(group.jacobian.rows()) + 1,
+                                      group.jacobian.outerIndexPtr());
+    result.append(rows);
+  }
+  return result;
+}
+
+py::array_t<double> covariance_blocks(LinearModel& model,
+                                      const py::array_t<int, py::array::c_style>& columns) {
+  const py::ssize_t count = columns.shape(0), width = columns.shape(1);
+  const std::span<const int> chosen(columns.data(), static_cast<std::size_t>(columns.size()));
+  return filled<double>({count, width, width}, [&](double* out) {
+    const py::gil_scoped_release release;
+    model.covariance_blocks(chosen, static_cast<int>(width), out);
+  });
+}
+
+py::array_t<double> leverages(LinearModel& model) {
+  return filled<double>({model.num_observations(), 2, 2}, [&](double* out) {
+    const py::gil_scoped_release release;
+    model.leverages(out);
+  });
+}
+
+py::dict step(LinearModel& model) {
+  ba::LinearStep step;
+  {
+    const py::gil_scoped_release release;
+    step = model.step();
+  }
+  const auto flat = [](const std::vector<double>& values) {
+    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+  };
+  py::dict result;
+  result["cameras"] = flat(step.state.cameras);
+  result["intrinsics"] = flat(step.state.intrinsics);
+  result["points"] = flat(step.state.points);
+  result["errors"] = step.errors;
+  result["decrease"] = step.decrease;
+  return result;
+}
+
+// Of each group, at the present state.
+std::vector<double> constraint_costs(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
+  const optim::State state = ba::state_of(problem);
+  constraints.check(ba::constrained_cameras(problem, state));
+  return constraints.costs(ba::constrained_cameras(problem, state));
+}
+
+using Terms = double (Loss::*)(double) const;
+
+// Of squared residuals: ρ, ρ′ and the slope of the influence.
+py::tuple loss_terms(const std::string& kind, double scale, const py::array_t<double>& squared) {
+  const Loss loss{parse_enum<LossKind>(kind), scale};
+  const auto each = [&](Terms terms) {
+    return py::vectorize([&](double s) { return (loss.*terms)(s); })(squared);
+  };
+  return py::make_tuple(each(&Loss::rho), each(&Loss::derivative), each(&Loss::influence_slope));
+}
+
+}  // namespace
+
+void bind_linearize(py::module_& m) {
+  const auto released = py::call_guard<py::gil_scoped_release>();
+  py::class_<LinearModel>(m, "CoreLinearModel", "The linear model of a problem at one state.")
+      .def(py::init(&linearize), py::arg("arrays"), py::arg("options"), py::arg("ridge") = 0.0)
+      .def_property_readonly("cost", &LinearModel::cost)
+      .def_property_readonly("loss_scale_px", &LinearModel::loss_scale)
+      .def_property_readonly("num_columns", &LinearModel::num_columns)
+      .def_property_readonly("num_camera_columns", &LinearModel::num_camera_columns)
+      .def_property_readonly("free_intrinsics", &LinearModel::free_intrinsics)
+      .def_property_readonly("camera_columns",
+                             [](const LinearModel& model) {
+                               return filled<int>({model.num_cameras(), model.camera_size()},
+                                                  [&](int* out) { model.camera_columns(out); });
+                             })
+      .def_property_readonly("point_columns",
+                             [](const LinearModel& model) {
+                               return filled<int>({model.num_points()},
+                                                  [&](int* out) { model.point_columns(out); });
+                             })
+      .def_property_readonly("residuals",
+                             [](const LinearModel& model) {
+                               return filled<double>({model.num_observations(), 2},
+                                                     [&](double* out) { model.residuals(out); });
+                             })
+      .def_property_readonly("observation_weights",
+                             [](const LinearModel& model) {
+                               return filled<double>({model.num_observations()}, [&](double* out) {
+                                 model.observation_weights(out);
+                               });
+                             })
+      .def("jacobian", &jacobian, "By the camera and by the point of each observation.")
+      .def("groups", &groups, "Rows of each constraint group, without its weight.")
+      .def("num_determined", &LinearModel::num_determined, released)
+      .def("log_determinant", &LinearModel::log_determinant, released)
+      .def(
+          "covariance",
+          [](LinearModel& model, const std::vector<int>& columns) {
+            return model.covariance(columns);
+          },
+          py::arg("columns"),
+          released)
+      .def("covariance_blocks", &covariance_blocks, py::arg("columns"))
+      .def("leverages", &leverages)
+      .def(
+          "hat",
+          [](LinearModel& model, int group) -> Eigen::MatrixXd { return model.hat(group); },
+          py::arg("group"),
+          released)
+      .def(
+          "hat_spectrum",
+          [](LinearModel& model, int group) {
+            const ba::Spectrum spectrum = model.hat_spectrum(group);
+            return py::make_tuple(spectrum.values, spectrum.vectors);
+          },
+          py::arg("group"))
+      .def("step", &step, "The minimum of the linear model.");
+  m.def("constraint_costs", &constraint_costs, py::arg("arrays"), "Weighted cost of each group.");
+  m.def("loss_terms",
+        &loss_terms,
+        py::arg("loss"),
+        py::arg("scale"),
+        py::arg("squared"),
+        "ρ, ρ′ and d(s ρ′)/ds of squared residuals s.");
+}
+
+}  // namespace sfmcpp::bindings

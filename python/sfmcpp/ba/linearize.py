@@ -1,0 +1,400 @@
+"""The linear model of a problem at its present state: Jacobian, constraint rows, covariances, leverages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp import _core
+from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.options import SolveOptions
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+_POSE = ("rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z")
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRows:
+    """The errors ``√(member weight) e`` of a group and their derivatives, without the weight of the group.
+
+    Attributes
+    ----------
+    name : str
+        Name of the group.
+    weight : float
+        Its weight w: the group costs ``½ w ‖errors‖²``.
+    member : (R,) int32
+        The member each row belongs to; members of weight zero have none.
+    errors : (R,) float64
+        Errors over the root of their number of entries (thesis table 5.1).
+    data, indices, indptr : arrays
+        Their derivatives by the columns of cameras, compressed by rows.
+    columns : int
+        Number of these columns.
+    """
+
+    name: str
+    weight: float
+    member: IndexArray
+    errors: FloatArray
+    data: FloatArray
+    indices: IndexArray
+    indptr: IndexArray
+    columns: int
+
+    @property
+    def squared_error(self) -> float:
+        """Σ (member weight) ε over the members: ``‖errors‖²``."""
+        return float(self.errors @ self.errors)
+
+    def jacobian(self) -> csr_matrix:
+        """(R, camera columns) derivatives G of the errors, SciPy CSR."""
+        from scipy.sparse import csr_matrix
+
+        return csr_matrix((self.data, self.indices, self.indptr), shape=(len(self.errors), self.columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Covariances for observations whose σ is exact.
+
+    Attributes
+    ----------
+    cameras : (c, D, D) float64
+        Of each chosen camera: pose and free intrinsics; zero for what has no column.
+    points : (p, 3, 3) float64
+        Of each chosen point; zero for a fixed one.
+    joint : (c D + 3 p, c D + 3 p) float64 or None
+        Of all together, the cameras first, if asked for.
+    """
+
+    cameras: FloatArray
+    points: FloatArray
+    joint: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class LinearStep:
+    """The minimum of a linear model.
+
+    Attributes
+    ----------
+    problem : Problem
+        The problem moved there: one undamped Gauss–Newton step.
+    errors : list of (R,) float64
+        What the model predicts of the errors of each group there.
+    decrease : float
+        What it predicts the cost to fall by.
+    """
+
+    problem: Problem
+    errors: list[FloatArray]
+    decrease: float
+
+
+class LinearModel:
+    """A problem linearised at one state; :func:`linearize` makes one.
+
+    With r the residuals, ρ′ their weights by the loss, J the Jacobian and G, w rows and weight of each group,
+    the normal matrix is ``H = JᵀJ + Σ w GᵀG`` and the gradient of the cost ``Jᵀ √ρ′ r + Σ w Gᵀ e``. Columns
+    are those of the solver: a rotation moves as ``R exp(δ)`` [rad], in the frame of the camera, all else by
+    addition; first come cameras and intrinsics, then three columns for each point that may move.
+
+    Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
+    and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
+    constraints", over all columns as they are, radians beside lengths beside pixels), unless fixed cameras,
+    fixed points or constraints leave no similarity of the world free. In the fixed gauge the parameters that
+    are held have no column, and the plain inverse is meant. All are for observations whose standard
+    deviations are exact; where `sigma_px` is right up to a factor, multiply by
+    ``Σ ρ′ r² / (2 M + rows − parameters)``, or whatever estimates it: that choice is the caller's.
+
+    Parameters
+    ----------
+    problem : Problem
+        The state; the arrays may change afterwards.
+    constraints : iterable of ConstraintGroup
+        Groups with their weights.
+    options : SolveOptions
+        Of these, the loss, the gauge ("auto" is "free") and the threads matter.
+    ridge : float
+        Share of its diagonal that is added to H where it is inverted.
+
+    Attributes
+    ----------
+    residuals : (M, 2) float64
+        Residuals (observed − projected) / σ, in the order of the observations.
+    observation_weights : (M,) float64
+        ρ′ of each observation: one without robust loss.
+    cost : float
+        The whole cost, that of :func:`sfmcpp.solve`.
+    groups : list of ConstraintRows
+        The constraints.
+    camera_columns : (C, D) int32
+        Column of each parameter of each camera; −1: none, as it is fixed, held or not seen. Cameras that
+        share intrinsics share their columns.
+    point_columns : (N,) int32
+        First of the three columns of each point; −1: none.
+    parameter_names : tuple of str
+        What the D parameters of a camera are.
+    num_columns, num_camera_columns : int
+        Columns in all, and those of cameras and intrinsics.
+    loss_scale_px : float
+        Scale of the loss, as given or as estimated.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem, a group or an option breaks a rule.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        constraints: Iterable[ConstraintGroup],
+        options: SolveOptions,
+        ridge: float = 0.0,
+    ) -> None:
+        self._problem = problem
+        arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
+        self._core = _core.CoreLinearModel(arrays, options, ridge)
+        self.cost: float = self._core.cost
+        self.loss_scale_px: float = self._core.loss_scale_px
+        self.num_columns: int = self._core.num_columns
+        self.num_camera_columns: int = self._core.num_camera_columns
+        self.residuals: FloatArray = self._core.residuals
+        self.observation_weights: FloatArray = self._core.observation_weights
+        self.camera_columns: IndexArray = self._core.camera_columns
+        self.point_columns: IndexArray = self._core.point_columns
+        self.groups = [
+            ConstraintRows(columns=self.num_camera_columns, **rows) for rows in self._core.groups()
+        ]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """What the D parameters of a camera are."""
+        intrinsics = tuple(self._core.free_intrinsics)
+        if self._problem.is_metric:
+            return _POSE + intrinsics
+        return tuple(f"tangent {k}" for k in range(self.camera_columns.shape[1]))
+
+    @property
+    def group_costs(self) -> dict[str, float]:
+        """Weighted cost of each group by its name; the observations cost the rest of `cost`."""
+        return {rows.name: 0.5 * rows.weight * rows.squared_error for rows in self.groups}
+
+    def blocks(self) -> tuple[FloatArray, FloatArray]:
+        """The Jacobian J of the observations by blocks, times √ρ′.
+
+        Returns
+        -------
+        (M, 2, D) float64, (M, 2, 3) float64
+            By pose and free intrinsics of the camera, whose columns :attr:`camera_columns` tells, and by the
+            point; zero where a parameter has no column.
+        """
+        by_camera, by_point = self._core.jacobian()
+        return by_camera, by_point
+
+    def jacobian(self) -> csr_matrix:
+        """(2 M, columns) Jacobian J of the observations times √ρ′, two rows for each in turn, SciPy CSR."""
+        from scipy.sparse import csr_matrix
+
+        entries = np.concatenate(self.blocks(), axis=2)
+        of_points = self.point_columns[self._problem.point_index, None]
+        of_points = np.where(of_points < 0, -1, of_points + np.arange(3))
+        columns = np.concatenate([self.camera_columns[self._problem.camera_index], of_points], axis=1)
+        columns = np.broadcast_to(columns[:, None], entries.shape)
+        rows = np.broadcast_to(np.arange(2 * len(entries)).reshape(-1, 2, 1), entries.shape)
+        kept = columns >= 0
+        shape = (2 * len(entries), self.num_columns)
+        return csr_matrix((entries[kept], (rows[kept], columns[kept])), shape=shape)
+
+    def normal_matrix(self) -> csr_matrix:
+        """(columns, columns) normal matrix H of observations and constraints, SciPy CSR."""
+        jacobian = self.jacobian()
+        normal: csr_matrix = (jacobian.T @ jacobian).tocsr()
+        for rows in self.groups:
+            own = rows.jacobian()
+            own.resize((own.shape[0], self.num_columns))
+            normal = normal + rows.weight * (own.T @ own)
+        return normal
+
+    @property
+    def num_determined(self) -> int:
+        """How many parameters observations and constraints determine: the rank of H."""
+        return self._core.num_determined()
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the reduced camera system, in the fixed gauge."""
+        return self._core.log_determinant()
+
+    def covariance(
+        self,
+        *,
+        cameras: ArrayLike | Literal["all"] = (),
+        points: ArrayLike | Literal["all"] = (),
+        joint: bool = False,
+    ) -> Covariance:
+        """Covariances of chosen cameras and points.
+
+        Parameters
+        ----------
+        cameras : (c,) int or "all"
+            Numbers of cameras.
+        points : (p,) int or "all"
+            Numbers of points.
+        joint : bool
+            Whether to compute the covariances between them too.
+
+        Returns
+        -------
+        Covariance
+            A block for each; what it means in either gauge, and the factor that is the caller's choice, is
+            told above.
+
+        Raises
+        ------
+        InvalidArgument
+            For a number out of range, a parameter that nothing determines, normal equations singular beyond
+            the gauge, and the camera model "projective", whose gauge of 15 freedoms nothing holds.
+        """
+        chosen_cameras = _numbers("cameras", cameras, len(self.camera_columns))
+        chosen_points = _numbers("points", points, len(self.point_columns))
+        of_cameras = self.camera_columns[chosen_cameras]
+        first = self.point_columns[chosen_points, None]
+        of_points = np.where(first < 0, -1, first + np.arange(3)).astype(np.int32)
+        together = None
+        if joint:
+            columns = np.concatenate([of_cameras.ravel(), of_points.ravel()])
+            places = np.flatnonzero(columns >= 0)
+            together = np.zeros((len(columns), len(columns)))
+            together[np.ix_(places, places)] = self._core.covariance(columns[places].tolist())
+        return Covariance(
+            self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
+        )
+
+    def leverages(self) -> FloatArray:
+        """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
+
+        Returns
+        -------
+        (M, 2, 2) float64
+            Their traces add up to the parameters determined, less those of the groups' hat matrices.
+
+        Raises
+        ------
+        InvalidArgument
+            As :meth:`covariance`, and beyond 4000 free parameters of cameras.
+        """
+        return self._core.leverages()
+
+    def hat_matrix(self, group: int) -> FloatArray:
+        """How much the errors of a group draw the fit to themselves: ``w G H⁻¹ Gᵀ``.
+
+        Parameters
+        ----------
+        group : int
+            Number of the group.
+
+        Returns
+        -------
+        (R, R) float64
+            Its trace is the part of the group's numbers that the fit uses up: what is left of the independent
+            ones is the redundancy of the group, and diagonal blocks tell that of its members.
+
+        Raises
+        ------
+        InvalidArgument
+            As :meth:`covariance`.
+        """
+        return self._core.hat(group)
+
+    def hat_spectrum(self, group: int) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues, ascending, and eigenvectors, in columns, of :meth:`hat_matrix`.
+
+        Parameters
+        ----------
+        group : int
+            Number of the group.
+
+        Returns
+        -------
+        (R,) float64, (R, R) float64
+            Both.
+        """
+        values, vectors = self._core.hat_spectrum(group)
+        return values, vectors
+
+    def step(self) -> LinearStep:
+        """The minimum of the linear model: an undamped Gauss–Newton step.
+
+        Returns
+        -------
+        LinearStep
+            The state there, and what the model predicts.
+        """
+        found = self._core.step()
+        state = {name: found.pop(name) for name in ("cameras", "intrinsics", "points")}
+        moved = {name: x.reshape(getattr(self._problem, name).shape) for name, x in state.items()}
+        return LinearStep(replace(self._problem, **moved), **found)
+
+
+def linearize(
+    problem: Problem,
+    *,
+    constraints: Iterable[ConstraintGroup] = (),
+    loss: str = "squared",
+    loss_scale_px: float | Literal["auto"] = 1.0,
+    gauge: str = "auto",
+    threads: int = 0,
+) -> LinearModel:
+    """Linearise a problem at its present state, for Jacobians, covariances and other statistics.
+
+    Parameters
+    ----------
+    problem : Problem
+        The state, usually an optimum; left untouched.
+    constraints : iterable of ConstraintGroup
+        Groups with their weights.
+    loss : {"squared", "huber", "cauchy", "tukey"}
+        Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.
+    loss_scale_px : float or "auto"
+        Where the loss leaves the parabola; "auto": from the median absolute residual.
+    gauge : {"auto", "free", "fixed"}
+        "free", and "auto" with it: all parameters have columns, covariances are those of least norm. "fixed":
+        the first pose and the scale are held, as far as nothing else holds them.
+    threads : int
+        0: as many as the machine has and the problem is worth. The same bits for any.
+
+    Returns
+    -------
+    LinearModel
+        Residuals, Jacobian, constraint rows; covariances and leverages when asked for.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem, a group or an option breaks a rule.
+    """
+    options = SolveOptions(loss=loss, loss_scale_px=loss_scale_px, gauge=gauge, threads=threads)
+    return LinearModel(problem, constraints, options)
+
+
+def _numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
+    if isinstance(value, str):
+        if value != "all":
+            raise InvalidArgument(f"{name} = {value!r}: must be numbers or 'all'")
+        return np.arange(count, dtype=np.int32)
+    numbers = np.asarray(value, dtype=np.int64).reshape(-1)
+    for number in numbers[(numbers < 0) | (numbers >= count)]:
+        raise InvalidArgument(f"{name}: {number}, must be in [0, {count})")
+    return numbers.astype(np.int32)

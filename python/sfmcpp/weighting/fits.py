@@ -1,0 +1,228 @@
+"""A whole problem fitted again and again, with other weights of its constraints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sfmcpp import _core
+from sfmcpp.ba.adjust import adjust
+from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.linearize import LinearModel
+from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.summary import Summary
+from sfmcpp.model import CONSTRAINT_KINDS, ConstraintGroup, Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.weighting.units import unit_of
+
+# Steps of a fit that starts at a neighbour's optimum; with hardly any damping, which would hold back just
+# the weak directions that a sensor decides.
+FIT_STEPS = 30
+_WARM_DAMPING = 1e-9
+# Without one of its observations a point may be hardly determined, and must be held.
+_SUBSET_DAMPING = 1e-5
+_FIT_TOLERANCE = 1e-10
+# Where the linear model tells the rest.
+BRIEF_STEPS = 12
+_BRIEF_TOLERANCE = 1e-5
+# The images alone give no more than their noise, and where to start.
+_ALONE_TOLERANCE = 1e-4
+# Inliers are within this many standard deviations of the images alone.
+INLIER_SIGMAS = 2.0
+# Predicted errors of this many standard deviations all count the same: the usual scale of Tukey's loss.
+_LEFT_OUT_SIGMAS = 4.6851
+# Squared length of two unit normal numbers: its median.
+_MEDIAN_OF_TWO = 2 * math.log(2)
+# Images without noise are taken to have this share of their declared one.
+LEAST_NOISE = 1e-6
+# Best and worst sensor, as a share of the extent of what it measures.
+_RANGE = 1e6
+# Share of the diagonal that is added to the normal equations: cameras that nothing determines.
+_RIDGE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class WeightFit:
+    """An optimum at some weights.
+
+    Attributes
+    ----------
+    problem : Problem
+        The optimum.
+    images : float
+        Σ ρ(‖r‖²) of the observations.
+    errors : (k,) float64
+        Σ m ε of each group.
+    inliers : int
+        Observations within `INLIER_SIGMAS` of the noise of the images alone.
+    """
+
+    problem: Problem
+    images: float
+    errors: FloatArray
+    inliers: int
+
+
+class WeightFits:
+    """A problem and its groups, to be fitted at any weights.
+
+    Parameters
+    ----------
+    problem : Problem
+        The start; left untouched.
+    groups : sequence of ConstraintGroup
+        All groups; left untouched.
+    options : SolveOptions
+        Those of the solve; its loss, linear solver, threads, gauge and time limit hold for each fit.
+
+    Attributes
+    ----------
+    groups : list of ConstraintGroup
+        The groups, members without a say at weight zero.
+    units : list of ConstraintUnit
+        Unit, spread and freedom of each.
+    noise : float
+        Standard deviation of the images alone by their median residual, in units of the declared one.
+    alone : WeightFit
+        The optimum of the images alone.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem, a group or an option breaks a rule.
+    """
+
+    def __init__(self, problem: Problem, groups: Sequence[ConstraintGroup], options: SolveOptions) -> None:
+        self.groups = [_without_unmoved(group, problem) for group in groups]
+        self.units = [unit_of(group.kind, group.points) for group in groups]
+        kept = ("linear_solver", "loss", "loss_scale_px", "max_iterations", "max_seconds", "threads", "gauge")
+        self.options = SolveOptions(**{name: getattr(options, name) for name in kept})
+        tolerance = max(options.function_tolerance, _ALONE_TOLERANCE)
+        self.options = self._changed(function_tolerance=tolerance)
+        state = problem.copy()
+        summary = self._adjust(state, np.zeros(len(groups)), self.options)
+        self.options = self._changed(
+            loss_scale_px=summary.loss_scale_px,
+            max_iterations=FIT_STEPS,
+            initial_damping=_WARM_DAMPING,
+            function_tolerance=min(options.function_tolerance, _FIT_TOLERANCE),
+        )
+        squared = squared_residuals(state)
+        self.noise = max(math.sqrt(float(np.median(squared)) / _MEDIAN_OF_TWO), LEAST_NOISE)
+        self.alone = self._result(state, summary)
+
+    def fit(self, weights: FloatArray, start: Problem, brief: bool = False) -> WeightFit:
+        """Fit at the given weights (k,), from a start that is left untouched; if `brief`, less sharply."""
+        state, options = start.copy(), self.options
+        if brief:
+            options = self._changed(max_iterations=BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
+        return self._result(state, self._adjust(state, weights, options))
+
+    def loss_terms(self, squared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """ρ, ρ′ and the slope of the influence ``d(s ρ′)/ds`` of squared residuals s (M,)."""
+        return _core.loss_terms(self.options.loss, float(self.options.loss_scale_px), squared)
+
+    def fit_subset(self, weights: FloatArray, start: Problem, keep: BoolArray, steps: int) -> Problem:
+        """Fit to some of the observations, for a few steps.
+
+        Parameters
+        ----------
+        weights : (k,) float64
+            One for each group.
+        start : Problem
+            Where to start; left untouched.
+        keep : (M,) bool
+            The observations to fit to.
+        steps : int
+            Steps tried at most.
+
+        Returns
+        -------
+        Problem
+            The start with the fitted cameras, intrinsics and points, and all its observations.
+        """
+        state = start.copy()
+        observed = {name: getattr(state, name)[keep] for name in ("camera_index", "point_index", "pixels")}
+        sigma = None if state.sigma_px is None else state.sigma_px[keep]
+        subset = replace(state, **observed, sigma_px=sigma)
+        self._adjust(subset, weights, self._changed(max_iterations=steps, initial_damping=_SUBSET_DAMPING))
+        return replace(state, cameras=subset.cameras, intrinsics=subset.intrinsics, points=subset.points)
+
+    def linearize(self, problem: Problem, weights: FloatArray) -> LinearModel:
+        """The linear model at a state and weights (k,)."""
+        return LinearModel(problem, self._weighted(weights), self.options, _RIDGE)
+
+    def measurements(self, k: int) -> int:
+        """Independent numbers measured by group k."""
+        return self.units[k].freedom * int(np.count_nonzero(self.groups[k].member_weights))
+
+    def bounded(self, k: int, weight: float) -> float:
+        """A weight of group k within reason, in three digits.
+
+        A sensor is neither better than a millionth of the extent of the cameras, of a radian or of a pixel,
+        nor worse than a million of them. The rounding, far below what data can tell, is where the last bits
+        of sums that depend on the machine's linear algebra end.
+        """
+        unit = self.units[k]
+        extent = float(np.ptp(self.alone.problem.centres, axis=0).max()) if unit.name == "m" else 1.0
+        middle = self.noise**2 * unit.spread / (extent or 1.0) ** 2
+        return float(f"{min(max(weight, middle / _RANGE**2), middle * _RANGE**2):.2e}")
+
+    def balanced(self, k: int, fit: WeightFit) -> float:
+        """The weight of group k at which it costs what the images cost, number by number, in a fit."""
+        error = max(fit.errors[k], np.finfo(float).tiny)
+        return self.bounded(k, self.noise**2 * self.measurements(k) / error)
+
+    def left_out_loss(self, squared: FloatArray) -> FloatArray:
+        """Loss of predicted errors, given squared: Tukey's, whatever that of the fits.
+
+        Of points seen at small angles some are lost without one of their observations, and would decide
+        alone.
+        """
+        return np.asarray(_core.loss_terms("tukey", _LEFT_OUT_SIGMAS * self.noise, squared)[0])
+
+    def inliers(self, squared: FloatArray) -> int:
+        """Squared residuals within `INLIER_SIGMAS` of the noise of the images alone."""
+        return int(np.count_nonzero(squared <= (INLIER_SIGMAS * self.noise) ** 2))
+
+    def _changed(self, **values: float) -> SolveOptions:
+        return SolveOptions.from_dict({**self.options.to_dict(), **values})
+
+    def _weighted(self, weights: FloatArray) -> list[ConstraintGroup]:
+        return [replace(g, weight=float(w)) for g, w in zip(self.groups, weights, strict=True)]
+
+    def _adjust(self, state: Problem, weights: FloatArray, options: SolveOptions) -> Summary:
+        summary = adjust(state, self._weighted(weights), options)
+        if summary.termination == "interrupted":
+            raise KeyboardInterrupt
+        return summary
+
+    def _result(self, state: Problem, summary: Summary) -> WeightFit:
+        constraints = sum(final for _, final in summary.constraint_costs.values())
+        images = 2 * (summary.final_cost - constraints)
+        return WeightFit(state, images, self.squared_errors(state), self.inliers(squared_residuals(state)))
+
+    def squared_errors(self, problem: Problem) -> FloatArray:
+        """(k,) Σ m ε of each group at a state."""
+        ones = np.ones(len(self.groups))
+        arrays = {**core_arrays(problem), "constraints": core_constraints(self._weighted(ones))}
+        return 2 * np.array(_core.constraint_costs(arrays))
+
+
+def squared_residuals(problem: Problem) -> FloatArray:
+    """(M,) squared residuals of the observations."""
+    return np.asarray((np.asarray(_core.residuals(core_arrays(problem))) ** 2).sum(axis=1))
+
+
+def _without_unmoved(group: ConstraintGroup, problem: Problem) -> ConstraintGroup:
+    """Members on cameras that all are fixed or unseen have no say and must not count as wrong."""
+    pairs = group.cameras if group.cameras.ndim == 2 else group.cameras[:, None]
+    if not ((pairs >= 0) & (pairs < problem.num_cameras)).all():
+        return group  # the core says which
+    seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    poses_matter = CONSTRAINT_KINDS[group.kind].on_poses
+    moved = (seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1)
+    return replace(group, member_weights=np.where(moved, group.member_weights, 0.0))

@@ -1,0 +1,127 @@
+"""The ways to choose a weight, by name: of one pose's constraint, or of a group in a whole problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.weighting import criteria
+
+Scope = Literal["pose", "problem"]
+TradeOff = Callable[[FloatArray, FloatArray, FloatArray, "FloatArray | None"], FloatArray]
+_FIXED = "fixed:"
+_WHERE = {"pose": "one pose", "problem": "a whole problem"}
+
+
+@dataclass(frozen=True)
+class WeightMethod:
+    """One way to choose a weight.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    scopes : tuple of str
+        "pose", "problem": what data it can choose by.
+    choose : callable
+        Index of the weight to take, from scores and which weights are admissible.
+    trade_off : callable or None
+        Scores λ, ρ, ν and dν / d log λ (:mod:`sfmcpp.weighting.criteria`); None: scores by other means.
+    refines : bool
+        Whether more weights around the first choice make sense.
+    grid : (W,) float64 or None
+        Weights the method prescribes; None: any grid.
+    """
+
+    name: str
+    scopes: tuple[Scope, ...]
+    choose: Callable[[FloatArray, BoolArray], int]
+    trade_off: TradeOff | None = None
+    refines: bool = False
+    grid: FloatArray | None = None
+
+
+def _last(scores: FloatArray, _: BoolArray) -> int:
+    """Prescribed weights are taken whatever they do to the inliers."""
+    return len(scores) - 1
+
+
+def _trade_off(name: str, scores: TradeOff) -> WeightMethod:
+    return WeightMethod(name, ("pose", "problem"), criteria.lowest_valley, scores)
+
+
+WEIGHT_METHODS: dict[str, WeightMethod] = {
+    method.name: method
+    for method in (
+        WeightMethod("auto", ("problem",), _last),
+        WeightMethod("variance", ("problem",), _last),
+        WeightMethod("loo", ("pose",), criteria.lowest),
+        WeightMethod("loo-approx", ("pose", "problem"), criteria.lowest, refines=True),
+        WeightMethod("k-fold", ("problem",), criteria.lowest, refines=True),
+        _trade_off("l-curve", criteria.l_curve_scores),
+        _trade_off("l-curve-scaled", criteria.scaled_l_curve_scores),
+        _trade_off("ltn", criteria.ltn_scores),
+        WeightMethod("fixed:λ", ("pose",), _last),
+        WeightMethod("none", ("pose",), _last, grid=np.zeros(1)),
+    )
+}
+
+
+def _names(scope: Scope) -> tuple[str, ...]:
+    return tuple(name for name, method in WEIGHT_METHODS.items() if scope in method.scopes)
+
+
+POSE_METHODS = _names("pose")
+PROBLEM_METHODS = _names("problem")
+
+
+def selection_method(text: str, scope: Scope = "pose", argument: str = "method") -> WeightMethod:
+    """Look a method up by what the user wrote.
+
+    Parameters
+    ----------
+    text : str
+        One of `POSE_METHODS` or `PROBLEM_METHODS`, with a number in place of λ.
+    scope : {"pose", "problem"}
+        What there is to choose by.
+    argument : str
+        What messages call the text.
+
+    Returns
+    -------
+    WeightMethod
+        The method.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no such method, it cannot choose by what there is, or the number after ``fixed:`` is not a
+        weight.
+    """
+    name = "fixed:λ" if text.startswith(_FIXED) else text
+    method = WEIGHT_METHODS.get(name)
+    known = ", ".join(_names(scope))
+    if method is None:
+        raise InvalidArgument(f"{argument} = {text!r}: must be one of {known}")
+    if scope not in method.scopes:
+        other = _WHERE[method.scopes[0]]
+        raise InvalidArgument(
+            f"{argument} = {text!r}: is for {other}; for {_WHERE[scope]} must be one of {known}"
+        )
+    return _fixed(text) if name == "fixed:λ" else method
+
+
+def _fixed(text: str) -> WeightMethod:
+    try:
+        weight = float(text.removeprefix(_FIXED))
+    except ValueError:
+        weight = np.nan
+    if not (np.isfinite(weight) and weight >= 0):
+        raise InvalidArgument(f"method = {text!r}: the weight must be a finite number, not negative")
+    grid = np.array([0.0, weight]) if weight > 0 else np.zeros(1)
+    return WeightMethod(text, ("pose",), _last, grid=grid)

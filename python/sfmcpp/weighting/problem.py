@@ -1,0 +1,206 @@
+"""Weights of constraint groups, chosen from the data of a whole adjustment: w of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sfmcpp.ba.options import SolveOptions
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.weight_selection import WeightSelection
+from sfmcpp.weighting.conflict import member_conflict
+from sfmcpp.weighting.fits import WeightFit, WeightFits
+from sfmcpp.weighting.methods import selection_method
+from sfmcpp.weighting.statistics import FitStatistics
+from sfmcpp.weighting.trials import Trials, sweep
+from sfmcpp.weighting.units import sigma_of_weight
+from sfmcpp.weighting.variance import VarianceSearch
+
+# Fewer numbers than this, left by the fit, are none.
+_LEAST_REDUNDANCY = 0.5
+# Rounds over several methods: each group is weighed with the others in place, then once more.
+_ROUNDS = 2
+# Positions farther from the cameras than this many times the extent of both are in another frame.
+_FARTHEST = 100.0
+VARIANCE = "variance"
+
+
+def select_group_weights(
+    problem: Problem,
+    groups: Sequence[ConstraintGroup],
+    weight: str | Mapping[str, str],
+    options: SolveOptions,
+) -> list[WeightSelection]:
+    """Choose the weights of groups of constraints from a whole problem, and set them.
+
+    All weights start where images and constraints balance. Groups of method "variance" are weighed together,
+    others one after the other with the rest held, and twice round if there are several
+    (:func:`sfmcpp.weighting.select_weights` does so for one pose).
+
+    Parameters
+    ----------
+    problem : Problem
+        The start; left untouched.
+    groups : sequence of ConstraintGroup
+        All groups; the attribute `weight` of those named is set to the choice, if nothing raises.
+    weight : str or mapping
+        A method for all groups, or the method of some by name; the others keep their weights.
+    options : SolveOptions
+        Those of the solve.
+
+    Returns
+    -------
+    list of WeightSelection
+        One for each group that was weighed, in their order.
+
+    Raises
+    ------
+    InvalidArgument
+        If there are no groups, a method or a group is unknown, a group leaves nothing to choose its weight
+        by or lies in another frame, or a method cannot be used for this problem.
+    KeyboardInterrupt
+        On Ctrl-C; nothing is changed then.
+    """
+    methods = _methods(groups, weight)
+    for k in methods:
+        apart = frame_conflict(problem, groups[k])
+        if apart is not None:
+            raise InvalidArgument(apart)
+    selection = _Selection(WeightFits(problem, groups, options), methods)
+    chosen = selection.run(np.array([float(group.weight) for group in groups]))
+    for k, found in zip(methods, chosen, strict=True):
+        groups[k].weight = found.weight
+    return chosen
+
+
+def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
+    """Whether the positions of a group are in another frame than the cameras, and what to do about it.
+
+    Parameters
+    ----------
+    problem : Problem
+        The cameras.
+    group : ConstraintGroup
+        A group; only positions and poses can be anywhere.
+
+    Returns
+    -------
+    str or None
+        A message, if they are farther apart than a hundred times the extent of either.
+    """
+    if group.kind not in ("position", "pose") or group.values is None or group.num_members < 2:
+        return None
+    if not ((group.cameras >= 0) & (group.cameras < problem.num_cameras)).all():
+        return None  # the core says which
+    values = group.values if group.kind == "position" else group.values[:, :, 3]
+    centres = problem.centres[group.cameras]
+    distance = float(np.linalg.norm(values.mean(axis=0) - centres.mean(axis=0)))
+    extent = max(float(np.ptp(x, axis=0).max()) for x in (values, centres))
+    if distance <= _FARTHEST * extent:
+        return None
+    here = f"constraints[{group.name!r}]"
+    measured = "values" if group.kind == "position" else "values[:, :, 3]"
+    return (
+        f"{here}: its positions are {distance:.3g} from the cameras, {distance / max(extent, 1e-300):.3g} "
+        "times their extent: they must be in the frame of the cameras. Align first: "
+        f"h = sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.{measured}), then "
+        "problem.cameras[:] = h.apply_to_poses(problem.cameras) and "
+        "problem.points[:] = h.apply(problem.points)"
+    )
+
+
+def _methods(groups: Sequence[ConstraintGroup], weight: str | Mapping[str, str]) -> dict[int, str]:
+    """Method of each group to weigh, by its number."""
+    names = [group.name for group in groups]
+    if not groups:
+        raise InvalidArgument(f"weight = {weight!r}: there are no constraints to weigh")
+    wanted = dict.fromkeys(names, weight) if isinstance(weight, str) else dict(weight)
+    for name, method in wanted.items():
+        if name not in names:
+            raise InvalidArgument(f"weight[{name!r}]: no such group, must be one of {', '.join(names)}")
+        selection_method(method, "problem", "weight")
+    resolved = {name: VARIANCE if method == "auto" else method for name, method in wanted.items()}
+    return {k: resolved[name] for k, name in enumerate(names) if name in resolved}
+
+
+class _Selection:
+    """The weights of all groups, on their way."""
+
+    def __init__(self, fits: WeightFits, methods: Mapping[int, str]) -> None:
+        self._fits, self._methods = fits, methods
+        self._together = [k for k, method in methods.items() if method == VARIANCE]
+        self._alone = [k for k, method in methods.items() if method != VARIANCE]
+        self._trials: dict[int, Trials] = {}
+
+    def run(self, weights: FloatArray) -> list[WeightSelection]:
+        weights, fit = self._balanced(weights)
+        at = FitStatistics(self._fits, fit.problem, weights)
+        self._require_redundancy(at)
+        units = len(self._alone) + bool(self._together)
+        for _ in range(_ROUNDS if units > 1 else 1):
+            if self._together:
+                at = self._by_variance(at)
+            for k in self._alone:
+                at = self._by_sweep(at, k)
+        return [self._described(k, at) for k in self._methods]
+
+    def _balanced(self, weights: FloatArray) -> tuple[FloatArray, WeightFit]:
+        """Weights at which images and constraints balance, as if the fit used up no redundancy.
+
+        Where sweeps begin they are fitted, twice: the images alone are free to drift away from the sensor.
+        """
+        found, fit = weights.copy(), self._fits.alone
+        for _ in range(2 if self._alone else 1):
+            for k in self._methods:
+                found[k] = self._fits.balanced(k, fit)
+            fit = self._fits.fit(found, fit.problem) if self._alone else fit
+        return found, fit
+
+    def _require_redundancy(self, at: FitStatistics) -> None:
+        """A group that the fit can follow in all it says, at whatever weight, leaves nothing to choose by."""
+        if self._together:
+            at.require_small()
+        if at.too_large:
+            return
+        for k in self._methods:
+            left = at.redundancy.groups[k]
+            if left < _LEAST_REDUNDANCY:
+                raise InvalidArgument(
+                    f"constraints[{self._fits.groups[k].name!r}]: the fit leaves {max(left, 0):.1f} of its "
+                    f"{self._fits.measurements(k)} numbers on cameras that can move, nothing to choose a "
+                    "weight by"
+                )
+
+    def _by_variance(self, at: FitStatistics) -> FitStatistics:
+        search = VarianceSearch(self._fits, at, self._together)
+        search.run()
+        self._trials.update({k: search.trials(k) for k in self._together})
+        return search.last
+
+    def _by_sweep(self, at: FitStatistics, k: int) -> FitStatistics:
+        method = selection_method(self._methods[k], "problem")
+        found = self._trials[k] = sweep(self._fits, k, at.weights, at.fit, method)
+        weights: FloatArray = at.weights.copy()
+        weights[k] = found.weights[found.index]
+        return FitStatistics(self._fits, found.fits[found.index].problem, weights)
+
+    def _described(self, k: int, at: FitStatistics) -> WeightSelection:
+        fits, trials = self._fits, self._trials[k]
+        group, unit, weight = fits.groups[k], fits.units[k], float(at.weights[k])
+        return WeightSelection(
+            name=group.name,
+            method=self._methods[k],
+            weight=weight,
+            weights=trials.weights,
+            vision=np.array([fit.images for fit in trials.fits]) / fits.alone.problem.num_observations,
+            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / group.member_weights.sum(),
+            score=trials.score,
+            admissible=trials.admissible,
+            sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
+            unit=unit.name,
+            conflict=member_conflict(group.name, unit, at.linear.groups[k].member, at.errors[k], at.hats[k]),
+            redundancy=None if at.too_large else float(at.redundancy.groups[k]),
+        )

@@ -1,0 +1,230 @@
+"""What the linear model at an optimum tells of the weights: redundancies, likelihoods, left-out errors.
+
+With r the residuals of the images and e those of group g, all over their standard deviations, a group's
+redundancy is ``n_g − tr(K_g)``, with the hat matrix ``K_g = w G_g H⁻¹ G_gᵀ``: how many of its numbers are not
+used up by the fit (Förstner; Helmert's variance components). The redundancies of images and groups add up to
+the degrees of freedom of the whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sfmcpp.ba.linearize import LinearStep
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.weighting.fits import LEAST_NOISE, WeightFit, WeightFits, squared_residuals
+
+MAX_COLUMNS = 4000
+# Farthest weight, in factors, that the model at one optimum is believed for.
+_REACH = 100.0
+_FACTORS = np.geomspace(1 / _REACH, _REACH, 401)
+# How many numbers the prior of a standard deviation takes.
+_PRIOR = 1
+# Rotation matrices and images have more rows than numbers: the others' share is rounding.
+_LEAST_SHARE = 1e-12
+# A point seen by two cameras is lost without one of them.
+_LEAST_VIEWS = 3
+# Nearly all observations are outliers: the scale of the loss is too small.
+_LEAST_SLOPE = 0.05
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """How a fit shares its degrees of freedom.
+
+    Attributes
+    ----------
+    images : float
+        Redundancy of the observations.
+    groups : (k,) float64
+        Redundancy of each group.
+    """
+
+    images: float
+    groups: FloatArray
+
+
+class FitStatistics:
+    """The linear model at a state near the optimum; what it says is of its own minimum.
+
+    Where the cameras have more than `MAX_COLUMNS` free parameters it says no more than what the errors are.
+
+    Parameters
+    ----------
+    fits : WeightFits
+        Problem, groups and loss.
+    problem : Problem
+        The state.
+    weights : (k,) float64
+        Weight of each group.
+    settled : bool
+        Whether the state is the optimum already, by the minimiser: an undamped step would follow directions
+        that hardly anything determines.
+
+    Attributes
+    ----------
+    linear : LinearModel
+        The model.
+    problem, weights : Problem, (k,) float64
+        As given.
+    """
+
+    def __init__(
+        self, fits: WeightFits, problem: Problem, weights: FloatArray, settled: bool = False
+    ) -> None:
+        self._fits, self.problem, self.weights, self._settled = fits, problem, weights, settled
+        self.linear = fits.linearize(problem, weights)
+
+    @property
+    def too_large(self) -> bool:
+        """Whether the problem has too many columns."""
+        return self.linear.num_camera_columns > MAX_COLUMNS
+
+    def require_small(self) -> None:
+        """Raise InvalidArgument if the problem has too many columns."""
+        if self.too_large:
+            raise InvalidArgument(
+                f"problem: {self.linear.num_camera_columns} free parameters of cameras, must be at most "
+                f"{MAX_COLUMNS} for a weight chosen by 'variance' or 'loo-approx'"
+            )
+
+    @cached_property
+    def step(self) -> LinearStep:
+        """The minimum of the model; the state itself if it is one, or if the problem is too large."""
+        if self._settled or self.too_large:
+            return LinearStep(self.problem, [rows.errors for rows in self.linear.groups], 0.0)
+        return self.linear.step()
+
+    @property
+    def errors(self) -> list[FloatArray]:
+        """(R,) errors of each group there."""
+        return self.step.errors
+
+    @cached_property
+    def hats(self) -> list[FloatArray]:
+        """(R, R) hat matrix of each group, over its rows; zero if the problem is too large."""
+        if self.too_large:
+            sizes = [len(rows.errors) for rows in self.linear.groups]
+            return [np.broadcast_to(0.0, (size, size)) for size in sizes]
+        return [self.linear.hat_matrix(k) for k in range(len(self.weights))]
+
+    @cached_property
+    def redundancy(self) -> Redundancy:
+        """Of the images and of each group."""
+        used = np.array([float(np.trace(hat)) for hat in self.hats])
+        measured = np.array([self._fits.measurements(k) for k in range(len(used))])
+        images = 2 * len(self.linear.residuals) - (self.linear.num_determined - used.sum())
+        return Redundancy(images, measured - used)
+
+    @cached_property
+    def squared(self) -> FloatArray:
+        """(M,) squared residuals there."""
+        return squared_residuals(self.step.problem)
+
+    @property
+    def promises(self) -> tuple[float, float]:
+        """How far Σ ρ + Σ w m ε falls on the way there, and how far it should."""
+        images = float(self._fits.loss_terms(self.squared)[0].sum())
+        there = images + float(self.weights @ self._fits.squared_errors(self.step.problem))
+        return 2 * self.linear.cost - there, 2 * self.step.decrease
+
+    @cached_property
+    def fit(self) -> WeightFit:
+        """The minimum of the model as a fit."""
+        problem, errors = self.step.problem, np.array([float(e @ e) for e in self.errors])
+        images = 2 * (self.linear.cost - self.step.decrease) - float(self.weights @ errors)
+        return WeightFit(problem, max(images, 0.0), errors, self._fits.inliers(self.squared))
+
+    @cached_property
+    def image_sigma(self) -> float:
+        """Standard deviation of the images in units of the declared one.
+
+        Under a robust loss what counts is how far chance moves the fit: the mean square of the influences ψ
+        over the mean of their slope (Huber's asymptotic variance, for the weight of a cost with that slope).
+        """
+        free = 2 * len(self.squared) - self.linear.num_columns if self.too_large else self.redundancy.images
+        _, slope, influence = self._fits.loss_terms(self.squared)
+        found = float((self.squared * slope**2).sum()) / max(free, 1.0)
+        return max(math.sqrt(found / max(float(influence.mean()), _LEAST_SLOPE)), LEAST_NOISE)
+
+    def best_factor(self, k: int) -> float:
+        """Factor by which the weight of group k maximises the restricted likelihood, others held.
+
+        In the linear model, with a = eigenvalues of K and ẽ the weighted errors in its eigenvectors, at the
+        weight τ w the errors are ``ẽ / (1 + (τ − 1) a)``; minus twice the logarithm of the restricted
+        likelihood (Patterson and Thompson 1971) is ``(V + τ E) / s² + log det H − n log τ``. Where it is
+        smallest, ``τ E / s²`` equals the redundancy: Helmert's estimate. With few numbers left that may well
+        be at σ = 0; a prior proportional to σ, one number less, keeps it away (Chung et al., "A nondegenerate
+        penalized likelihood estimator for variance parameters in multilevel models", 2013).
+
+        Parameters
+        ----------
+        k : int
+            Number of the group.
+
+        Returns
+        -------
+        float
+            τ, within two decades of one.
+        """
+        share, vectors = self.linear.hat_spectrum(k)
+        share = np.clip(np.where(share < _LEAST_SHARE, 0.0, share), 0.0, 1.0)
+        errors = math.sqrt(self.weights[k]) * (vectors.T @ self.errors[k])
+        step = _FACTORS[:, None] - 1
+        grown = 1 + step * share
+        squared = errors**2
+        images = (share * step * (2 / grown + (1 - share) * step / grown**2)) @ squared
+        own = _FACTORS * ((1 / grown**2) @ squared)
+        score = (images + own) / self.image_sigma**2
+        score += np.log(grown).sum(axis=1) - self._counted(k) * np.log(_FACTORS)
+        return _lowest_factor(score)
+
+    def _counted(self, k: int) -> int:
+        return self._fits.measurements(k) - _PRIOR
+
+    def likelihood_terms(self, chosen: Sequence[int]) -> tuple[float, float]:
+        """Minus twice the logarithm of restricted likelihood and prior, up to a constant, in two parts.
+
+        Parameters
+        ----------
+        chosen : sequence of int
+            The groups whose weights are compared.
+
+        Returns
+        -------
+        (float, float)
+            The cost, to be divided by the variance of the images, and the rest.
+        """
+        cost = self.fit.images + float(self.weights @ self.fit.errors)
+        measured = sum(self._counted(k) * math.log(self.weights[k]) for k in chosen)
+        return cost, self.linear.log_determinant - measured
+
+    def left_out_error(self) -> float:
+        """Mean loss of the errors with which all others predict each observation, in closed form.
+
+        With the leverage ``H_o = J_o H⁻¹ J_oᵀ`` (2×2) the error is ``(I − H_o)⁻¹ r_o``, one Gauss–Newton step
+        without the observation (Allen's PRESS). Observations of points with fewer than three views are left
+        out: without one of them there is no point to predict from.
+        """
+        self.require_small()
+        views = np.bincount(self.problem.point_index, minlength=self.problem.num_points)
+        judged = (views >= _LEAST_VIEWS)[self.problem.point_index]
+        without = np.eye(2) - self.linear.leverages()[judged]
+        predicted = np.linalg.solve(without, self.linear.residuals[judged][:, :, None])
+        return float(self._fits.left_out_loss((predicted**2).sum(axis=(1, 2))).mean())
+
+
+def _lowest_factor(score: FloatArray) -> float:
+    best = int(np.argmin(score))
+    if best in (0, len(score) - 1):
+        return float(_FACTORS[best])
+    before, here, after = score[best - 1 : best + 2]
+    shift = 0.5 * (before - after) / (before - 2 * here + after)
+    return float(_FACTORS[best] * (_FACTORS[1] / _FACTORS[0]) ** shift)

@@ -1,1 +1,0 @@
-"""Weights of constraint groups for a whole adjustment, chosen from its data."""
