@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'explore_step', 'linearize_pose', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -484,6 +484,65 @@ class CoreCameraModel:
     @property
     def name(self) -> str:
         ...
+class CoreLinearModel:
+    """
+    The linear model of a problem at one state.
+    """
+    def __init__(self, arrays: dict, options: SolveOptions, ridge: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+        ...
+    def covariance(self, columns: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
+        ...
+    def covariance_blocks(self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> numpy.typing.NDArray[numpy.float64]:
+        ...
+    def groups(self) -> list:
+        """
+        Rows of each constraint group, without its weight.
+        """
+    def hat(self, group: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
+        ...
+    def hat_spectrum(self, group: typing.SupportsInt | typing.SupportsIndex) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]]:
+        ...
+    def jacobian(self) -> tuple:
+        """
+        By the camera and by the point of each observation.
+        """
+    def leverages(self) -> numpy.typing.NDArray[numpy.float64]:
+        ...
+    def log_determinant(self) -> float:
+        ...
+    def num_determined(self) -> int:
+        ...
+    def step(self) -> dict:
+        """
+        The minimum of the linear model.
+        """
+    @property
+    def camera_columns(self) -> numpy.typing.NDArray[numpy.int32]:
+        ...
+    @property
+    def cost(self) -> float:
+        ...
+    @property
+    def free_intrinsics(self) -> list[str]:
+        ...
+    @property
+    def loss_scale_px(self) -> float:
+        ...
+    @property
+    def num_camera_columns(self) -> int:
+        ...
+    @property
+    def num_columns(self) -> int:
+        ...
+    @property
+    def observation_weights(self) -> numpy.typing.NDArray[numpy.float64]:
+        ...
+    @property
+    def point_columns(self) -> numpy.typing.NDArray[numpy.int32]:
+        ...
+    @property
+    def residuals(self) -> numpy.typing.NDArray[numpy.float64]:
+        ...
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.
@@ -492,6 +551,10 @@ def check_jacobians(arrays: dict, max_observations: typing.SupportsInt | typing.
     """
     Analytic against numeric derivatives.
     """
+def constraint_costs(arrays: dict) -> list[float]:
+    """
+    Weighted cost of each group.
+    """
 def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.Sequence[tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]]) -> dict:
     """
     Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
@@ -499,6 +562,10 @@ def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.S
 def linearize_pose(view: dict, constraints: collections.abc.Sequence[dict], pose: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> dict:
     """
     Normal equations of the images, residuals and Jacobians of the constraints.
+    """
+def loss_terms(loss: str, scale: typing.SupportsFloat | typing.SupportsIndex, squared: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> tuple:
+    """
+    ρ, ρ′ and d(s ρ′)/ds of squared residuals s.
     """
 def projection_matrices(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """

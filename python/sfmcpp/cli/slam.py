@@ -13,7 +13,7 @@ from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sources.vision import CORNERS
-from sfmcpp.weighting import METHODS as WEIGHTS
+from sfmcpp.weighting import POSE_METHODS as WEIGHTS
 
 
 def _known_sensors(names: list[str]) -> list[str]:

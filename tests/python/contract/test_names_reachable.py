@@ -16,7 +16,7 @@ from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOption
 from sfmcpp.ba.options import OPTIONS
 from sfmcpp.cli.app import app
 from sfmcpp.cli.exit_codes import ExitCode
-from sfmcpp.weighting import METHODS, WEIGHT_METHODS, selection_method
+from sfmcpp.weighting import POSE_METHODS, PROBLEM_METHODS, selection_method
 
 CHOICES = [(option.name, choice) for option in OPTIONS.values() for choice, _ in option.choices]
 VALUES: dict[type, Any] = {int: 7, float: 0.25, bool: True}
@@ -116,7 +116,7 @@ def test_every_kind_of_constraint_is_taken_by_a_solve_and_described(kind: str) -
     assert row.endswith(facts.frame)
 
 
-@pytest.mark.parametrize("method", WEIGHT_METHODS)
+@pytest.mark.parametrize("method", PROBLEM_METHODS)
 def test_every_way_to_weigh_groups_is_taken_by_solve_and_described(method: str) -> None:
     problem = sfmcpp.circle_scene(5, 30, camera_model="calibrated", seed=1)
     noise = np.random.default_rng(1).normal(0, 0.1, (5, 3))
@@ -126,7 +126,7 @@ def test_every_way_to_weigh_groups_is_taken_by_solve_and_described(method: str) 
     assert f'"{method}"' in (sfmcpp.solve.__doc__ or "")
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", POSE_METHODS)
 def test_every_way_to_weigh_a_sensor_is_listed_by_the_command_line(method: str) -> None:
     assert selection_method(method.replace("λ", "2"))
     assert method in help_of("slam").split("--weights")[1].split(" --")[0]
