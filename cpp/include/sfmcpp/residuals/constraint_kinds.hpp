@@ -82,8 +82,8 @@ struct ConstraintKindFacts {
   std::string_view name;
   Measurement measurement;
   CamerasOfMember cameras;
-  int entries;            // of e; kTwoPerPoint: two for each frozen point, compared in images
-  int freedom;            // independent equations at most: nine entries of a rotation are three
+  int entries;  // of e; kTwoPerPoint: two for each frozen point, compared in images
+  int freedom;  // independent equations where it holds: nine entries of a rotation are three
   std::string_view unit;  // of an error d of the sensor
   double spread;          // ‖d‖² / ε to first order; unused where it is the number of points
   std::string_view error;
