@@ -30,12 +30,14 @@ py::array_t<double> residuals(const py::dict& arrays) {
   const ba::Problem problem = problem_of(arrays);
   ba::check_arrays(problem);
   const linear::ObservationGraph graph = ba::graph_of(problem);
-  ThreadPool pool(resolve_num_threads(0, problem.num_observations()));
+  constexpr long kPassesOfASolve = 10;  // at least: a thread for one alone must find so much more
+  ThreadPool pool(resolve_num_threads(0, problem.num_observations() / kPassesOfASolve));
   const std::vector<double> stored =
       ba::ImageResiduals(problem, graph, pool).values(ba::state_of(problem));
   py::array_t<double> result({problem.num_observations(), 2});
+  double* in_order = result.mutable_data();
   for (int k = 0; k < problem.num_observations(); ++k)
-    std::copy_n(stored.data() + 2L * k, 2, result.mutable_data(graph.source[k]));
+    std::copy_n(stored.data() + 2L * k, 2, in_order + 2L * graph.source[k]);
   return result;
 }
 
