@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
@@ -19,7 +20,9 @@ from sfmcpp.study.plotting.scene_page import Scene, save_scene_page
 from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
 from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
 from sfmcpp.study.report_files import write_report
-from sfmcpp.study.slam_report import SlamReport
+
+if TYPE_CHECKING:
+    from sfmcpp.study.slam_report import SlamReport
 
 REPORT = "report.json"
 # Counts that the page shows.
