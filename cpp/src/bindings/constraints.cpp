@@ -121,9 +121,9 @@ ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
 }
 
 py::object shape_of(Measurement measurement) {
-  static const std::vector<std::vector<int>> kShapes{{}, {}, {2}, {3}, {3, 3}, {3, 4}};
+  static const std::vector<std::vector<int>> shapes{{}, {}, {2}, {3}, {3, 3}, {3, 4}};
   if (measurement == Measurement::kNone) return py::none();
-  return py::tuple(py::cast(kShapes[static_cast<std::size_t>(measurement)]));
+  return py::tuple(py::cast(shapes[static_cast<std::size_t>(measurement)]));
 }
 
 py::tuple numbers_of(CamerasOfMember cameras) {

@@ -113,12 +113,8 @@ py::tuple loss_terms(const std::string& kind, double scale, const py::array_t<do
   return py::make_tuple(each(&Loss::rho), each(&Loss::derivative), each(&Loss::influence_slope));
 }
 
-}  // namespace
-
-void bind_linearize(py::module_& m) {
-  const auto released = py::call_guard<py::gil_scoped_release>();
-  py::class_<LinearModel>(m, "CoreLinearModel", "The linear model of a problem at one state.")
-      .def(py::init(&linearize), py::arg("arrays"), py::arg("options"), py::arg("ridge") = 0.0)
+void def_state(py::class_<LinearModel>& c) {
+  c.def(py::init(&linearize), py::arg("arrays"), py::arg("options"), py::arg("ridge") = 0.0)
       .def_property_readonly("cost", &LinearModel::cost)
       .def_property_readonly("loss_scale_px", &LinearModel::loss_scale)
       .def_property_readonly("num_columns", &LinearModel::num_columns)
@@ -146,8 +142,12 @@ void bind_linearize(py::module_& m) {
                                });
                              })
       .def("jacobian", &jacobian, "By the camera and by the point of each observation.")
-      .def("groups", &groups, "Rows of each constraint group, without its weight.")
-      .def("num_determined", &LinearModel::num_determined, released)
+      .def("groups", &groups, "Rows of each constraint group, without its weight.");
+}
+
+void def_statistics(py::class_<LinearModel>& c) {
+  const auto released = py::call_guard<py::gil_scoped_release>();
+  c.def("num_determined", &LinearModel::num_determined, released)
       .def("log_determinant", &LinearModel::log_determinant, released)
       .def(
           "covariance",
@@ -171,6 +171,14 @@ void bind_linearize(py::module_& m) {
           },
           py::arg("group"))
       .def("step", &step, "The minimum of the linear model.");
+}
+
+}  // namespace
+
+void bind_linearize(py::module_& m) {
+  py::class_<LinearModel> c(m, "CoreLinearModel", "The linear model of a problem at one state.");
+  def_state(c);
+  def_statistics(c);
   m.def("constraint_costs", &constraint_costs, py::arg("arrays"), "Weighted cost of each group.");
   m.def("loss_terms",
         &loss_terms,

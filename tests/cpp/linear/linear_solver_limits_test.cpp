@@ -19,7 +19,7 @@ class LinearSolverLimits : public testing::TestWithParam<LinearSolverKind> {
  protected:
   LinearSolverOptions options{GetParam(), 1e-10, 5000};
 
-  void expect_agreement(const SystemOptions& system) const;
+  void expect_agreement(const SystemOptions& system, double tolerance = 1e-7) const;
 
   static SystemOptions nine_columns() { return {.points = 25, .camera_size = 9}; }
   // The last of the points is seen by camera 2 alone.
@@ -37,13 +37,13 @@ bool all_finite(const Step& step) {
          std::all_of(step.point.begin(), step.point.end(), finite);
 }
 
-void LinearSolverLimits::expect_agreement(const SystemOptions& system) const {
+void LinearSolverLimits::expect_agreement(const SystemOptions& system, double tolerance) const {
   const RandomSystem linearized(system);
   const Damping damping{1e-3, DampingMatrix::kDiagonal};
   const VectorXd reference = solve_by_qr(linearized.dense(), damping);
   Step step;
   ASSERT_TRUE(linearized.solve(options, damping, step).success);
-  EXPECT_LT((flatten(linearized.dense(), step) - reference).norm(), 1e-7 * reference.norm());
+  EXPECT_LT((flatten(linearized.dense(), step) - reference).norm(), tolerance * reference.norm());
 }
 
 TEST_P(LinearSolverLimits, APointSeenOnceIsHeldByDampingAndAgreesWithQr) {
@@ -58,7 +58,7 @@ TEST_P(LinearSolverLimits, APointSeenOnceHasAFiniteUndampedStep) {
   ASSERT_TRUE(linearized.solve(options, {0.0, DampingMatrix::kIdentity}, step).success);
   ASSERT_TRUE(all_finite(step));
   const VectorXd flat = flatten(linearized.dense(), step);
-  EXPECT_LT(flat.tail<3>().norm(), 1e4);
+  EXPECT_LT(flat.tail<3>().norm(), 300.0);  // residuals and derivatives here are of order one
   // The step of all others is the one without that observation: its residual, of rank two, can be
   // met by the point.
   const support::DenseSystem& all = linearized.dense();
@@ -76,13 +76,13 @@ TEST_P(LinearSolverLimits, APointSeenOnceHasAFiniteUndampedStep) {
 TEST_P(LinearSolverLimits, WithEveryCameraFixedSolvesForThePointsAlone) {
   SystemOptions intersection{.points = 25, .fixed_cameras = {0, 1, 2, 3, 4, 5}};
   ASSERT_EQ(make_map(intersection).num_columns, 0);
-  expect_agreement(intersection);
+  expect_agreement(intersection, 1e-10);
 }
 
 TEST_P(LinearSolverLimits, WithEveryPointFixedSolvesForTheCamerasAlone) {
   SystemOptions resection = nine_columns();
   for (int p = 0; p < resection.points; ++p) resection.fixed_points.push_back(p);
-  expect_agreement(resection);
+  expect_agreement(resection, 1e-8);
 }
 
 TEST_P(LinearSolverLimits, CamerasThatShareNoPointAreSolvedEachOnItsOwn) {

@@ -53,7 +53,7 @@ struct OptionFacts {
 //
 // How to add an option: a member of the struct it belongs to, and its line here.
 template <class F>
-void for_each_option(const F& f) {
+void for_each_option(const F& f) {  // NOLINT(readability-function-size): a table
   using O = OptionFacts;
   f(
       O{"method", "Minimiser"}, [](auto& o) -> auto& { return o.minimizer.method; });
