@@ -95,8 +95,10 @@ def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
         return None
     if not ((group.cameras >= 0) & (group.cameras < problem.num_cameras)).all():
         return None  # the core says which
-    values = group.values if group.kind == "position" else group.values[:, :, 3]
+    values = group.values if group.kind == "position" else group.values[..., 3]
     centres = problem.centres[group.cameras]
+    if values.shape != centres.shape:
+        return None  # the core says where
     distance = float(np.linalg.norm(values.mean(axis=0) - centres.mean(axis=0)))
     extent = max(float(np.ptp(x, axis=0).max()) for x in (values, centres))
     if distance <= _FARTHEST * extent:
