@@ -17,7 +17,7 @@ constexpr double kNegligible = 1e-18;
 // rate of convergence, and moves a prediction by less than 1e-5 of itself.
 constexpr double kNegligibleForFold = 1e-9;
 // A cost, in squared standard deviations, far below what any measurement can tell.
-constexpr double kNothing = 1e-24;
+constexpr double kNoCost = 1e-24;
 // Damping after the first step that fails: there is none before, as fits start near their minimum.
 constexpr double kFirstDamping = 1e-3;
 
@@ -165,7 +165,7 @@ bool PoseFit::descend(const Fold& fold, int max_iterations, LinearizedPose& at) 
     const Cholesky6 cholesky(damped);
     const Vector6 downhill = gradient(fold, at), step = cholesky.solve(downhill);
     // Without damping the decrease that the model promises; with it, a little less.
-    const double promise = dot(step, downhill), now = cost(fold, at) + kNothing;
+    const double promise = dot(step, downhill), now = cost(fold, at) + kNoCost;
     plus_pose(at.pose, step.data(), candidate_.pose);
     if (cholesky.positive() && damping == 0.0 && promise <= fold.trusted * now) {
       std::copy_n(candidate_.pose, 12, at.pose);

@@ -332,7 +332,7 @@ class Store:
         return np.asarray(np.repeat(begin + counts - np.cumsum(counts), counts) + np.arange(counts.sum()))
 
     def observations_of(self, points: ArrayLike) -> Rows:
-        """Keypoints that see one of `points` (n,), point after point, in the order they were told of."""
+        """Keypoints that see one of `points` (n,), point after point, in the order they came."""
         return self._tracks.in_order(np.asarray(points, dtype=np.intp))[0]
 
 

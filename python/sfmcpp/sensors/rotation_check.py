@@ -20,7 +20,7 @@ from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.prediction import interpolate_rotations
 from sfmcpp.sensors.stream import require_kind
 
-# An offset that is told less well than this is none.
+# An offset known less well than this counts as unknown.
 LARGEST_SIGMA_S = 0.02
 # Offsets up to this cost no accuracy that could be measured on real drives.
 TOLERATED_OFFSET_S = 0.1
@@ -64,7 +64,7 @@ class RotationCheck:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the offset of the clock is told."""
+        """Whether the offset of the clock is known."""
         return self.sigma_s <= LARGEST_SIGMA_S
 
     def complaint(self, name: str) -> str:

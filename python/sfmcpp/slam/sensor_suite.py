@@ -51,7 +51,7 @@ class SensorSuite:
             for sensor in self.sensors
             if isinstance(sensor, Gyroscope)
         }
-        return [told for name, check in checks.items() if (told := check.complaint(name))]
+        return [found for name, check in checks.items() if (found := check.complaint(name))]
 
     def distance(self, start_s: float, end_s: float) -> float | None:
         """Distance between two times [m]."""

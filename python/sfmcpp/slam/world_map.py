@@ -64,7 +64,7 @@ class Keyframe:
 class WorldMap(Map):
     """A map whose images are keyframes; the points have the numbers of the tracks.
 
-    It grows with what it is told of: tracks that no keyframe has seen take no room.
+    It grows with the tracks that keyframes see; others take no room.
 
     Parameters
     ----------

@@ -82,12 +82,12 @@ def read_intrinsics(path: Path) -> FloatArray:
     return np.array([f, fv / f, cx, cy, skew])
 
 
-def mounting_of(told: str | Path | Mounting | None) -> Mounting | None:
+def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
     """How the camera sits on the body of the sensors.
 
     Parameters
     ----------
-    told : str, Path, Mounting or None
+    given : str, Path, Mounting or None
         ``"camera"``: the sensors have the axes of the camera (x right, y down, z ahead). ``"forward"``: those
         of a vehicle (ISO 8855: x ahead, y left, z up), whose camera looks ahead. Else a file with the pose
         body_from_camera: three rows ``[R | t]``, or four, the last 0 0 0 1.
@@ -97,11 +97,11 @@ def mounting_of(told: str | Path | Mounting | None) -> Mounting | None:
     DatasetError
         If the file cannot be read, or holds no pose.
     """
-    if told is None or isinstance(told, Mounting):
-        return told
-    if told == "camera":
+    if given is None or isinstance(given, Mounting):
+        return given
+    if given == "camera":
         return Mounting(np.eye(3), np.zeros(3))
-    return Mounting.forward_looking() if told == "forward" else _read_mounting(Path(told))
+    return Mounting.forward_looking() if given == "forward" else _read_mounting(Path(given))
 
 
 def _read_mounting(path: Path) -> Mounting:
