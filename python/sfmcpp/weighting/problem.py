@@ -101,7 +101,7 @@ def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
         return None  # the core says where
     distance = float(np.linalg.norm(values.mean(axis=0) - centres.mean(axis=0)))
     extent = max(float(np.ptp(x, axis=0).max()) for x in (values, centres))
-    if distance <= _FARTHEST * extent:
+    if not distance > _FARTHEST * extent:  # nor where a value is no number: the core says which
         return None
     here = f"constraints[{group.name!r}]"
     measured = "values" if group.kind == "position" else "values[:, :, 3]"

@@ -129,3 +129,13 @@ def test_a_constraint_on_intrinsics_is_none_on_one_pose() -> None:
     view |= {"points": np.tile([0.0, 0, 5], (4, 1)), "pixels": np.zeros((4, 2))}
     with pytest.raises(InvalidArgument, match=r"kind = 'focal': must be a constraint on poses"):
         _core.refine_pose(view, [arrays], np.eye(3, 4), _core.PoseSweepOptions())
+
+
+@pytest.mark.parametrize("weight", [None, "auto"])
+def test_a_measurement_that_is_no_number_is_named_however_weights_are_chosen(weight: str | None) -> None:
+    problem = scene()
+    group = random_group(problem, "position", name="gps")
+    assert group.values is not None
+    group.values[1, 2] = np.nan
+    with pytest.raises(InvalidArgument, match=r"\['gps'\].*must be finite"):
+        sfmcpp.solve(problem, constraints=[group], weight=weight)
