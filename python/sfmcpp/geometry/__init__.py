@@ -13,11 +13,13 @@ from sfmcpp.geometry.relative_pose import RelativePose, relative_pose
 from sfmcpp.geometry.resection import pose_inliers, resection
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.geometry.triangulation import triangulate_linear, triangulate_midpoint
+from sfmcpp.geometry.two_view import TwoViewGeometry
 
 __all__ = [
     "PoseEstimate",
     "RelativePose",
     "Similarity",
+    "TwoViewGeometry",
     "depths",
     "fit_pose_similarity",
     "fit_similarity",

@@ -36,7 +36,7 @@ PYTHON_LEVELS: list[set[str]] = [
     {"ba"},
     {"weighting", "sources"},
     {"map"},
-    {"slam"},
+    {"slam", "sfm"},
     {"study"},
     {"cli"},
 ]
@@ -52,7 +52,7 @@ PYTHON_FOREIGN = {
     "cli": {"rich", "typer", "matplotlib"},
     "study": {"matplotlib", "viser"},
     "geometry": {"poselib"},
-    "sources": {"cv2"},
+    "sources": {"cv2", "PIL"},
 }
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)[>"]', re.MULTILINE)

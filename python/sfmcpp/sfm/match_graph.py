@@ -1,0 +1,60 @@
+"""Photos, their features, and which pairs of photos match: what a reconstruction starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.geometry import TwoViewGeometry
+from sfmcpp.model.photos import Features, Photo
+
+Matches = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two images and their matches.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the images, first < second.
+    matches : (m, 2) int32
+        Features of the first and of the second that look alike, each at most once.
+    geometry : TwoViewGeometry
+        What the matches say of the two cameras, and which of them agree.
+    """
+
+    first: int
+    second: int
+    matches: Matches
+    geometry: TwoViewGeometry
+
+    @property
+    def verified(self) -> Matches:
+        """(k, 2) the matches that agree with the geometry."""
+        return self.matches[self.geometry.inliers]
+
+
+@dataclass(frozen=True, eq=False)
+class MatchGraph:
+    """All images and pairs of a set.
+
+    Attributes
+    ----------
+    photos : list of Photo
+        The images, in the order of their names.
+    features : list of Features
+        What was detected in each.
+    pairs : list of Pair
+        Those that were tried, in the order of their numbers, also those without a geometry.
+    unreadable : dict
+        Reason for each file that was left out, by its name.
+    """
+
+    photos: list[Photo]
+    features: list[Features]
+    pairs: list[Pair]
+    unreadable: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,104 @@
+"""What a reconstruction gives: models, and of each image and pair what became of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.map import Map
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sfm.match_graph import MatchGraph
+
+
+@dataclass(frozen=True)
+class ImageOutcome:
+    """What became of one image.
+
+    Attributes
+    ----------
+    registered : bool
+        Whether it has a pose in a model.
+    model : int or None
+        Number of the model, 0 the largest.
+    reason : str
+        Why it has none, in a sentence; empty if it has one.
+    """
+
+    registered: bool
+    model: int | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class GpsOutcome:
+    """How the first model was brought into the world by positions of its images.
+
+    Attributes
+    ----------
+    sigma_m : float
+        Standard deviation of one coordinate of a position, as the data tell it [m].
+    accuracy_m : float
+        Stated accuracy of the model in the world: standard deviation of one coordinate of its centres, RMS
+        over the images [m].
+    outliers : list of str
+        Images whose position lies.
+    origin : (3,) float64
+        Latitude, longitude [deg, WGS84] and height [m] of the model's origin; its axes are east, north, up.
+    residuals_m : dict
+        Distance of each image's centre from its position, by name [m].
+    """
+
+    sigma_m: float
+    accuracy_m: float
+    outliers: list[str]
+    origin: FloatArray
+    residuals_m: dict[str, float]
+
+
+@dataclass(eq=False)
+class SfmRun:
+    """A reconstruction that has ended.
+
+    Attributes
+    ----------
+    source : str
+        What was reconstructed: a path, or a word for arrays.
+    options : dict
+        How it was asked for.
+    graph : MatchGraph
+        Images, features and pairs. Image and keypoint numbers of a model are those of the graph.
+    models : list of Map
+        The largest first. Each has all images and keypoints of the graph; those outside it have no pose.
+    images : dict
+        Outcome of each image by name, also of files that could not be read.
+    seconds : dict
+        Wall time of each stage by name [s]: ``features``, ``matching``, ``mapping`` …
+    warnings : list of str
+        What a user should know, in sentences.
+    gps : GpsOutcome or None
+        None where no positions were used.
+    interrupted : bool
+        Whether it was ended before its time.
+    """
+
+    source: str
+    options: dict[str, Any]
+    graph: MatchGraph
+    models: list[Map]
+    images: dict[str, ImageOutcome]
+    seconds: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    gps: GpsOutcome | None = None
+    interrupted: bool = False
+
+    @property
+    def model(self) -> Map | None:
+        """The largest model, or None."""
+        return self.models[0] if self.models else None
+
+    @property
+    def num_registered(self) -> int:
+        """Images with a pose in the largest model."""
+        return int(np.count_nonzero(self.models[0].registered)) if self.models else 0
