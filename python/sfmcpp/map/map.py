@@ -226,6 +226,26 @@ class Map(Store):
         """
         return self._seen_points(np.asarray(images, dtype=np.intp), ~self.known, min_views)
 
+    def seen_from(self, images: ArrayLike, points: ArrayLike) -> LocalProblem:
+        """Make the problem of some points, and of those of `images` that see them.
+
+        Parameters
+        ----------
+        images : (I,) bool
+            Which images may take part; they have poses.
+        points : (n,) int
+            Points, with a position or without.
+
+        Returns
+        -------
+        LocalProblem
+            It costs what these points are seen, however large the map is.
+        """
+        chosen = np.unique(np.asarray(points, dtype=np.intp))
+        rows = np.sort(self._tracks.of(chosen)[0])
+        rows = rows[np.asarray(images, dtype=np.bool_)[self.keypoint_images[rows]]]
+        return self._part(np.unique(self.keypoint_images[rows]).astype(np.intp), chosen, rows)
+
     def _seen_points(self, images: Rows, wanted: BoolArray, min_views: int) -> LocalProblem:
         """Make the problem of `images`, and of the points `wanted` (N,) that enough of them see."""
         rows = self.keypoints_of(images)

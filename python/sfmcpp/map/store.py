@@ -335,6 +335,10 @@ class Store:
         """Keypoints that see one of `points` (n,), point after point, in the order they came."""
         return self._tracks.in_order(np.asarray(points, dtype=np.intp))[0]
 
+    def observations_with_places(self, points: ArrayLike) -> tuple[Rows, Rows]:
+        """The same, and for each the place in `points` of what it sees; a point may stand there twice."""
+        return self._tracks.in_order(np.asarray(points, dtype=np.intp))
+
 
 def _ids(table: Table, count: int, given: ArrayLike | None) -> NDArray[np.int64]:
     """Identifiers of new rows: those given, else the next ones."""

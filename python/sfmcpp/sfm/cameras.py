@@ -1,0 +1,174 @@
+"""The cameras of a set of photos: what is known of them, what is to be estimated, and who shares one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import camera_model
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.checks import looked_up
+from sfmcpp.model.photos import Photo
+
+# Intrinsics that a reconstruction estimates, by the name that COLMAP gives the model. The principal point
+# stays at the centre of the image: a few photos do not tell it.
+FREE_INTRINSICS: dict[str, tuple[str, ...]] = {
+    "simple-pinhole": ("f",),
+    "pinhole": ("f", "aspect"),
+    "simple-radial": ("f", "k1"),
+    "radial": ("f", "k1", "k2"),
+    "opencv": ("f", "aspect", "k1", "k2", "p1", "p2"),
+}
+SHARING = ("auto", "one", "folder", "each")
+# A first guess: the field of view of a usual lens.
+USUAL_FOCAL = 1.2
+PERSPECTIVE = camera_model("perspective").intrinsics
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """Cameras of images.
+
+    Attributes
+    ----------
+    intrinsics : (G, 12) float64
+        First values, in the order of the perspective model.
+    fixed : (G, 12) bool
+        Which of them stay.
+    of_image : (I,) int32
+        Camera of each image.
+    sizes : (G, 2) int64
+        Width and height of the images of each [px]; 0 where unknown.
+    guessed : (G,) bool
+        Whether the focal length is a guess that may be far off.
+    names : list of str
+        COLMAP's name of the model of each.
+    """
+
+    intrinsics: FloatArray
+    fixed: BoolArray
+    of_image: IndexArray
+    sizes: NDArray[np.int64]
+    guessed: BoolArray
+    names: list[str]
+
+
+def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
+    """Say which photos share a camera.
+
+    Parameters
+    ----------
+    photos : sequence of Photo
+        The images.
+    sharing : str
+        ``"each"``: none do. ``"one"``: all do. ``"folder"``: those of one folder. ``"auto"``: those of one
+        size whose files name the same camera and focal length, or name none. Never do photos of different
+        sizes.
+
+    Returns
+    -------
+    (I,) int32
+        Camera of each photo, numbered in the order of their first photos.
+
+    Raises
+    ------
+    InvalidArgument
+        If `sharing` is none of these, or photos of different sizes are to share one camera.
+    """
+    looked_up("shared_camera", sharing, dict.fromkeys(SHARING))
+    if sharing == "one" and len({photo.size for photo in photos}) > 1:
+        sizes = sorted({photo.size for photo in photos})
+        listed = ", ".join(f"{width}×{height}" for width, height in sizes[:4])
+        raise InvalidArgument(f"shared_camera = 'one': the images have {len(sizes)} sizes ({listed})")
+    keys: dict[object, int] = {}
+    return np.array(
+        [keys.setdefault(_key(i, p, sharing), len(keys)) for i, p in enumerate(photos)], dtype=np.int32
+    )
+
+
+def _key(number: int, photo: Photo, sharing: str) -> object:
+    folder = str(PurePosixPath(photo.name).parent)
+    names = {"each": number, "one": "", "folder": folder, "auto": photo.camera}
+    return names[sharing], photo.size
+
+
+def cameras_of(
+    photos: Sequence[Photo],
+    *,
+    sharing: str = "auto",
+    model: str = "simple-radial",
+    focal_px: float | None = None,
+    calibration: FloatArray | None = None,
+    use_exif: bool = True,
+) -> Cameras:
+    """Make the cameras of a set of photos.
+
+    Parameters
+    ----------
+    photos : sequence of Photo
+        The images.
+    sharing : str
+        See :func:`shared_by`.
+    model : str
+        What is estimated: a key of `FREE_INTRINSICS`. Nothing is where a calibration is given.
+    focal_px : float, optional
+        Focal length of all, a good first value [px].
+    calibration : (12,) float64, optional
+        Known intrinsics of all, which stay.
+    use_exif : bool
+        Whether focal lengths that the files tell are used.
+
+    Returns
+    -------
+    Cameras
+
+    Raises
+    ------
+    InvalidArgument
+        If a name is unknown, a number out of its range, or a calibration is of another image size.
+    """
+    free = looked_up("camera_model", model, FREE_INTRINSICS)
+    of_image = shared_by(photos, sharing)
+    count = int(of_image.max(initial=-1)) + 1
+    members = [
+        [photo for photo, camera in zip(photos, of_image, strict=True) if camera == g] for g in range(count)
+    ]
+    sizes = np.array([some[0].size for some in members], dtype=np.int64).reshape(-1, 2)
+    told = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
+    if calibration is not None:
+        for width, height in sizes:
+            _require_inside(calibration, int(width), int(height))
+        rows = np.tile(calibration, (count, 1))
+        known = np.ones((count, len(PERSPECTIVE)), dtype=np.bool_)
+        return Cameras(rows, known, of_image, sizes, np.zeros(count, dtype=np.bool_), ["OPENCV"] * count)
+    rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
+    fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
+    guessed = np.array([focal is None for focal in told], dtype=np.bool_)
+    names = [model.upper().replace("-", "_")] * count
+    return Cameras(rows.reshape(-1, len(PERSPECTIVE)), fixed, of_image, sizes, guessed, names)
+
+
+def first_intrinsics(size: NDArray[np.int64], focal_px: float | None) -> FloatArray:
+    """(12,) row of square pixels, the principal point at the centre, and a usual focal length if unknown."""
+    row = np.zeros(len(PERSPECTIVE))
+    width, height = (float(side) for side in size)
+    row[:4] = focal_px or USUAL_FOCAL * max(width, height), 1.0, width / 2, height / 2
+    return row
+
+
+def _median_focal(photos: Sequence[Photo]) -> float | None:
+    told = [photo.focal_px for photo in photos if photo.focal_px is not None]
+    return float(np.median(told)) if told else None
+
+
+def _require_inside(row: FloatArray, width: int, height: int) -> None:
+    """Raise InvalidArgument if the principal point is far from the middle of an image of that size."""
+    for name, at, side in (("cx", row[2], width), ("cy", row[3], height)):
+        if side and not 0.25 * side < at < 0.75 * side:
+            rule = "must be near the middle: is the calibration of images of another size?"
+            raise InvalidArgument(f"camera: {name} = {at:g} px in images of {width}×{height}: {rule}")

@@ -1,0 +1,237 @@
+"""One model that grows image by image from a first pair (thesis algorithm 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.geometry import relative_pose, reprojection_errors_px, resection
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sfm.adjusting import adjust_all, adjust_around
+from sfmcpp.sfm.match_graph import Pair
+from sfmcpp.sfm.scene import Scene
+from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.structure import Structure
+
+# Told after each image: how many have a pose.
+Told = Callable[[int], None]
+# Pairs that are tried at each angle, and how far the angle is lowered.
+_START_TRIES = 20
+_LEAST_START_ANGLE_DEG = 2.0
+# Cells of the finest grid that tells how well points are spread over an image, as a power of two.
+_SPREAD_LEVELS = 5
+_LAST_ROUNDS = 4
+
+
+class Growth:
+    """One model: a map, its structure, and how it takes in images.
+
+    Parameters
+    ----------
+    scene : Scene
+        Images, cameras and tracks.
+    settings : IncrementalSettings
+        Thresholds and seed.
+
+    Attributes
+    ----------
+    world : Map
+        What there is of the model.
+    reasons : dict of int to str
+        Why images that were tried have no pose.
+    """
+
+    def __init__(self, scene: Scene, settings: IncrementalSettings) -> None:
+        self._scene, self._settings = scene, settings
+        self.world = scene.new_map()
+        self.structure = Structure(self.world, scene.tracks.track, scene.tracks.apart, settings)
+        self.reasons: dict[int, str] = {}
+        self._adjusted = (0, 0)
+
+    def start(self, without: NDArray[np.bool_]) -> bool:
+        """Find a first pair none of whose images is in `without` (I,); whether there is one."""
+        pairs = [p for p in self._scene.graph.pairs if not (without[p.first] or without[p.second])]
+        pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
+        pairs.sort(key=lambda p: -len(p.verified))
+        angle_deg, tried = self._settings.start_angle_deg, 0
+        while angle_deg >= _LEAST_START_ANGLE_DEG:
+            wide = [p for p in pairs if p.geometry.median_angle_deg >= angle_deg / 2]
+            for pair in wide[:_START_TRIES]:
+                if self._start_with(pair, angle_deg):
+                    return True
+                tried += 1
+            angle_deg /= 2
+        return False
+
+    def _start_with(self, pair: Pair, angle_deg: float) -> bool:
+        """Try a pair: its images get poses and points, or nothing changes."""
+        world, settings = self.world, self._settings
+        both = np.array([pair.first, pair.second])
+        world.poses[pair.first] = np.eye(3, 4)
+        world.poses[pair.second] = self._relative(pair)
+        if np.isfinite(world.poses[both]).all():
+            self.structure.triangulate(both)
+            if np.count_nonzero(world.known) >= settings.start_points:
+                self._adjust_all(rounds=2, keep_intrinsics=True)
+                if self._is_good_start(angle_deg):
+                    return True
+        world.poses[both] = np.nan
+        world.points[:] = np.nan
+        return False
+
+    def _relative(self, pair: Pair) -> FloatArray:
+        if np.isfinite(pair.geometry.camera).all():
+            return pair.geometry.camera
+        world, begin = self.world, self.world.keypoint_begin
+        rows = pair.verified + begin[[pair.first, pair.second]]
+        first, second = world.intrinsics[world.image_cameras[[pair.first, pair.second]]]
+        found = relative_pose(
+            world.keypoints[rows[:, 0]],
+            world.keypoints[rows[:, 1]],
+            first,
+            second,
+            threshold_px=self._settings.outlier_px / 2,
+            seed=self._settings.seed,
+        )
+        return found.camera
+
+    def _is_good_start(self, angle_deg: float) -> bool:
+        from sfmcpp.geometry import triangulation_angles_deg
+
+        local = self.world.whole_problem(2)
+        if local.problem.num_points < self._settings.start_points:
+            return False
+        angles = triangulation_angles_deg(local.problem, local.problem.points)
+        return bool(np.median(angles) >= angle_deg / 2)
+
+    def grow(self, told: Told) -> None:
+        """Take in image after image until none can be, then adjust all to the end."""
+        retried = False
+        while True:
+            if self._register_next():
+                told(int(np.count_nonzero(self.world.registered)))
+                retried = False
+            elif not retried:
+                self._adjust_all(rounds=2)
+                retried = True
+            else:
+                break
+        self.finish()
+
+    def finish(self) -> None:
+        """Adjust everything, with outliers left out and points and observations found again, until it rests."""
+        for _ in range(_LAST_ROUNDS):
+            before = self._adjust_all(rounds=1, fine=True)
+            if before == 0:
+                break
+
+    def _register_next(self) -> bool:
+        """Take in the image that sees the points of the model best; whether there is one."""
+        for image in self._candidates():
+            if self._register(int(image)):
+                del self.reasons[int(image)]
+                return True
+        return False
+
+    def _candidates(self) -> NDArray[np.intp]:
+        """Images without a pose that see enough points, those first that see most, and spread best."""
+        world = self.world
+        sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
+        counts = np.bincount(world.keypoint_images[sees], minlength=world.num_images)
+        counts[world.registered] = 0
+        for image in np.flatnonzero(~world.registered):
+            self.reasons[int(image)] = (
+                f"sees {counts[image]} points of the model, {self._settings.min_inliers} are needed"
+            )
+        images = np.flatnonzero(counts >= self._settings.min_inliers)
+        scores = [self._spread(int(image), sees) for image in images]
+        return np.asarray(images[np.argsort(-np.asarray(scores), kind="stable")])
+
+    def _spread(self, image: int, sees: NDArray[np.bool_]) -> int:
+        """How many cells of finer and finer grids hold points, the finer ones counting more (COLMAP's rule)."""
+        world = self.world
+        rows = world.keypoints_of([image])
+        pixels = world.keypoints[rows[sees[rows]]]
+        size = np.maximum(world.camera_sizes[world.image_cameras[image]], np.ptp(pixels, axis=0) + 1)
+        score = 0
+        for level in range(1, _SPREAD_LEVELS + 1):
+            cells = np.floor(pixels / size * 2**level).astype(np.int64)
+            score += 2**level * len(np.unique(cells[:, 0] * 4096 + cells[:, 1]))
+        return score
+
+    def _register(self, image: int) -> bool:
+        """Give an image a pose by resection from the points it sees, and what it adds to the model."""
+        world, settings = self.world, self._settings
+        rows = world.keypoints_of([image])
+        points = world.keypoint_points[rows]
+        rows = rows[(points >= 0) & world.known[points]]
+        camera = world.image_cameras[image]
+        found = resection(
+            world.points[world.keypoint_points[rows]],
+            world.keypoints[rows],
+            world.intrinsics[camera],
+            threshold_px=settings.resection_threshold_px * (2 if self._is_guess(camera) else 1),
+            min_inliers=settings.min_inliers,
+            min_inlier_ratio=settings.min_inlier_ratio,
+            seed=settings.seed,
+        )
+        if not found.success:
+            self.reasons[image] = f"no pose explains the {len(rows)} points it sees: {found.message}"
+            return False
+        world.poses[image] = found.camera
+        self._forget_outliers(image)
+        self._take_in(image)
+        return True
+
+    def _is_guess(self, camera: int) -> bool:
+        """Whether the focal length of a camera was guessed and not adjusted yet."""
+        world = self.world
+        used = np.count_nonzero(world.registered & (world.image_cameras == camera))
+        return bool(self._scene.cameras.guessed[camera]) and used < self._settings.intrinsics_images
+
+    def _forget_outliers(self, image: int) -> None:
+        world = self.world
+        only = np.zeros(world.num_images, dtype=np.bool_)
+        only[image] = True
+        rows = world.keypoints_of([image])
+        seen = world.keypoint_points[rows]
+        seen = seen[seen >= 0]
+        local = world.seen_from(only, seen[world.known[seen]])
+        far = reprojection_errors_px(local.problem, local.problem.points) > 2 * self._settings.outlier_px
+        world.forget(local.rows[far])
+
+    def _take_in(self, image: int) -> None:
+        """Points and observations that a new image brings, and the adjustment around it or of all."""
+        world, settings = self.world, self._settings
+        self.structure.triangulate(np.array([image]))
+        images, points = np.count_nonzero(world.registered), np.count_nonzero(world.known)
+        grown = 1 + settings.growth
+        if images >= grown * self._adjusted[0] or points >= grown * self._adjusted[1]:
+            self._adjust_all(rounds=1)
+            return
+        self.structure.drop_outliers(adjust_around(world, image, settings))
+        self.structure.complete(np.array([image]))
+
+    def _adjust_all(self, *, rounds: int, fine: bool = False, keep_intrinsics: bool = False) -> int:
+        """Adjust the whole model and its structure; how much of the structure has changed last."""
+        world, structure, changed = self.world, self.structure, 0
+        for _ in range(rounds):
+            local = adjust_all(world, self._settings, fine=fine, keep_intrinsics=keep_intrinsics)
+            changed = structure.drop_outliers(local)
+            self._give_up_lost_images()
+            registered = np.flatnonzero(world.registered)
+            changed += structure.merge()
+            changed += structure.complete(registered)
+            changed += structure.triangulate(registered)
+        self._adjusted = (int(np.count_nonzero(world.registered)), int(np.count_nonzero(world.known)))
+        return changed
+
+    def _give_up_lost_images(self) -> None:
+        """Take the pose from images that hardly see a point any more."""
+        world = self.world
+        sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
+        counts = np.bincount(world.keypoint_images[sees], minlength=world.num_images)
+        lost = world.registered & (counts < self._settings.min_inliers // 2)
+        world.poses[lost] = np.nan

@@ -1,0 +1,163 @@
+"""The points of a growing model: new ones, more observations of those there are, tracks that are one, outliers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.geometry import (
+    refine_points,
+    reprojection_errors_px,
+    robust_triangulation,
+    triangulation_angles_deg,
+)
+from sfmcpp.map import LocalProblem, Map
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.tracks import NO_TRACK
+
+Numbers = NDArray[np.intp]
+
+
+class Structure:
+    """Points of one map and the tracks they come from.
+
+    A keypoint belongs to its track for good; whether it observes the track's point in the map is decided
+    anew as poses and points get better.
+
+    Parameters
+    ----------
+    world : Map
+        Its points are numbered as the tracks.
+    tracks : (K,) int32
+        Track of each keypoint, or -1.
+    apart : (e, 2) int
+        Matches, as keypoints, whose tracks differ.
+    settings : IncrementalSettings
+        Limits.
+    """
+
+    def __init__(
+        self, world: Map, tracks: NDArray[np.int32], apart: Numbers, settings: IncrementalSettings
+    ) -> None:
+        self.world, self._settings = world, settings
+        self.tracks = tracks.copy()
+        self._apart = apart
+
+    def triangulate(self, images: Numbers) -> int:
+        """Give positions to tracks that `images` (n,) and others with a pose see; how many.
+
+        Observations that disagree with a new point see nothing.
+        """
+        world = self.world
+        seen = np.unique(self.tracks[world.keypoints_of(images)])
+        waiting = seen[seen != NO_TRACK]
+        waiting = waiting[~world.known[waiting]]
+        self._take_back(waiting)
+        local = world.seen_from(world.registered, waiting)
+        if not local.problem.num_observations:
+            return 0
+        points, agree = robust_triangulation(
+            local.problem,
+            max_error_px=self._settings.outlier_px,
+            min_angle_deg=self._settings.min_angle_deg,
+            min_views=self._settings.min_views,
+        )
+        found = np.isfinite(points[:, 0])
+        world.points[local.points[found]] = points[found]
+        world.forget(local.rows[~agree & found[local.problem.point_index]])
+        return int(np.count_nonzero(found))
+
+    def _take_back(self, tracks: NDArray[np.integer]) -> None:
+        """Let all keypoints of `tracks` without a position belong to them again, as at the start."""
+        wanted = np.zeros(len(self.world.points), dtype=np.bool_)
+        wanted[tracks] = True
+        free = (self.tracks != NO_TRACK) & (self.world.keypoint_points < 0)
+        rows = np.flatnonzero(free)
+        rows = rows[wanted[self.tracks[rows]]]
+        self._observe(rows, self.tracks[rows])
+
+    def complete(self, images: Numbers) -> int:
+        """Let `images` (n,) with a pose observe the points of their tracks that they see well; how many more."""
+        world = self.world
+        rows = world.keypoints_of(images)
+        rows = rows[(self.tracks[rows] != NO_TRACK) & (world.keypoint_points[rows] < 0)]
+        rows = rows[world.known[self.tracks[rows]]]
+        good = self._errors_px(rows, self.tracks[rows]) <= self._settings.outlier_px
+        return self._observe(rows[good], self.tracks[rows][good])
+
+    def _observe(self, rows: Numbers, points: NDArray[np.integer]) -> int:
+        """Let keypoints see points, except where their image sees the point already; how many do."""
+        world = self.world
+        others = world.observations_of(np.unique(points))
+        key = self._keys(rows, points)
+        taken = np.isin(key, self._keys(others, world.keypoint_points[others]))
+        _, first = np.unique(key, return_index=True)
+        once = np.zeros(len(rows), dtype=np.bool_)
+        once[first] = True
+        chosen = once & ~taken
+        world.observe(rows[chosen], points[chosen])
+        return int(np.count_nonzero(chosen))
+
+    def _keys(self, rows: Numbers, points: NDArray[np.integer]) -> NDArray[np.int64]:
+        return self.world.keypoint_images[rows].astype(np.int64) * len(self.world.points) + points
+
+    def _errors_px(self, rows: Numbers, points: NDArray[np.integer]) -> FloatArray:
+        """Reprojection errors [px] of `points` (m,) where the images of keypoints `rows` (m,) would see them."""
+        world = self.world
+        images, camera_index = np.unique(world.keypoint_images[rows], return_inverse=True)
+        numbers, point_index = np.unique(points, return_inverse=True)
+        problem = Problem(
+            world.camera_model,
+            world.poses[images],
+            world.intrinsics,
+            world.points[numbers],
+            camera_index.astype(np.int32),
+            point_index.astype(np.int32),
+            world.keypoints[rows],
+            intrinsics_index=world.image_cameras[images],
+        )
+        return reprojection_errors_px(problem, problem.points)
+
+    def merge(self) -> int:
+        """Join tracks whose keypoints were matched and whose points fit each other's images; how many."""
+        world = self.world
+        pairs = self.tracks[self._apart]
+        pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+        pairs = pairs[world.known[pairs].all(axis=1)] if len(pairs) else pairs
+        same = np.arange(len(world.points), dtype=np.int32)
+        for kept, gone in pairs[self._fit_each_other(pairs)].tolist():
+            a, b = int(same[kept]), int(same[gone])
+            if a != b and world.known[a] and world.known[b]:
+                world.merge(a, b)
+                same[same == b] = a
+        tracked = self.tracks != NO_TRACK
+        joined = int(np.count_nonzero(same != np.arange(len(same))))
+        self.tracks[tracked] = same[self.tracks[tracked]]
+        return joined
+
+    def _fit_each_other(self, pairs: NDArray[np.integer]) -> BoolArray:
+        """Which pairs (p, 2) of points have errors within the limit in all images that see the other one."""
+        world, fits = self.world, np.ones(len(pairs), dtype=np.bool_)
+        for here, there in ((0, 1), (1, 0)):
+            rows, places = world.observations_with_places(pairs[:, here])
+            posed = world.registered[world.keypoint_images[rows]]
+            rows, places = rows[posed], places[posed]
+            far = self._errors_px(rows, pairs[places, there]) > self._settings.outlier_px
+            fits &= np.bincount(places, far, len(pairs)) == 0
+        return fits
+
+    def drop_outliers(self, local: LocalProblem) -> int:
+        """Leave out observations with large errors and points under small angles; how many observations."""
+        problem, settings = local.problem, self._settings
+        outliers = reprojection_errors_px(problem, problem.points) > settings.outlier_px
+        narrow = triangulation_angles_deg(problem, problem.points) < settings.min_angle_deg
+        self.world.drop(local, outliers, settings.min_views)
+        self.world.points[local.points[narrow]] = np.nan
+        return int(np.count_nonzero(outliers))
+
+    def refine(self) -> None:
+        """Move every point to its least error with all poses fixed."""
+        local = self.world.whole_problem()
+        self.world.points[local.points] = refine_points(local.problem, local.problem.points, max_steps=3)
