@@ -98,8 +98,6 @@ class Growth:
         return found.camera
 
     def _is_good_start(self, angle_deg: float) -> bool:
-        from sfmcpp.geometry import triangulation_angles_deg
-
         local = self.world.whole_problem(2)
         if local.problem.num_points < self._settings.start_points:
             return False
@@ -121,7 +119,7 @@ class Growth:
         self.finish()
 
     def finish(self) -> None:
-        """Adjust everything, with outliers left out and points and observations found again, until it rests."""
+        """Adjust everything, leave outliers out, find points and observations again, until it rests."""
         for _ in range(_LAST_ROUNDS):
             before = self._adjust_all(rounds=1, fine=True)
             if before == 0:
@@ -150,7 +148,7 @@ class Growth:
         return np.asarray(images[np.argsort(-np.asarray(scores), kind="stable")])
 
     def _spread(self, image: int, sees: NDArray[np.bool_]) -> int:
-        """How many cells of finer and finer grids hold points, the finer ones counting more (COLMAP's rule)."""
+        """Cells of finer and finer grids that hold points, the finer ones counting more (COLMAP's rule)."""
         world = self.world
         rows = world.keypoints_of([image])
         pixels = world.keypoints[rows[sees[rows]]]

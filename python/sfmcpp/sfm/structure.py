@@ -1,4 +1,4 @@
-"""The points of a growing model: new ones, more observations of those there are, tracks that are one, outliers."""
+"""The points of a growing model: new ones, more observations, tracks that are one, outliers."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Structure:
         self._observe(rows, self.tracks[rows])
 
     def complete(self, images: Numbers) -> int:
-        """Let `images` (n,) with a pose observe the points of their tracks that they see well; how many more."""
+        """Let `images` (n,) with a pose see the points of their tracks that fit; how many more."""
         world = self.world
         rows = world.keypoints_of(images)
         rows = rows[(self.tracks[rows] != NO_TRACK) & (world.keypoint_points[rows] < 0)]
@@ -104,7 +104,7 @@ class Structure:
         return self.world.keypoint_images[rows].astype(np.int64) * len(self.world.points) + points
 
     def _errors_px(self, rows: Numbers, points: NDArray[np.integer]) -> FloatArray:
-        """Reprojection errors [px] of `points` (m,) where the images of keypoints `rows` (m,) would see them."""
+        """Reprojection errors [px] that keypoints `rows` (m,) would have as images of `points` (m,)."""
         world = self.world
         images, camera_index = np.unique(world.keypoint_images[rows], return_inverse=True)
         numbers, point_index = np.unique(points, return_inverse=True)
