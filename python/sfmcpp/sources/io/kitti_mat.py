@@ -21,7 +21,7 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.files import failures_named, require_regular_file
+from sfmcpp.sources.io.mat import mat_variables, number_array, require_finite
 
 NOT_SEEN = -1.0
 
@@ -140,28 +140,7 @@ def read_kitti_mat(path: Path) -> KittiDrive:
 
 
 def _variables(path: Path) -> dict[str, FloatArray]:
-    from scipy.io import loadmat
-
-    with failures_named(path):
-        require_regular_file(path)
-        with path.open("rb") as stream:
-            return _checked(path, _loaded(path, loadmat, stream))
-
-
-def _loaded(path: Path, loadmat: Any, stream: Any) -> dict[str, Any]:
-    """All variables; the parser fails in many ways, all of which mean a bad file."""
-    try:
-        content: dict[str, Any] = loadmat(stream, variable_names=list(_SHAPES))
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else ""
-        raise DatasetError(path, f"not a MATLAB file ({type(error).__name__}: {reason})") from error
-    return content
-
-
-def _checked(path: Path, content: dict[str, Any]) -> dict[str, FloatArray]:
-    missing = [name for name in _SHAPES if name not in content]
-    if missing:
-        raise DatasetError(path, f"lacks the variables {', '.join(missing)}")
+    content = mat_variables(path, list(_SHAPES))
     lengths: dict[str, int] = {}
     variables = {name: _variable(path, name, content[name], lengths) for name in _SHAPES}
     if not 1 <= lengths["frames"] <= lengths["samples"]:
@@ -174,16 +153,12 @@ def _checked(path: Path, content: dict[str, Any]) -> dict[str, FloatArray]:
 
 def _variable(path: Path, name: str, value: NDArray[Any], lengths: dict[str, int]) -> FloatArray:
     shape = _SHAPES[name]
-    if value.dtype.kind not in "fiu" or value.ndim != len(shape):
-        raise DatasetError(path, f"{name} is {value.dtype} {value.shape}: must be numbers, {_shown(shape)}")
+    array = number_array(path, name, value, len(shape), _shown(shape))
     for wanted, found in zip(shape, value.shape, strict=True):
         known = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, found)
         if found != known:
             raise DatasetError(path, f"{name} has shape {value.shape}: must be {_shown(shape)}, {lengths}")
-    array = np.asarray(value, dtype=np.float64)
-    if not np.isfinite(array).all():
-        where = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise DatasetError(path, f"{name}{where} is {array[tuple(where)]}: must be finite")
+    require_finite(path, name, array)
     return array
 
 

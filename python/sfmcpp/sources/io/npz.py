@@ -27,8 +27,8 @@ VERSION = 1
 
 _ZIP_MAGIC = b"PK"
 _OLDEST_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
-_METADATA, _EXTRA = "metadata", "extra."
-_NOT_ARRAYS = ("camera_model", _METADATA)
+METADATA, _EXTRA = "metadata", "extra."
+_NOT_ARRAYS = ("camera_model", METADATA)
 _ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
 _OPTIONAL = ("sigma_px",)
 _METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
@@ -45,14 +45,11 @@ def read_npz(path: Path) -> Problem:
     DatasetError
         If the file is no such archive, an array is missing or has a wrong shape, or a value is impossible.
     """
-    data = read_bytes(path)
-    if not data.startswith(_ZIP_MAGIC):
-        raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
-    members = _members(path, data)
-    missing = [name for name in (*_ARRAYS, _METADATA) if name not in members and name not in _OPTIONAL]
+    members = read_members(path)
+    missing = [name for name in (*_ARRAYS, METADATA) if name not in members and name not in _OPTIONAL]
     if missing:
         raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")
-    header = _json(path, members.pop(_METADATA))
+    header = _json(path, members.pop(METADATA))
     metadata = _metadata(path, header, members)
     arrays = {name: members.get(name) for name in _ARRAYS}
     try:
@@ -77,7 +74,7 @@ def write_npz(problem: Problem, path: Path) -> None:
     arrays: dict[str, Any] = {name: getattr(problem, name) for name in _ARRAYS}
     arrays |= {name: getattr(problem.metadata, name) for name in _METADATA_ARRAYS}
     arrays |= {_EXTRA + key: value for key, value in extra.items() if isinstance(value, np.ndarray)}
-    arrays[_METADATA] = _header(problem, path)
+    arrays[METADATA] = _header(problem, path)
     with atomic_files(path) as (stream,), zipfile.ZipFile(stream, "w") as archive:
         for name, array in arrays.items():
             if array is not None:
@@ -108,8 +105,17 @@ def _write_member(archive: zipfile.ZipFile, name: str, array: NDArray[Any], path
         np.lib.format.write_array(member, np.asarray(array), version=None, allow_pickle=False)
 
 
-def _members(path: Path, data: bytes) -> dict[str, NDArray[Any]]:
-    """All arrays of the archive; zip and npy parsers fail in many ways, all of which mean a bad file."""
+def read_members(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of an archive by name; none holds objects.
+
+    Raises
+    ------
+    DatasetError
+        If the file is no such archive: zip and npy parsers fail in many ways, all of which mean a bad file.
+    """
+    data = read_bytes(path)
+    if not data.startswith(_ZIP_MAGIC):
+        raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

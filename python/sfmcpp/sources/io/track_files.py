@@ -34,6 +34,7 @@ from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
 
 _TITLE = "# sfmcpp tracks\n"
+_HEAD_BYTES = 1 << 16
 _COLUMNS = "t_s,frame,track,u,v"
 _DEFAULTS: dict[str, float | None] = {"f": None, "aspect": 1.0, "cx": None, "cy": None, "skew": 0.0}
 _INTRINSICS = re.compile(rb"^#[ \t]*intrinsics:(.*)$", re.MULTILINE)
@@ -98,6 +99,11 @@ def read_tracks(path: str | PathLike[str]) -> CameraTracks:
         rule = f"the line is neither {_COLUMNS} nor t_s,frame,,, for a frame that sees nothing"
         raise DatasetError(source, rule, _line_at(data, wrong.start()))
     return _Rows(NumberText(source, data.replace(b",", b" "), comments=True)).tracks(intrinsics)
+
+
+def has_title(data: bytes) -> bool:
+    """Whether a file starts as :func:`write_tracks` starts one, or has its line of intrinsics."""
+    return data.startswith(_TITLE.encode().rstrip()) or _INTRINSICS.search(data[:_HEAD_BYTES]) is not None
 
 
 def write_tracks(tracks: CameraTracks, path: str | PathLike[str]) -> None:
