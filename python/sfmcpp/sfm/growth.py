@@ -7,16 +7,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry import relative_pose, reprojection_errors_px, resection
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.geometry import relative_pose, reprojection_errors_px, resection, triangulation_angles_deg
+from sfmcpp.map import Map
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.adjusting import adjust_all, adjust_around
+from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.structure import Structure
 
-# Told after each image: how many have a pose.
-Told = Callable[[int], None]
+# Told after each image what there is of the model.
+Told = Callable[[Map], None]
 # Pairs that are tried at each angle, and how far the angle is lowered.
 _START_TRIES = 20
 _LEAST_START_ANGLE_DEG = 2.0
@@ -34,6 +36,11 @@ class Growth:
         Images, cameras and tracks.
     settings : IncrementalSettings
         Thresholds and seed.
+    elsewhere : (I,) bool
+        Images that have a pose in another model: the first pair is none of them, and it takes in so many
+        of them as are needed to join both.
+    world : Map, optional
+        A model of the scene to go on with.
 
     Attributes
     ----------
@@ -43,16 +50,23 @@ class Growth:
         Why images that were tried have no pose.
     """
 
-    def __init__(self, scene: Scene, settings: IncrementalSettings) -> None:
-        self._scene, self._settings = scene, settings
-        self.world = scene.new_map()
+    def __init__(
+        self,
+        scene: Scene,
+        settings: IncrementalSettings,
+        elsewhere: BoolArray,
+        world: Map | None = None,
+    ) -> None:
+        self._scene, self._settings, self._elsewhere = scene, settings, elsewhere
+        self.world = scene.new_map() if world is None else world
         self.structure = Structure(self.world, scene.tracks.track, scene.tracks.apart, settings)
         self.reasons: dict[int, str] = {}
         self._adjusted = (0, 0)
 
-    def start(self, without: NDArray[np.bool_]) -> bool:
-        """Find a first pair none of whose images is in `without` (I,); whether there is one."""
-        pairs = [p for p in self._scene.graph.pairs if not (without[p.first] or without[p.second])]
+    def start(self) -> bool:
+        """Find a first pair; whether there is one."""
+        taken = self._elsewhere
+        pairs = [p for p in self._scene.graph.pairs if not (taken[p.first] or taken[p.second])]
         pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
         pairs.sort(key=lambda p: -len(p.verified))
         angle_deg, tried = self._settings.start_angle_deg, 0
@@ -109,7 +123,7 @@ class Growth:
         retried = False
         while True:
             if self._register_next():
-                told(int(np.count_nonzero(self.world.registered)))
+                told(self.world)
                 retried = False
             elif not retried:
                 self._adjust_all(rounds=2)
@@ -139,6 +153,8 @@ class Growth:
         sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
         counts = np.bincount(world.keypoint_images[sees], minlength=world.num_images)
         counts[world.registered] = 0
+        if np.count_nonzero(world.registered & self._elsewhere) >= self._settings.overlap_images:
+            counts[self._elsewhere] = 0
         for image in np.flatnonzero(~world.registered):
             self.reasons[int(image)] = (
                 f"sees {counts[image]} points of the model, {self._settings.min_inliers} are needed"
@@ -215,6 +231,7 @@ class Growth:
     def _adjust_all(self, *, rounds: int, fine: bool = False, keep_intrinsics: bool = False) -> int:
         """Adjust the whole model and its structure; how much of the structure has changed last."""
         world, structure, changed = self.world, self.structure, 0
+        close_loops(structure, self._settings)
         for _ in range(rounds):
             local = adjust_all(world, self._settings, fine=fine, keep_intrinsics=keep_intrinsics)
             changed = structure.drop_outliers(local)

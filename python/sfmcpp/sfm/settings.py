@@ -18,7 +18,9 @@ class IncrementalSettings:
     min_views : int
         Fewest images that see a point (thesis: 3 as an option).
     min_angle_deg : float
-        Smallest angle between two rays of a point [deg].
+        Smallest angle between two rays of a point [deg]. Where the camera moves ahead, points under small
+        angles carry the scale from image to image: on Malaga's drive 0.5° ends 0.20 m from the supplied
+        poses, 1° 0.23 m, and 1.5° 6.4 m. Sets of photos hardly care.
     start_angle_deg : float
         Smallest median angle of the pair that is tried first [deg]; halved as long as no pair will do.
     start_points : int
@@ -40,23 +42,26 @@ class IncrementalSettings:
         Scale of the robust (Cauchy) loss of adjustments [px].
     min_model_images : int
         Fewest images of a model beside the largest.
+    overlap_images : int
+        Images of another model that a model takes in at most, so that both can be joined.
     seed : int
         Of every random sample; same seed, same result.
     """
 
     outlier_px: float = 4.0
     min_views: int = 2
-    min_angle_deg: float = 1.5
+    min_angle_deg: float = 0.75
     start_angle_deg: float = 16.0
     start_points: int = 50
     resection_threshold_px: float = 6.0
-    min_inliers: int = 20
+    min_inliers: int = 15
     min_inlier_ratio: float = 0.25
     local_images: int = 6
     growth: float = 0.2
     intrinsics_images: int = 4
     loss_px: float = 1.0
     min_model_images: int = 3
+    overlap_images: int = 10
     seed: int = 0
 
     def __post_init__(self) -> None:

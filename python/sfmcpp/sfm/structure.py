@@ -76,7 +76,7 @@ class Structure:
         free = (self.tracks != NO_TRACK) & (self.world.keypoint_points < 0)
         rows = np.flatnonzero(free)
         rows = rows[wanted[self.tracks[rows]]]
-        self._observe(rows, self.tracks[rows])
+        self.observe(rows, self.tracks[rows])
 
     def complete(self, images: Numbers) -> int:
         """Let `images` (n,) with a pose see the points of their tracks that fit; how many more."""
@@ -84,10 +84,10 @@ class Structure:
         rows = world.keypoints_of(images)
         rows = rows[(self.tracks[rows] != NO_TRACK) & (world.keypoint_points[rows] < 0)]
         rows = rows[world.known[self.tracks[rows]]]
-        good = self._errors_px(rows, self.tracks[rows]) <= self._settings.outlier_px
-        return self._observe(rows[good], self.tracks[rows][good])
+        good = self.errors_px(rows, self.tracks[rows]) <= self._settings.outlier_px
+        return self.observe(rows[good], self.tracks[rows][good])
 
-    def _observe(self, rows: Numbers, points: NDArray[np.integer]) -> int:
+    def observe(self, rows: Numbers, points: NDArray[np.integer]) -> int:
         """Let keypoints see points, except where their image sees the point already; how many do."""
         world = self.world
         others = world.observations_of(np.unique(points))
@@ -103,7 +103,7 @@ class Structure:
     def _keys(self, rows: Numbers, points: NDArray[np.integer]) -> NDArray[np.int64]:
         return self.world.keypoint_images[rows].astype(np.int64) * len(self.world.points) + points
 
-    def _errors_px(self, rows: Numbers, points: NDArray[np.integer]) -> FloatArray:
+    def errors_px(self, rows: Numbers, points: NDArray[np.integer]) -> FloatArray:
         """Reprojection errors [px] that keypoints `rows` (m,) would have as images of `points` (m,)."""
         world = self.world
         images, camera_index = np.unique(world.keypoint_images[rows], return_inverse=True)
@@ -144,7 +144,7 @@ class Structure:
             rows, places = world.observations_with_places(pairs[:, here])
             posed = world.registered[world.keypoint_images[rows]]
             rows, places = rows[posed], places[posed]
-            far = self._errors_px(rows, pairs[places, there]) > self._settings.outlier_px
+            far = self.errors_px(rows, pairs[places, there]) > self._settings.outlier_px
             fits &= np.bincount(places, far, len(pairs)) == 0
         return fits
 

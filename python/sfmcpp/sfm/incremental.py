@@ -1,0 +1,100 @@
+"""Incremental reconstruction: one model, or several where the images fall apart (thesis algorithm 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.map import Map
+from sfmcpp.model.arrays import BoolArray
+from sfmcpp.sfm.growth import Growth
+from sfmcpp.sfm.joining import join
+from sfmcpp.sfm.scene import Scene
+from sfmcpp.sfm.settings import IncrementalSettings
+
+# Models that are tried to start at most: photos of nothing fall into as many parts as there are.
+_MODELS = 50
+
+
+@dataclass(eq=False)
+class Grown:
+    """What grew.
+
+    Attributes
+    ----------
+    models : list of Map
+        The largest first.
+    reasons : dict of int to str
+        Why images that are in no model have no pose, as far as they were tried.
+    interrupted : bool
+        Whether it was ended before its time.
+    """
+
+    models: list[Map] = field(default_factory=list)
+    reasons: dict[int, str] = field(default_factory=dict)
+    interrupted: bool = False
+
+
+def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int], bool]) -> Grown:
+    """Grow models until no images are left that fit together.
+
+    Parameters
+    ----------
+    scene : Scene
+        Images, cameras and tracks.
+    settings : IncrementalSettings
+        Thresholds and seed.
+    told : callable
+        Called with the number of images that have a pose; returning True asks to stop with what there is.
+
+    Returns
+    -------
+    Grown
+        Models that overlap are joined. No model is thrown away but small ones beside a larger one.
+    """
+    grown, num_images = Grown(), len(scene.graph.photos)
+    elsewhere = np.zeros(num_images, dtype=np.bool_)
+    while not grown.interrupted and len(grown.models) < _MODELS:
+        growth = Growth(scene, settings, elsewhere.copy())
+        try:
+            if not growth.start():
+                break
+            growth.grow(_asked(told, elsewhere))
+        except KeyboardInterrupt:
+            grown.interrupted = True
+        if not growth.world.registered.any():
+            break
+        grown.reasons.update(growth.reasons)
+        _add(grown, growth, scene, settings)
+        elsewhere |= growth.world.registered
+    grown.models.sort(key=lambda world: -int(np.count_nonzero(world.registered)))
+    grown.models[1:] = [world for world in grown.models[1:] if _is_worth_it(world, settings)]
+    return grown
+
+
+def _asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
+    """Turn the answer of a listener into an interruption."""
+
+    def tell(world: Map) -> None:
+        if told(int(np.count_nonzero(world.registered | elsewhere))):
+            raise KeyboardInterrupt
+
+    return tell
+
+
+def _add(grown: Grown, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
+    """Put a model beside the others, or into one that it overlaps."""
+    for number, world in enumerate(grown.models):
+        large, small = sorted((world, growth.world), key=lambda w: -int(np.count_nonzero(w.registered)))
+        if join(large, small, settings):
+            joined = Growth(scene, settings, np.zeros(large.num_images, dtype=np.bool_), large)
+            joined.finish()
+            grown.models[number] = large
+            return
+    grown.models.append(growth.world)
+
+
+def _is_worth_it(world: Map, settings: IncrementalSettings) -> bool:
+    return bool(np.count_nonzero(world.registered) >= settings.min_model_images)

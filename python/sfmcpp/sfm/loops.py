@@ -1,0 +1,94 @@
+"""Closing loops: images that come back to a place see its points, but drift has moved them apart.
+
+The observations that tie both ends of a loop are left out as outliers when the loop comes round. They are
+known by their number: one pair of images does not lose many matches, which agreed with an epipolar geometry,
+to chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.map import Map
+from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.structure import Numbers, Structure
+from sfmcpp.weighting import solve
+
+# The robust loss lets go of nothing that a drift explains: its scale falls as the loop closes [px].
+_SCALES_PX = (64.0, 16.0, 4.0)
+_STEPS = 25
+# Part of the torn observations that must fit afterwards.
+_CLOSED = 0.5
+
+
+def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
+    """Adjust the model with all observations that pairs of images have lost together; whether they fit then.
+
+    Otherwise the model is as it was.
+    """
+    world = structure.world
+    rows = torn_observations(structure, settings.min_inliers)
+    if not len(rows):
+        return False
+    before = _Memory.of(world)
+    structure.observe(rows, structure.tracks[rows])
+    for scale_px in _SCALES_PX:
+        _adjust(world, scale_px, settings)
+    points = world.keypoint_points[rows]
+    fits = (points >= 0) & (structure.errors_px(rows, structure.tracks[rows]) <= settings.outlier_px)
+    if np.count_nonzero(fits) < _CLOSED * len(rows):
+        before.restore(world)
+        return False
+    return True
+
+
+def torn_observations(structure: Structure, least: int) -> Numbers:
+    """Keypoints whose track has a point that they do not see, where two images share `least` such tracks."""
+    world = structure.world
+    torn = (structure.tracks >= 0) & (world.keypoint_points < 0)
+    rows = np.flatnonzero(torn & world.registered[world.keypoint_images])
+    rows = rows[world.known[structure.tracks[rows]]]
+    seen_by, places = world.observations_with_places(structure.tracks[rows])
+    posed = world.registered[world.keypoint_images[seen_by]]
+    seen_by, places = seen_by[posed], places[posed]
+    images = world.keypoint_images[[rows[places], seen_by]].astype(np.int64)
+    key = images[0] * world.num_images + images[1]
+    _, pair, counts = np.unique(key, return_inverse=True, return_counts=True)
+    wanted = np.zeros(len(rows), dtype=np.bool_)
+    wanted[places[counts[pair] >= least]] = True
+    return rows[wanted]
+
+
+def _adjust(world: Map, scale_px: float, settings: IncrementalSettings) -> None:
+    local = world.whole_problem(settings.min_views)
+    local.problem.fixed_intrinsics[:] = True
+    summary = solve(
+        local.problem, loss="huber", loss_scale_px=scale_px, max_iterations=_STEPS, function_tolerance=1e-4
+    )
+    if summary.termination == "interrupted":
+        raise KeyboardInterrupt
+    world.take(local)
+
+
+@dataclass(frozen=True, eq=False)
+class _Memory:
+    """What an adjustment changes of a map, and who sees what."""
+
+    poses: FloatArray
+    points: FloatArray
+    seen: IndexArray
+
+    @classmethod
+    def of(cls, world: Map) -> _Memory:
+        return cls(world.poses.copy(), world.points.copy(), world.keypoint_points.copy())
+
+    def restore(self, world: Map) -> None:
+        world.poses[:], world.points[:] = self.poses, self.points
+        changed: NDArray[np.intp] = np.flatnonzero(world.keypoint_points != self.seen)
+        world.forget(changed[world.keypoint_points[changed] >= 0])
+        back = changed[self.seen[changed] >= 0]
+        world.observe(back, self.seen[back])

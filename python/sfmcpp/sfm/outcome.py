@@ -1,0 +1,105 @@
+"""What became of each image, and what a user should know of a reconstruction, in sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.sfm.incremental import Grown
+from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.result import ImageOutcome
+
+_FEW_FEATURES = 50
+
+
+def outcomes(graph: MatchGraph, grown: Grown) -> dict[str, ImageOutcome]:
+    """Say of each image whether it has a pose, and why not.
+
+    Parameters
+    ----------
+    graph : MatchGraph
+        Images, features and pairs.
+    grown : Grown
+        Models.
+
+    Returns
+    -------
+    dict
+        By name, in the order of the images; those that could not be read follow.
+    """
+    best = _best_pairs(graph)
+    result = {}
+    for image, photo in enumerate(graph.photos):
+        models = [number for number, world in enumerate(grown.models) if world.registered[image]]
+        if models:
+            result[photo.name] = ImageOutcome(True, models[0])
+        else:
+            result[photo.name] = ImageOutcome(False, None, _reason(graph, grown, best.get(image), image))
+    for name, reason in graph.unreadable.items():
+        result[name] = ImageOutcome(False, None, reason)
+    return result
+
+
+def _best_pairs(graph: MatchGraph) -> dict[int, Pair]:
+    """Pair with most verified matches of each image."""
+    best: dict[int, Pair] = {}
+    for pair in graph.pairs:
+        for image in (pair.first, pair.second):
+            if image not in best or len(pair.verified) > len(best[image].verified):
+                best[image] = pair
+    return best
+
+
+def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> str:
+    features = len(graph.features[image])
+    if features < _FEW_FEATURES:
+        return f"hardly anything is detected in it: {features} features"
+    if best is None:
+        return "it was matched with no other image"
+    other = graph.photos[best.second if best.first == image else best.first].name
+    if best.geometry.kind == "none":
+        return f"it matches no other image: at best {len(best.matches)} matches, with {other}"
+    if image in grown.reasons and grown.models:
+        return grown.reasons[image]
+    found = f"at best {len(best.verified)} matches agree, with {other}"
+    return f"no first pair could be made of it: {found}; {best.geometry.message or 'too few points'}"
+
+
+def warnings_of(graph: MatchGraph, grown: Grown) -> list[str]:
+    """Say what a user should know.
+
+    Parameters
+    ----------
+    graph : MatchGraph
+        Images, features and pairs.
+    grown : Grown
+        Models.
+
+    Returns
+    -------
+    list of str
+    """
+    warnings = []
+    images = len(graph.photos) + len(graph.unreadable)
+    if graph.unreadable:
+        warnings.append(f"{len(graph.unreadable)} of {images} images cannot be read")
+    if not grown.models:
+        warnings.append(_why_no_model(graph))
+    else:
+        count = int(np.count_nonzero(grown.models[0].registered))
+        if count < len(graph.photos):
+            warnings.append(f"the model is partial: {count} of {len(graph.photos)} images have a pose in it")
+    if len(grown.models) > 1:
+        sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
+        warnings.append(f"the images fall into {len(grown.models)} models of {sizes} images")
+    return warnings
+
+
+def _why_no_model(graph: MatchGraph) -> str:
+    kinds = [pair.geometry.kind for pair in graph.pairs]
+    if len(graph.photos) < 2:
+        return f"no model: {len(graph.photos)} image can be used, two are needed"
+    if "general" in kinds or "planar" in kinds:
+        return "no model: no two images see enough points from places far enough apart"
+    if "rotation" in kinds:
+        return "no model: the camera only turned, or the photos are the same; it must move between photos"
+    return f"no model: no two of the {len(graph.photos)} images match"

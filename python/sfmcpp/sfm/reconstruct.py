@@ -1,0 +1,264 @@
+"""Structure from motion in one call: from photos, tracks or matches to models."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry import focal_from_pairs
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import looked_up, require_seed
+from sfmcpp.model.image_tracks import ImageTracks
+from sfmcpp.model.photos import Photo
+from sfmcpp.sfm.cache import Cache
+from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
+from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
+from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
+from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
+from sfmcpp.sfm.incremental import Grown, grow_models
+from sfmcpp.sfm.match_graph import MatchGraph
+from sfmcpp.sfm.outcome import outcomes, warnings_of
+from sfmcpp.sfm.result import SfmRun
+from sfmcpp.sfm.scene import Scene
+from sfmcpp.sfm.settings import IncrementalSettings
+
+METHODS = ("incremental", "batch")
+Source = str | PathLike[str] | MatchGraph | ImageTracks
+# Told the stage, how much of it is done and of how much; True asks to stop.
+Progress = Callable[[str, int, int], bool]
+
+
+def _silent(stage: str, done: int, total: int) -> bool:
+    return False
+
+
+@dataclass
+class _Run:
+    """What is carried from stage to stage."""
+
+    cameras: CameraWish
+    sharing: str
+    model: str
+    settings: IncrementalSettings
+    progress: Progress
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+    def cameras_of(self, photos: list[Photo]) -> Cameras:
+        return self.cameras.cameras(photos, sharing=self.sharing, model=self.model)
+
+
+def reconstruct(
+    source: Source,
+    *,
+    method: str = "incremental",
+    camera: CameraArgument = "auto",
+    camera_model: str = "auto",
+    shared_camera: str = "auto",
+    matcher: str = "auto",
+    masks: str | PathLike[str] | None = None,
+    gps: str | PathLike[str] = "none",
+    seed: int = 0,
+    cache: str | PathLike[str] | None = None,
+    threads: int | None = None,
+    settings: IncrementalSettings | None = None,
+    front_end: FrontEndSettings | None = None,
+    progress: Progress = _silent,
+) -> SfmRun:
+    """Reconstruct cameras and points.
+
+    Parameters
+    ----------
+    source : path-like, MatchGraph or ImageTracks
+        A folder of images; a file of tracks, or of a model whose observations alone are used; or what
+        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.sfm.read_image_tracks` gives.
+    method : str
+        ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
+    camera : str, float, path-like or array
+        ``"auto"``: focal lengths that the files tell, else estimated from the matches. ``"exif"``: the files
+        must tell them. A number: focal length to start from [px]. A file ``K.txt`` or ``calib.txt``, or
+        intrinsics (5,), (12,) or (3, 3): known, and they stay.
+    camera_model : str
+        What of a camera is estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
+        or ``"opencv"``. ``"auto"``: ``"simple-radial"``.
+    shared_camera : str
+        Which images share a camera: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
+        :func:`sfmcpp.sfm.cameras.shared_by`.
+    matcher : str
+        Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"`` or ``"spatial"``.
+    masks : path-like, optional
+        Folder of masks: nothing is detected where they are black.
+    gps : str or path-like
+        ``"none"``, ``"exif"``, or a file CSV: positions of images that bring the model into the world.
+    seed : int
+        Of every random sample; same seed, same result.
+    cache : path-like, optional
+        Folder that keeps features and matches, so that a later run need not compute them anew.
+    threads : int, optional
+        Threads at most; the result does not depend on it. Default: as many as the machine has.
+    settings : IncrementalSettings, optional
+        Thresholds of the reconstruction; its seed is replaced.
+    front_end : FrontEndSettings, optional
+        Of features and matches.
+    progress : callable
+        Called as ``progress(stage, done, total)``; returning True stops with what there is.
+
+    Returns
+    -------
+    SfmRun
+        Models, the largest first; none if no two images fit together: `images` then says why.
+
+    Raises
+    ------
+    DatasetError
+        If the source cannot be read.
+    InvalidArgument
+        If an argument breaks a rule.
+    ModuleNotFoundError
+        If OpenCV, Pillow or PoseLib is missing (extra ``vision``).
+    """
+    looked_up("method", method, dict.fromkeys(METHODS))
+    require_seed(seed)
+    model = "simple-radial" if camera_model == "auto" else camera_model
+    looked_up("camera_model", model, FREE_INTRINSICS)
+    limits = replace(settings or IncrementalSettings(), seed=seed)
+    run = _Run(camera_wish(camera), shared_camera, model, limits, progress)
+    options: dict[str, Any] = {
+        "method": method,
+        "camera": camera if isinstance(camera, (str, float, int)) else str(camera),
+        "camera_model": model,
+        "shared_camera": shared_camera,
+        "matcher": matcher,
+        "gps": str(gps),
+        "seed": seed,
+    }
+    front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
+    scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
+    with run.timed("mapping"):
+        grown = _mapped(scene, run)
+    return _finished(source, options, scene, grown, run)
+
+
+def _scene_of(
+    source: Source,
+    run: _Run,
+    masks: str | PathLike[str] | None,
+    front: FrontEndSettings,
+    cache: Cache | None,
+) -> Scene:
+    if isinstance(source, MatchGraph):
+        return Scene.of(source, _with_guessed_focals(source, run.cameras_of(source.photos)))
+    if isinstance(source, ImageTracks):
+        return _scene_of_tracks(source, run)
+    path = Path(source)
+    if not path.exists():
+        raise DatasetError(path, "no such file or directory")
+    if path.is_dir() and _has_images(path):
+        return _scene_of_photos(path, run, masks, front, cache)
+    if masks is not None:
+        raise InvalidArgument("masks: the source has no images")
+    from sfmcpp.sources.io.image_tracks import read_image_tracks
+
+    with run.timed("reading"):
+        tracks = read_image_tracks(path)
+    return _scene_of_tracks(tracks, run)
+
+
+def _has_images(folder: Path) -> bool:
+    """Whether a folder is one of images: it is, unless it holds a model or tracks."""
+    return not any(folder.glob("[!.]*.bin")) and not any(
+        (folder / name).exists() for name in ("cameras.txt", "Image1.mat")
+    )
+
+
+def _scene_of_photos(
+    folder: Path, run: _Run, masks: str | PathLike[str] | None, front: FrontEndSettings, cache: Cache | None
+) -> Scene:
+    from sfmcpp.sources.vision import open_photos
+
+    found = open_photos(folder, masks=masks)
+    cameras = run.cameras_of(found.photos)
+    graph = build_match_graph(
+        found,
+        front,
+        _known_rows(cameras),
+        cache=cache,
+        progress=run.progress,
+        seconds=run.seconds,
+    )
+    kept = {photo.name for photo in graph.photos}
+    if len(kept) < len(found.photos):
+        cameras = run.cameras_of(graph.photos)
+    with run.timed("mapping"):
+        return Scene.of(graph, _with_guessed_focals(graph, cameras))
+
+
+def _scene_of_tracks(tracks: ImageTracks, run: _Run) -> Scene:
+    cameras = run.cameras_of(photos_of(tracks))
+    if run.cameras.calibration is None:
+        known = np.isfinite(tracks.centres).all(axis=1)
+        cameras.intrinsics[cameras.of_image[known], 2:4] = tracks.centres[known]
+    with run.timed("matching"):
+        graph = graph_of_tracks(tracks, _known_rows(cameras), seed=run.settings.seed, progress=run.progress)
+    return Scene(graph, _with_guessed_focals(graph, cameras), joined(tracks))
+
+
+def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
+    """Intrinsics of each image; None where they are a guess."""
+    return [None if cameras.guessed[g] else cameras.intrinsics[g] for g in cameras.of_image]
+
+
+def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
+    """Estimate focal lengths that nobody tells from the fundamental matrices of their images."""
+    intrinsics = cameras.intrinsics.copy()
+    for camera in np.flatnonzero(cameras.guessed):
+        of_camera = cameras.of_image == camera
+        pairs = [
+            (
+                graph.features[p.first].pixels[p.verified[:, 0]],
+                graph.features[p.second].pixels[p.verified[:, 1]],
+            )
+            for p in graph.pairs
+            if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
+        ]
+        width, height = cameras.sizes[camera]
+        found = focal_from_pairs(pairs, (int(width), int(height))) if pairs else None
+        if found is not None:
+            intrinsics[camera, 0] = found
+    return replace(cameras, intrinsics=intrinsics)
+
+
+def _mapped(scene: Scene, run: _Run) -> Grown:
+    total = len(scene.graph.photos)
+    return grow_models(scene, run.settings, lambda done: run.progress("mapping", done, total))
+
+
+def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:
+    for world in grown.models:
+        world.update_errors()
+    name = str(source) if isinstance(source, (str, PathLike)) else "arrays"
+    return SfmRun(
+        name,
+        options,
+        scene.graph,
+        grown.models,
+        outcomes(scene.graph, grown),
+        seconds=run.seconds,
+        warnings=warnings_of(scene.graph, grown),
+        interrupted=grown.interrupted,
+    )

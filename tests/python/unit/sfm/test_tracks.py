@@ -1,0 +1,84 @@
+"""Tracks: union–find of matches with one keypoint of an image at most."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.geometry import TwoViewGeometry
+from sfmcpp.model.photos import Features, Photo
+from sfmcpp.sfm import MatchGraph, Pair
+from sfmcpp.sfm.tracks import NO_TRACK, build_tracks
+
+UNKNOWN = np.full((3, 3), np.nan)
+
+
+def graph_of(counts: list[int], pairs: dict[tuple[int, int], list[tuple[int, int]]]) -> MatchGraph:
+    photos = [Photo(str(number)) for number in range(len(counts))]
+    features = []
+    for count in counts:
+        pixels, unknown = np.zeros((count, 2)), np.full(count, np.nan)
+        none = np.zeros((count, 0), dtype=np.uint8)
+        features.append(Features(pixels, unknown, unknown, np.zeros((count, 3), dtype=np.uint8), none))
+    found = []
+    for (i, j), matches in pairs.items():
+        inliers = np.ones(len(matches), dtype=np.bool_)
+        camera = np.full((3, 4), np.nan)
+        geometry = TwoViewGeometry("general", inliers, UNKNOWN, UNKNOWN, camera, np.nan, "")
+        found.append(Pair(i, j, np.array(matches, dtype=np.int32).reshape(-1, 2), geometry))
+    return MatchGraph(photos, features, found)
+
+
+def test_chains_of_matches_are_one_track() -> None:
+    tracks = build_tracks(graph_of([2, 2, 2], {(0, 1): [(0, 1)], (1, 2): [(1, 0)]}))
+    assert tracks.track.tolist() == [0, NO_TRACK, NO_TRACK, 0, 0, NO_TRACK]
+    assert tracks.count == 1
+    assert len(tracks.apart) == 0
+
+
+def test_an_image_sees_a_track_once_and_the_strongest_pair_decides() -> None:
+    # 0:0 – 1:0 – 2:0 – 0:1 would let image 0 see one point twice; the pair (1, 2) is the strongest.
+    strong = [(0, 0), (1, 1), (2, 2)]
+    graph = graph_of([2, 3, 3], {(0, 1): [(0, 0)], (1, 2): strong, (0, 2): [(1, 0), (0, 2)]})
+    tracks = build_tracks(graph)
+    image = np.repeat(np.arange(3), np.diff(tracks.begin))
+    for track in range(tracks.count):
+        seen = image[tracks.track == track]
+        assert len(np.unique(seen)) == len(seen)
+    assert tracks.track[tracks.begin[1]] == tracks.track[tracks.begin[2]] != NO_TRACK
+    assert len(tracks.apart) >= 1
+    assert (tracks.track[tracks.apart[:, 0]] != tracks.track[tracks.apart[:, 1]]).all()
+
+
+def test_tracks_agree_with_a_search_through_the_matches() -> None:
+    random = np.random.default_rng(3)
+    counts = [30] * 6
+    pairs = {}
+    for i in range(6):
+        for j in range(i + 1, 6):
+            same = random.random(30) < 0.3
+            pairs[i, j] = [(int(k), int(k)) for k in np.flatnonzero(same)]
+    tracks = build_tracks(graph_of(counts, pairs))
+    for point in range(30):
+        left, parts = set(range(6)), []
+        while left:
+            part, fresh = set(), {left.pop()}
+            while fresh:
+                part |= fresh
+                fresh = {
+                    b
+                    for a in fresh
+                    for b in left - part
+                    if (point, point) in pairs[min(a, b), max(a, b)]
+                }
+            left -= part
+            parts.append(part)
+        for part in parts:
+            numbers = {int(tracks.track[tracks.begin[image] + point]) for image in part}
+            assert len(numbers) == 1
+            assert (numbers == {NO_TRACK}) == (len(part) == 1)
+
+
+def test_nothing_matched_gives_no_tracks() -> None:
+    tracks = build_tracks(graph_of([3, 0], {}))
+    assert tracks.count == 0
+    assert (tracks.track == NO_TRACK).all()
