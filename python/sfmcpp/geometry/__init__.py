@@ -11,6 +11,7 @@ from sfmcpp.geometry.point_tests import (
 from sfmcpp.geometry.pose_estimate import PoseEstimate
 from sfmcpp.geometry.relative_pose import RelativePose, relative_pose
 from sfmcpp.geometry.resection import pose_inliers, resection
+from sfmcpp.geometry.robust_triangulation import robust_triangulation
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.geometry.triangulation import triangulate_linear, triangulate_midpoint
 from sfmcpp.geometry.two_view import TwoViewGeometry, two_view_geometry
@@ -40,6 +41,7 @@ __all__ = [
     "reliable_points",
     "reprojection_errors_px",
     "resection",
+    "robust_triangulation",
     "triangulate_linear",
     "triangulate_midpoint",
     "triangulation_angles_deg",
