@@ -11,11 +11,19 @@ from sfmcpp.geometry.point_tests import (
 from sfmcpp.geometry.pose_estimate import PoseEstimate
 from sfmcpp.geometry.relative_pose import RelativePose, relative_pose
 from sfmcpp.geometry.resection import pose_inliers, resection
+from sfmcpp.geometry.robust_triangulation import robust_triangulation
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.geometry.triangulation import triangulate_linear, triangulate_midpoint
-from sfmcpp.geometry.two_view import TwoViewGeometry
+from sfmcpp.geometry.two_view import TwoViewGeometry, two_view_geometry
+from sfmcpp.geometry.two_view_matrices import (
+    MatrixEstimate,
+    fundamental_from_matches,
+    fundamental_linear,
+    homography_from_matches,
+)
 
 __all__ = [
+    "MatrixEstimate",
     "PoseEstimate",
     "RelativePose",
     "Similarity",
@@ -23,6 +31,9 @@ __all__ = [
     "depths",
     "fit_pose_similarity",
     "fit_similarity",
+    "fundamental_from_matches",
+    "fundamental_linear",
+    "homography_from_matches",
     "mean_reprojection_errors_px",
     "pose_inliers",
     "refine_points",
@@ -30,7 +41,9 @@ __all__ = [
     "reliable_points",
     "reprojection_errors_px",
     "resection",
+    "robust_triangulation",
     "triangulate_linear",
     "triangulate_midpoint",
     "triangulation_angles_deg",
+    "two_view_geometry",
 ]

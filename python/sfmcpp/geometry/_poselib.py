@@ -1,8 +1,9 @@
 """The only door to PoseLib: its conventions are turned into ours and back here, and nowhere else.
 
 PoseLib's poses are camera_from_world (``x_cam = R X + t``); its relative pose takes the first camera's frame
-to the second's. Its pinhole camera has no skew: it is given pixels of an ideal camera with square pixels and
-the principal point at the origin.
+to the second's. Its fundamental matrix has ``x₂ᵀ F x₁ = 0``, ours ``x₁ᵀ F x₂ = 0``; its homographies take
+the first image to the second, as ours. Its pinhole camera has no skew: it is given pixels of an ideal camera
+with square pixels and the principal point at the origin.
 """
 
 from __future__ import annotations
@@ -90,6 +91,37 @@ def refined_relative_camera(
     return _with_unit_baseline(_world_from_camera(pose))
 
 
+def fundamental_by_ransac(pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions) -> FloatArray:
+    """``F`` (3, 3) of norm one by seven points and RANSAC, refined on its inliers."""
+    matrix, _ = _load().estimate_fundamental(
+        pixels_1, pixels_2, _ransac("max_epipolar_error", options), _refinement(options)
+    )
+    return _of_norm_one(np.asarray(matrix, dtype=np.float64).T)
+
+
+def refined_fundamental(
+    pixels_1: FloatArray, pixels_2: FloatArray, fundamental: FloatArray, options: RansacOptions
+) -> FloatArray:
+    """`fundamental` (3, 3) as start, moved to a local minimum of the robust Sampson errors, of norm one."""
+    matrix, _ = _load().refine_fundamental(pixels_1, pixels_2, fundamental.T, _refinement(options))
+    return _of_norm_one(np.asarray(matrix, dtype=np.float64).T)
+
+
+def homography_by_ransac(pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions) -> FloatArray:
+    """``H`` (3, 3) of norm one from image 1 to 2 by four points and RANSAC, refined on its inliers."""
+    matrix, _ = _load().estimate_homography(
+        pixels_1, pixels_2, _ransac("max_reproj_error", options), _refinement(options)
+    )
+    return _of_norm_one(np.asarray(matrix, dtype=np.float64))
+
+
+def cameras_of_homography(homography: FloatArray) -> FloatArray:
+    """Second cameras ``[R | c]`` (K, 3, 4), ‖c‖ = 1, of ``x₂ ∝ H x₁`` of a plane, x at depth one."""
+    poses, _ = _load().motion_from_homography(homography)
+    cameras = [_with_unit_baseline(_world_from_camera(pose)) for pose in poses]
+    return np.asarray(cameras).reshape(-1, 3, 4)
+
+
 def absolute_camera(
     points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, options: RansacOptions
 ) -> FloatArray:
@@ -108,7 +140,7 @@ def _load() -> ModuleType:
     try:
         import poselib
     except ModuleNotFoundError as error:
-        message = f"relative pose and resection need {error.name}: pip install 'sfmcpp[vision]'"
+        message = f"two-view geometry and resection need {error.name}: pip install 'sfmcpp[vision]'"
         raise ModuleNotFoundError(message, name=error.name) from None
     module: ModuleType = poselib
     return module
@@ -122,6 +154,11 @@ def _world_from_camera(pose: Any) -> FloatArray:
 
 def _with_unit_baseline(camera: FloatArray) -> FloatArray:
     return np.column_stack([camera[:, :3], unit(camera[:, 3])])
+
+
+def _of_norm_one(matrix: FloatArray) -> FloatArray:
+    scaled: FloatArray = matrix / np.linalg.norm(matrix)
+    return scaled
 
 
 def _ideal_pixels(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:

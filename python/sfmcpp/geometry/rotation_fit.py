@@ -30,7 +30,14 @@ def fit_rotation(rays_1: FloatArray, rays_2: FloatArray, max_angle_rad: float, s
     (3, 3) float64
     """
     samples = _samples(rays_1, rays_2, np.random.default_rng(seed))
-    rotation: FloatArray = samples[int(np.argmax(_num_inliers(samples, rays_1, rays_2, max_angle_rad)))]
+    best: FloatArray = samples[int(np.argmax(_num_inliers(samples, rays_1, rays_2, max_angle_rad)))]
+    return refit_rotation(rays_1, rays_2, best, max_angle_rad)
+
+
+def refit_rotation(
+    rays_1: FloatArray, rays_2: FloatArray, rotation: FloatArray, max_angle_rad: float
+) -> FloatArray:
+    """Least-squares rotation of the inliers of `rotation`, and again of those of the result."""
     for _ in range(_NUM_REFITS):
         rotation = _refit(rays_1, rays_2, angles_rad(rays_1, rays_2, rotation) <= max_angle_rad)
     return rotation

@@ -52,7 +52,14 @@ def best_and_rivals(
     chosen = matches.select(inliers).arrays
     starts = [np.column_stack([rotation, c]) for c in _baselines(matches, rotation, inliers)]
     cameras = np.stack([camera, *(refined_relative_camera(*chosen, start, options) for start in starts)])
-    scores = np.array([_log_likelihood(matches, c, options.threshold_px) for c in cameras])
+    return likely_cameras(matches, cameras, options.threshold_px)
+
+
+def likely_cameras(
+    matches: Matches, cameras: FloatArray, threshold_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """The most likely of `cameras` (K, 3, 4), and those (L, 3, 4) elsewhere that are not ruled out."""
+    scores = np.array([_log_likelihood(matches, c, threshold_px) for c in cameras])
     best = int(np.argmax(scores))
     likely = scores >= scores[best] - _LOG_LIKELIHOOD_MARGIN
     return cameras[best], cameras[likely & (_turns_deg(cameras, cameras[best]) > _SAME_POSE_DEG)]
