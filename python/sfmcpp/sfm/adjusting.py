@@ -26,7 +26,7 @@ def adjust_all(
     world: Map, settings: IncrementalSettings, *, fine: bool = False, keep_intrinsics: bool = False
 ) -> LocalProblem:
     """Adjust all images with a pose, their points, and the intrinsics of cameras with enough images."""
-    local = world.whole_problem(settings.min_views)
+    local = world.whole_problem(2)
     problem = local.problem
     images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
     few = images < settings.intrinsics_images

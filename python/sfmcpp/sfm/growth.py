@@ -19,7 +19,8 @@ from sfmcpp.sfm.structure import Structure
 
 # Told after each image what there is of the model.
 Told = Callable[[Map], None]
-# Pairs that are tried at each angle, and how far the angle is lowered.
+# Pairs that are looked at and those that are tried at each angle, and how far the angle is lowered.
+_START_PAIRS = 200
 _START_TRIES = 20
 _LEAST_START_ANGLE_DEG = 2.0
 # Cells of the finest grid that tells how well points are spread over an image, as a power of two.
@@ -69,35 +70,36 @@ class Growth:
         pairs = [p for p in self._scene.graph.pairs if not (taken[p.first] or taken[p.second])]
         pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
         pairs.sort(key=lambda p: -len(p.verified))
-        angle_deg, tried = self._settings.start_angle_deg, 0
+        poses = [self._relative(pair) for pair in pairs[:_START_PAIRS]]
+        angle_deg = self._settings.start_angle_deg
         while angle_deg >= _LEAST_START_ANGLE_DEG:
-            wide = [p for p in pairs if p.geometry.median_angle_deg >= angle_deg / 2]
-            for pair in wide[:_START_TRIES]:
-                if self._start_with(pair, angle_deg):
-                    return True
-                tried += 1
+            wide = [k for k, (_, seen_deg) in enumerate(poses) if seen_deg >= angle_deg / 2]
+            if any(self._start_with(pairs[k], poses[k][0], angle_deg) for k in wide[:_START_TRIES]):
+                return True
             angle_deg /= 2
         return False
 
-    def _start_with(self, pair: Pair, angle_deg: float) -> bool:
+    def _start_with(self, pair: Pair, second: FloatArray, angle_deg: float) -> bool:
         """Try a pair: its images get poses and points, or nothing changes."""
         world, settings = self.world, self._settings
         both = np.array([pair.first, pair.second])
-        world.poses[pair.first] = np.eye(3, 4)
-        world.poses[pair.second] = self._relative(pair)
-        if np.isfinite(world.poses[both]).all():
-            self.structure.triangulate(both)
-            if np.count_nonzero(world.known) >= settings.start_points:
-                self._adjust_all(rounds=2, keep_intrinsics=True)
-                if self._is_good_start(angle_deg):
-                    return True
+        world.poses[both] = np.eye(3, 4), second
+        self.structure.triangulate(both)
+        if np.count_nonzero(world.known) >= settings.start_points:
+            self._adjust_all(rounds=2, keep_intrinsics=True)
+            if self._is_good_start(angle_deg):
+                return True
         world.poses[both] = np.nan
         world.points[:] = np.nan
         return False
 
-    def _relative(self, pair: Pair) -> FloatArray:
+    def _relative(self, pair: Pair) -> tuple[FloatArray, float]:
+        """Pose (3, 4) of the second image in the frame of the first, and the median angle of the rays [deg].
+
+        The angle is not a number where the pose is not known.
+        """
         if np.isfinite(pair.geometry.camera).all():
-            return pair.geometry.camera
+            return pair.geometry.camera, pair.geometry.median_angle_deg
         world, begin = self.world, self.world.keypoint_begin
         rows = pair.verified + begin[[pair.first, pair.second]]
         first, second = world.intrinsics[world.image_cameras[[pair.first, pair.second]]]
@@ -106,10 +108,12 @@ class Growth:
             world.keypoints[rows[:, 1]],
             first,
             second,
-            threshold_px=self._settings.outlier_px / 2,
+            threshold_px=self._settings.outlier_px,
             seed=self._settings.seed,
         )
-        return found.camera
+        if found.failure not in ("", "ambiguous"):
+            return found.camera, np.nan
+        return found.camera, float(np.degrees(2 * found.median_parallax_px / (first[0] + second[0])))
 
     def _is_good_start(self, angle_deg: float) -> bool:
         local = self.world.whole_problem(2)
@@ -203,7 +207,7 @@ class Growth:
         """Whether the focal length of a camera was guessed and not adjusted yet."""
         world = self.world
         used = np.count_nonzero(world.registered & (world.image_cameras == camera))
-        return bool(self._scene.cameras.guessed[camera]) and used < self._settings.intrinsics_images
+        return bool(self._scene.cameras.guessed[camera] and used < self._settings.intrinsics_images)
 
     def _forget_outliers(self, image: int) -> None:
         world = self.world

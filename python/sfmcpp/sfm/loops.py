@@ -37,7 +37,7 @@ def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     before = _Memory.of(world)
     structure.observe(rows, structure.tracks[rows])
     for scale_px in _SCALES_PX:
-        _adjust(world, scale_px, settings)
+        _adjust(world, scale_px)
     points = world.keypoint_points[rows]
     fits = (points >= 0) & (structure.errors_px(rows, structure.tracks[rows]) <= settings.outlier_px)
     if np.count_nonzero(fits) < _CLOSED * len(rows):
@@ -60,11 +60,11 @@ def torn_observations(structure: Structure, least: int) -> Numbers:
     _, pair, counts = np.unique(key, return_inverse=True, return_counts=True)
     wanted = np.zeros(len(rows), dtype=np.bool_)
     wanted[places[counts[pair] >= least]] = True
-    return rows[wanted]
+    return np.asarray(rows[wanted])
 
 
-def _adjust(world: Map, scale_px: float, settings: IncrementalSettings) -> None:
-    local = world.whole_problem(settings.min_views)
+def _adjust(world: Map, scale_px: float) -> None:
+    local = world.whole_problem(2)
     local.problem.fixed_intrinsics[:] = True
     summary = solve(
         local.problem, loss="huber", loss_scale_px=scale_px, max_iterations=_STEPS, function_tolerance=1e-4

@@ -62,12 +62,17 @@ class Structure:
             local.problem,
             max_error_px=self._settings.outlier_px,
             min_angle_deg=self._settings.min_angle_deg,
-            min_views=self._settings.min_views,
+            min_views=self._min_views,
         )
         found = np.isfinite(points[:, 0])
         world.points[local.points[found]] = points[found]
         world.forget(local.rows[~agree & found[local.problem.point_index]])
         return int(np.count_nonzero(found))
+
+    @property
+    def _min_views(self) -> int:
+        """Fewest views of a point; as many as there are, while the model is smaller than that."""
+        return max(2, min(self._settings.min_views, int(np.count_nonzero(self.world.registered))))
 
     def _take_back(self, tracks: NDArray[np.integer]) -> None:
         """Let all keypoints of `tracks` without a position belong to them again, as at the start."""
@@ -153,7 +158,7 @@ class Structure:
         problem, settings = local.problem, self._settings
         outliers = reprojection_errors_px(problem, problem.points) > settings.outlier_px
         narrow = triangulation_angles_deg(problem, problem.points) < settings.min_angle_deg
-        self.world.drop(local, outliers, settings.min_views)
+        self.world.drop(local, outliers, self._min_views)
         self.world.points[local.points[narrow]] = np.nan
         return int(np.count_nonzero(outliers))
 

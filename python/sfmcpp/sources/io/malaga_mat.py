@@ -1,7 +1,7 @@
 """Tracks as MATLAB files, one an image: ``Image1.mat``, ``Image2.mat`` … of Malaga PARKING-6L.
 
-Each holds a matrix ``Image`` of six columns. Its first row is the motion since the last image; the others are a
-point's number, counted from 1, u and v [px], and three zeros.
+Each holds a matrix ``Image`` of six columns. Its first row is the motion since the last image; the others are
+a point's number, counted from 1, u and v [px], and three zeros.
 """
 
 from __future__ import annotations

@@ -65,10 +65,7 @@ def test_tracks_agree_with_a_search_through_the_matches() -> None:
             while fresh:
                 part |= fresh
                 fresh = {
-                    b
-                    for a in fresh
-                    for b in left - part
-                    if (point, point) in pairs[min(a, b), max(a, b)]
+                    b for a in fresh for b in left - part if (point, point) in pairs[min(a, b), max(a, b)]
                 }
             left -= part
             parts.append(part)

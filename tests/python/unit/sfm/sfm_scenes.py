@@ -11,7 +11,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sfm import MatchGraph, Pair
 
-SIZE = (1000, 800)
+SIZE = (640, 480)
 
 
 def match_graph(

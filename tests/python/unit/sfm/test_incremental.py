@@ -1,0 +1,126 @@
+"""Incremental reconstruction of synthetic scenes, against the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfm_scenes import match_graph
+from sfmcpp.geometry import fit_similarity, so3
+from sfmcpp.map import Map
+from sfmcpp.model import Problem
+from sfmcpp.sfm import MatchGraph
+from sfmcpp.sfm.cameras import Cameras, cameras_of
+from sfmcpp.sfm.incremental import Grown, grow_models
+from sfmcpp.sfm.scene import Scene
+from sfmcpp.sfm.settings import IncrementalSettings
+
+SIGMA_PX = 0.5
+
+
+def truth_of(cameras: int = 12, points: int = 400) -> Problem:
+    return sfmcpp.circle_scene(cameras, points, pixel_sigma_px=0.0, seed=4)
+
+
+def grown(graph: MatchGraph, cameras: Cameras, **settings: float) -> Grown:
+    limits = IncrementalSettings(**settings)  # type: ignore[arg-type]
+    return grow_models(Scene.of(graph, cameras), limits, lambda _: False)
+
+
+def known_cameras(graph: MatchGraph, truth: Problem) -> Cameras:
+    row = np.concatenate([truth.intrinsics[0, :5], np.zeros(7)])
+    return cameras_of(graph.photos, calibration=row)
+
+
+def centre_errors(world: Map, truth: Problem) -> np.ndarray:
+    has = world.registered
+    place = fit_similarity(world.poses[has][:, :, 3], truth.centres[has])
+    return np.linalg.norm(place.apply(world.poses[has][:, :, 3]) - truth.centres[has], axis=1)
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.3])
+def test_all_images_get_poses_as_near_the_truth_as_the_noise_allows(outliers: float) -> None:
+    truth = truth_of()
+    graph = match_graph(truth, sigma_px=SIGMA_PX, outliers=outliers)
+    found = grown(graph, known_cameras(graph, truth))
+    assert [int(world.registered.sum()) for world in found.models] == [truth.num_cameras]
+    world = found.models[0]
+    assert centre_errors(world, truth).mean() < 1.05 * best_possible_error(graph, truth)
+    assert np.count_nonzero(world.known) >= 0.95 * truth.num_points
+
+
+def best_possible_error(graph: MatchGraph, truth: Problem) -> float:
+    """Mean error of the centres of an adjustment that starts at the truth and knows all tracks."""
+    best = truth.copy()
+    order = np.lexsort((best.point_index, best.camera_index))
+    best.camera_index, best.point_index = best.camera_index[order], best.point_index[order]
+    best.pixels = np.concatenate([features.pixels for features in graph.features])
+    sfmcpp.solve(best, function_tolerance=1e-10)
+    place = fit_similarity(best.centres, truth.centres)
+    return float(np.linalg.norm(place.apply(best.centres) - truth.centres, axis=1).mean())
+
+
+def test_an_unknown_focal_length_is_found_from_a_guess_that_is_off_by_a_fifth() -> None:
+    truth = truth_of()
+    graph = match_graph(truth, sigma_px=SIGMA_PX, known=False)
+    cameras = cameras_of(graph.photos, focal_px=1.2 * truth.intrinsics[0, 0], sharing="one")
+    cameras.intrinsics[:, 2:4] = truth.intrinsics[0, 2:4]
+    found = grown(graph, cameras)
+    world = found.models[0]
+    assert world.registered.all()
+    assert world.intrinsics[0, 0] == pytest.approx(truth.intrinsics[0, 0], rel=0.01)
+    assert abs(world.intrinsics[0, 5]) < 0.02
+
+
+def test_rotations_follow_the_truth() -> None:
+    truth = truth_of()
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    world = grown(graph, known_cameras(graph, truth)).models[0]
+    place = fit_similarity(world.poses[:, :, 3], truth.centres)
+    rotations = place.apply_to_poses(world.poses)[:, :, :3]
+    apart = [so3.rotation_angle(a.T @ b) for a, b in zip(rotations, truth.rotations, strict=True)]
+    assert np.degrees(np.max(apart)) < 0.2
+
+
+def test_photos_of_two_places_become_two_models_and_none_is_lost() -> None:
+    one, two = truth_of(8), truth_of(5)
+    graph = together(match_graph(one, sigma_px=SIGMA_PX), match_graph(two, sigma_px=SIGMA_PX, seed=1))
+    found = grown(graph, known_cameras(graph, one))
+    counts = [int(world.registered.sum()) for world in found.models]
+    assert counts == [8, 5]
+    assert (found.models[0].registered ^ found.models[1].registered).all()
+
+
+def together(a: MatchGraph, b: MatchGraph) -> MatchGraph:
+    from dataclasses import replace
+
+    shift = len(a.photos)
+    photos = [*a.photos, *(replace(photo, name=f"other/{photo.name}") for photo in b.photos)]
+    moved = [replace(p, first=p.first + shift, second=p.second + shift) for p in b.pairs]
+    return MatchGraph(photos, [*a.features, *b.features], [*a.pairs, *moved])
+
+
+def test_the_same_bits_for_every_run() -> None:
+    truth = truth_of(8, 200)
+    graph = match_graph(truth, sigma_px=SIGMA_PX, outliers=0.2)
+    a, b = (grown(graph, known_cameras(graph, truth)).models[0] for _ in range(2))
+    assert np.array_equal(a.poses, b.poses)
+    assert np.array_equal(a.points, b.points, equal_nan=True)
+
+
+def test_a_listener_that_asks_to_stop_leaves_the_model_so_far() -> None:
+    truth = truth_of()
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    scene = Scene.of(graph, known_cameras(graph, truth))
+    found = grow_models(scene, IncrementalSettings(), lambda count: count >= 5)
+    assert found.interrupted
+    assert int(found.models[0].registered.sum()) == 5
+
+
+def test_points_need_three_views_where_that_is_asked_for() -> None:
+    truth = truth_of(8, 200)
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    world = grown(graph, known_cameras(graph, truth), min_views=3).models[0]
+    views = np.bincount(world.keypoint_points[world.keypoint_points >= 0], minlength=len(world.points))
+    assert views[world.known].min() >= 3
