@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,29 +12,50 @@ from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
 # Intermediate adjustments need no more digits than the next image changes.
-_ROUGH = {"max_iterations": 12, "function_tolerance": 1e-3}
-_FINE = {"max_iterations": 50, "function_tolerance": 1e-7}
+ROUGH: dict[str, Any] = {"max_iterations": 12, "function_tolerance": 1e-3}
+FINE: dict[str, Any] = {"max_iterations": 50, "function_tolerance": 1e-7}
 
 
 def adjust_around(world: Map, image: int, settings: IncrementalSettings) -> LocalProblem:
     """Adjust an image, those that share most points with it, and their points; the others stay."""
     local = world.local_problem(_neighbours(world, image, settings.local_images))
     local.problem.fixed_intrinsics[:] = True
-    _solve(world, local, settings, fine=False)
+    adjusted(world, settings, local, **ROUGH)
+    world.take(local)
     return local
 
 
 def adjust_all(
-    world: Map, settings: IncrementalSettings, *, fine: bool = False, keep_intrinsics: bool = False
+    world: Map, settings: IncrementalSettings, *, keep_intrinsics: bool = False, **options: Any
 ) -> LocalProblem:
     """Adjust all images with a pose, their points, and the intrinsics of cameras with enough images."""
     local = world.whole_problem(2)
-    problem = local.problem
-    images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
-    few = images < settings.intrinsics_images
-    problem.fixed_intrinsics[few | keep_intrinsics] = True
-    _solve(world, local, settings, fine=fine)
+    if keep_intrinsics:
+        local.problem.fixed_intrinsics[:] = True
+    adjusted(world, settings, local, **options)
+    world.take(local)
     return local
+
+
+def adjusted(
+    world: Map, settings: IncrementalSettings, local: LocalProblem | None = None, **options: Any
+) -> float:
+    """Adjust a part of a map, or all of it; the cost at the end. The map itself is not changed.
+
+    Intrinsics of cameras with too few images stay.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C ended it.
+    """
+    problem = (world.whole_problem(2) if local is None else local).problem
+    images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
+    problem.fixed_intrinsics[images < settings.intrinsics_images] = True
+    summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_px, **options)
+    if summary.termination == "interrupted":
+        raise KeyboardInterrupt
+    return summary.final_cost
 
 
 def _neighbours(world: Map, image: int, count: int) -> NDArray[np.intp]:
@@ -45,15 +68,3 @@ def _neighbours(world: Map, image: int, count: int) -> NDArray[np.intp]:
     shared[image] = 0
     order = np.argsort(-shared, kind="stable")[: count - 1]
     return np.append(order[shared[order] > 0], image)
-
-
-def _solve(world: Map, local: LocalProblem, settings: IncrementalSettings, *, fine: bool) -> None:
-    summary = solve(
-        local.problem,
-        loss="cauchy",
-        loss_scale_px=settings.loss_px,
-        **(_FINE if fine else _ROUGH),  # type: ignore[arg-type]
-    )
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
-    world.take(local)

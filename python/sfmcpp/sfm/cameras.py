@@ -48,6 +48,8 @@ class Cameras:
         Whether the focal length is a guess that may be far off.
     names : list of str
         COLMAP's name of the model of each.
+    model_is_open : bool
+        Whether more intrinsics may be freed where the images show that they are needed.
     """
 
     intrinsics: FloatArray
@@ -56,6 +58,7 @@ class Cameras:
     sizes: NDArray[np.int64]
     guessed: BoolArray
     names: list[str]
+    model_is_open: bool = False
 
 
 def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
@@ -101,7 +104,7 @@ def cameras_of(
     photos: Sequence[Photo],
     *,
     sharing: str = "auto",
-    model: str = "simple-radial",
+    model: str = "auto",
     focal_px: float | None = None,
     calibration: FloatArray | None = None,
     use_exif: bool = True,
@@ -115,7 +118,8 @@ def cameras_of(
     sharing : str
         See :func:`shared_by`.
     model : str
-        What is estimated: a key of `FREE_INTRINSICS`. Nothing is where a calibration is given.
+        What is estimated: a key of `FREE_INTRINSICS`; ``"auto"``: ``"simple-radial"``, and more where the
+        images show that it is needed. Nothing is where a calibration is given.
     focal_px : float, optional
         Focal length of all, a good first value [px].
     calibration : (12,) float64, optional
@@ -132,7 +136,8 @@ def cameras_of(
     InvalidArgument
         If a name is unknown, a number out of its range, or a calibration is of another image size.
     """
-    free = looked_up("camera_model", model, FREE_INTRINSICS)
+    start = "simple-radial" if model == "auto" else model
+    free = looked_up("camera_model", start, FREE_INTRINSICS)
     of_image = shared_by(photos, sharing)
     count = int(of_image.max(initial=-1)) + 1
     members = [
@@ -149,8 +154,9 @@ def cameras_of(
     rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
     fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
     guessed = np.array([focal is None for focal in told], dtype=np.bool_)
-    names = [model.upper().replace("-", "_")] * count
-    return Cameras(rows.reshape(-1, len(PERSPECTIVE)), fixed, of_image, sizes, guessed, names)
+    names = [start.upper().replace("-", "_")] * count
+    rows = rows.reshape(-1, len(PERSPECTIVE))
+    return Cameras(rows, fixed, of_image, sizes, guessed, names, model == "auto")
 
 
 def first_intrinsics(size: NDArray[np.int64], focal_px: float | None) -> FloatArray:

@@ -52,8 +52,8 @@ def photos_of(tracks: ImageTracks) -> list[Photo]:
 
 def sizes_of(tracks: ImageTracks) -> NDArray[np.int64]:
     """(I, 2) width and height [px]; where unknown, as far as observations reach."""
-    known = (tracks.sizes > 0).all(axis=1)
-    centred = (tracks.centres == 0).all(axis=1)
+    known = np.asarray((tracks.sizes > 0).all(axis=1))
+    centred = np.asarray((tracks.centres == 0).all(axis=1))
     reach = np.abs(tracks.pixels).max(axis=0, initial=0.5)
     sides = np.ceil(np.where(centred[:, None], 2 * reach, reach)).astype(np.int64)
     return np.where(known[:, None], tracks.sizes, sides)

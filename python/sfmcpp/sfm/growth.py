@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sfmcpp.geometry import relative_pose, reprojection_errors_px, resection, triangulation_angles_deg
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sfm.adjusting import adjust_all, adjust_around
+from sfmcpp.sfm.adjusting import FINE, ROUGH, adjust_all, adjust_around
+from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.scene import Scene
@@ -137,10 +138,18 @@ class Growth:
         self.finish()
 
     def finish(self) -> None:
-        """Adjust everything, leave outliers out, find points and observations again, until it rests."""
+        """Adjust everything, leave outliers out, find points and observations again, until it rests.
+
+        Where the camera model is to be chosen, that is done then, and all of it once more.
+        """
+        self._settle()
+        if self._scene.cameras.model_is_open:
+            choose_camera_model(self.world, self._settings)
+            self._settle()
+
+    def _settle(self) -> None:
         for _ in range(_LAST_ROUNDS):
-            before = self._adjust_all(rounds=1, fine=True)
-            if before == 0:
+            if self._adjust_all(rounds=1, fine=True) == 0:
                 break
 
     def _register_next(self) -> bool:
@@ -237,7 +246,9 @@ class Growth:
         world, structure, changed = self.world, self.structure, 0
         close_loops(structure, self._settings)
         for _ in range(rounds):
-            local = adjust_all(world, self._settings, fine=fine, keep_intrinsics=keep_intrinsics)
+            local = adjust_all(
+                world, self._settings, keep_intrinsics=keep_intrinsics, **(FINE if fine else ROUGH)
+            )
             changed = structure.drop_outliers(local)
             self._give_up_lost_images()
             registered = np.flatnonzero(world.registered)

@@ -95,7 +95,7 @@ def reconstruct(
         intrinsics (5,), (12,) or (3, 3): known, and they stay.
     camera_model : str
         What of a camera is estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
-        or ``"opencv"``. ``"auto"``: ``"simple-radial"``.
+        or ``"opencv"``. ``"auto"``: ``"simple-radial"``, and then as much more as lowers the cost for good.
     shared_camera : str
         Which images share a camera: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
         :func:`sfmcpp.sfm.cameras.shared_by`.
@@ -134,14 +134,13 @@ def reconstruct(
     """
     looked_up("method", method, dict.fromkeys(METHODS))
     require_seed(seed)
-    model = "simple-radial" if camera_model == "auto" else camera_model
-    looked_up("camera_model", model, FREE_INTRINSICS)
+    looked_up("camera_model", camera_model, {"auto": None, **dict.fromkeys(FREE_INTRINSICS)})
     limits = replace(settings or IncrementalSettings(), seed=seed)
-    run = _Run(camera_wish(camera), shared_camera, model, limits, progress)
+    run = _Run(camera_wish(camera), shared_camera, camera_model, limits, progress)
     options: dict[str, Any] = {
         "method": method,
         "camera": camera if isinstance(camera, (str, float, int)) else str(camera),
-        "camera_model": model,
+        "camera_model": camera_model,
         "shared_camera": shared_camera,
         "matcher": matcher,
         "gps": str(gps),

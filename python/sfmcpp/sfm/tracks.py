@@ -75,11 +75,11 @@ def _links(graph: MatchGraph, begin: Links) -> tuple[Links, NDArray[np.intp]]:
 
 
 def _components(links: Links, count: int) -> NDArray[np.int32]:
-    from scipy.sparse import coo_array
+    from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    ones = np.ones(len(links), dtype=np.bool_)
-    graph = coo_array((ones, (links[:, 0], links[:, 1])), shape=(count, count))
+    ones = np.ones(len(links))
+    graph = csr_array((ones, (links[:, 0], links[:, 1])), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
 
 
