@@ -15,9 +15,15 @@ SIZE = (640, 480)
 
 
 def match_graph(
-    truth: Problem, *, sigma_px: float = 0.5, outliers: float = 0.0, seed: int = 0, known: bool = True
+    truth: Problem,
+    *,
+    sigma_px: float = 0.5,
+    outliers: float = 0.0,
+    seed: int = 0,
+    known: bool = True,
+    reach: int = 4,
 ) -> MatchGraph:
-    """Match the images of a scene: `outliers` is the part of wrong matches of each pair."""
+    """Match images of a scene that are at most `reach` apart round the circle; `outliers` is a part of each."""
     random = np.random.default_rng(seed)
     features, rows_of = [], []
     for camera in range(truth.num_cameras):
@@ -31,6 +37,8 @@ def match_graph(
     photos = [Photo(f"{camera:03d}.jpg", size=SIZE) for camera in range(truth.num_cameras)]
     pairs = []
     for i, j in combinations(range(truth.num_cameras), 2):
+        if min(j - i, truth.num_cameras + i - j) > reach:
+            continue
         _, in_i, in_j = np.intersect1d(rows_of[i], rows_of[j], return_indices=True)
         wrong = random.random(len(in_i)) < outliers
         in_j[wrong] = np.roll(in_j[wrong], 1)
