@@ -23,7 +23,7 @@ def match_graph(
     known: bool = True,
     reach: int = 4,
 ) -> MatchGraph:
-    """Match images of a scene that are at most `reach` apart round the circle; `outliers` is a part of each."""
+    """Match images of a scene that are at most `reach` apart on the circle; `outliers`: a part of each."""
     random = np.random.default_rng(seed)
     features, rows_of = [], []
     for camera in range(truth.num_cameras):
