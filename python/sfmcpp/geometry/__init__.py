@@ -1,5 +1,6 @@
 """Geometry of several views: relative pose, resection, triangulation, similarities."""
 
+from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
@@ -31,6 +32,7 @@ __all__ = [
     "depths",
     "fit_pose_similarity",
     "fit_similarity",
+    "focal_from_pairs",
     "fundamental_from_matches",
     "fundamental_linear",
     "homography_from_matches",

@@ -73,6 +73,45 @@ def _carried(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
     return normals if slopes is None else np.einsum("ni,nij->nj", normals, slopes)
 
 
+def camera_of_fundamental(
+    fundamental: FloatArray,
+    intrinsics_1: FloatArray,
+    intrinsics_2: FloatArray,
+    normalised_1: FloatArray,
+    normalised_2: FloatArray,
+) -> FloatArray:
+    """Second camera of the essential matrix that is nearest to ``K₁ᵀ F K₂``, the first being at the origin.
+
+    Parameters
+    ----------
+    fundamental : (3, 3) float64
+        See :func:`fundamental_matrix`; of any scale.
+    intrinsics_1, intrinsics_2 : (5,) float64
+        ``(f, aspect, cx, cy, skew)``.
+    normalised_1, normalised_2 : (N, 2) float64
+        Image points at depth one: of the four cameras with that matrix most of these are in front of one.
+
+    Returns
+    -------
+    (3, 4) float64
+        ``[R | c]``, ‖c‖ = 1.
+    """
+    k_1, k_2 = (np.linalg.inv(inverse_calibration(row)) for row in (intrinsics_1, intrinsics_2))
+    u, _, vt = np.linalg.svd(k_1.T @ fundamental @ k_2)
+    u, vt = u * np.linalg.det(u), vt * np.linalg.det(vt)
+    quarter_turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    cameras = [
+        np.column_stack([u @ turn @ vt, sign * u[:, 2]])
+        for turn in (quarter_turn, quarter_turn.T)
+        for sign in (1, -1)
+    ]
+    in_front = [
+        np.count_nonzero(in_front_of_both(np.eye(3, 4), camera, normalised_1, normalised_2))
+        for camera in cameras
+    ]
+    return cameras[int(np.argmax(in_front))]
+
+
 def in_front_of_both(
     camera_1: FloatArray, camera_2: FloatArray, normalised_1: FloatArray, normalised_2: FloatArray
 ) -> BoolArray:
