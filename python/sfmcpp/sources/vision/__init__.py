@@ -2,6 +2,7 @@
 
 from sfmcpp.sources.vision.frames import PICTURES, VIDEOS, Frames, open_frames
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
+from sfmcpp.sources.vision.matching import match
 
 __all__ = [
     "CORNERS",
@@ -10,5 +11,6 @@ __all__ = [
     "Frames",
     "KltSettings",
     "follow_features",
+    "match",
     "open_frames",
 ]
