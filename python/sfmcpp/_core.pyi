@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -566,6 +566,14 @@ def linearize_pose(view: dict, constraints: collections.abc.Sequence[dict], pose
 def loss_terms(loss: str, scale: typing.SupportsFloat | typing.SupportsIndex, squared: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> tuple:
     """
     ρ, ρ′ and d(s ρ′)/ds of squared residuals s.
+    """
+def nearest_both_ways(first: numpy.typing.NDArray[numpy.uint8], second: numpy.typing.NDArray[numpy.uint8], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+    """
+    What nearest_of_first says of each, and what it says with both exchanged, at once.
+    """
+def nearest_of_first(first: numpy.typing.NDArray[numpy.uint8], second: numpy.typing.NDArray[numpy.uint8], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+    """
+    Nearest of `second` to each of `first`: its number (-1: none), the squared distances to it and to the second nearest (2**29: none).
     """
 def projection_matrices(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """

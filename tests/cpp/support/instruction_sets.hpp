@@ -4,6 +4,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sfmcpp/features/nearest_isa.hpp"
 #include "sfmcpp/linear/cholesky_isa.hpp"
 #include "sfmcpp/linear/schur_isa.hpp"
 #include "sfmcpp/residuals/reprojection_isa.hpp"
@@ -18,6 +19,7 @@ struct InstructionSet {
   residuals::ResectionKernels (*resection)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size);
   linear::CholeskyKernels (*cholesky)();
+  features::NearestKernels (*nearest)(bool byte_products);
 };
 
 inline std::vector<InstructionSet> instruction_sets() {
@@ -26,7 +28,8 @@ inline std::vector<InstructionSet> instruction_sets() {
                                     &residuals::baseline::algebraic_kernel_for,
                                     &residuals::baseline::resection_kernels_for,
                                     &linear::baseline::kernels_for,
-                                    &linear::baseline::cholesky_kernels_of}};
+                                    &linear::baseline::cholesky_kernels_of,
+                                    &features::baseline::nearest_kernels_of}};
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("x86-64-v3")) {
     sets.push_back({"avx2",
@@ -34,7 +37,8 @@ inline std::vector<InstructionSet> instruction_sets() {
                     &residuals::avx2::algebraic_kernel_for,
                     &residuals::avx2::resection_kernels_for,
                     &linear::avx2::kernels_for,
-                    &linear::avx2::cholesky_kernels_of});
+                    &linear::avx2::cholesky_kernels_of,
+                    &features::avx2::nearest_kernels_of});
   }
   if (__builtin_cpu_supports("x86-64-v4")) {
     sets.push_back({"avx512",
@@ -42,7 +46,8 @@ inline std::vector<InstructionSet> instruction_sets() {
                     &residuals::avx512::algebraic_kernel_for,
                     &residuals::avx512::resection_kernels_for,
                     &linear::avx512::kernels_for,
-                    &linear::avx512::cholesky_kernels_of});
+                    &linear::avx512::cholesky_kernels_of,
+                    &features::avx512::nearest_kernels_of});
   }
 #endif
   return sets;

@@ -17,12 +17,13 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 CPP_BELOW: dict[str, set[str]] = {
     "core": set(),
     "math": {"core"},
+    "features": {"core"},
     "cameras": {"math"},
     "linear": {"math"},
     "residuals": {"cameras"},
     "optim": {"linear"},
     "ba": {"residuals", "optim"},
-    "bindings": {"ba"},
+    "bindings": {"ba", "features"},
 }
 # Foreign headers that stay behind one layer.
 CPP_HOME_OF_HEADER = {"pybind11": "bindings", "Python.h": "bindings", "cholmod.h": "linear"}

@@ -1,0 +1,247 @@
+"""Which images of a set look alike, without comparing all of them and without a vocabulary from elsewhere.
+
+Descriptors are assigned to the nearest of a vocabulary of words, which the set itself teaches, and images are
+compared by the words they hold (Sivic and Zisserman, "Video Google: a text retrieval approach to object
+matching in videos", ICCV 2003): a word counts the more the fewer images hold it, and by the root of how often
+an image does, because a texture repeats one word over and over (Jégou, Douze and Schmid, "On the burstiness
+of visual elements", CVPR 2009). Of the images that come out best, the largest features are matched, which
+tells much better whether they have anything in common (Wu, "Towards linear-time incremental structure from
+motion", 3DV 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfmcpp import _core
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_count, require_seed
+from sfmcpp.model.photos import Features
+from sfmcpp.sources.vision.matching import Descriptors, match
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+IndexPair = tuple[int, int]
+
+# Largest features of an image whose words are taken, and of which matches are tried.
+_FEATURES_IN_WORDS, _FEATURES_TRIED = 1000, 500
+# Words at least and at most; features of the set by words; those that teach a word.
+_WORDS = (64, 16384)
+_FEATURES_PER_WORD, _TEACHERS_PER_WORD = 25, 10
+_PASSES = 4
+# Images that are tried for each that is wanted.
+_CANDIDATES = 3
+# Matches of the largest features that two images with a common part have nearly always. On 110 photos of six
+# sets, 99 % of the pairs with 30 true matches have them, all with 100, and 7 % of the others.
+_FEWEST_MATCHES = 3
+# Images that each is paired with at least, whether or not enough is alike.
+_FEWEST_NEIGHBOURS = 3
+# Images whose scores are at hand at once.
+_BATCH = 256
+
+
+def alike_pairs(
+    features: Sequence[Features],
+    neighbours: int,
+    *,
+    queries: Sequence[int] | None = None,
+    known: Collection[IndexPair] = (),
+    seed: int = 0,
+    threads: int = 0,
+) -> list[IndexPair]:
+    """Pair images with those that look most like them.
+
+    The vocabulary depends on the set: with another image, pairs that hardly look alike may change.
+
+    Parameters
+    ----------
+    features : sequence of Features
+        Of each image.
+    neighbours : int
+        With how many each is paired at most; it may be chosen by more.
+    queries : sequence of int, optional
+        Images to find others for. Default: all.
+    known : collection of (int, int)
+        Pairs, the lower number first, that are not asked for.
+    seed : int
+        Same seed, same result.
+    threads : int
+        How many to use; 0: all. The result is the same.
+
+    Returns
+    -------
+    list of (int, int)
+        Numbers of images, sorted, the lower first.
+
+    Raises
+    ------
+    InvalidArgument
+        If descriptors of the images are of different length.
+    """
+    require_count("neighbours", neighbours, 0)
+    words = bags_of_words(features, seed=seed, threads=threads)
+    asked = range(len(features)) if queries is None else queries
+    ranked = _ranked(words, asked, _CANDIDATES * neighbours, known)
+    tried = sorted({_pair(image, other) for image, others in ranked.items() for other in others})
+    alike = dict(zip(tried, _common_matches(features, tried, threads), strict=True))
+    found: set[IndexPair] = set()
+    for image, others in ranked.items():
+        # Of equally many matches those first that have more words in common.
+        best = sorted((_pair(image, other) for other in others), key=lambda pair: -alike[pair])[:neighbours]
+        enough = sum(alike[pair] >= _FEWEST_MATCHES for pair in best)
+        found.update(best[: max(enough, _FEWEST_NEIGHBOURS)])
+    return sorted(found)
+
+
+def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int = 0) -> csr_matrix:
+    """Weights of words in each image.
+
+    Parameters
+    ----------
+    features : sequence of Features
+        Of each image; they teach the words as well.
+    seed : int
+        Same seed, same result.
+    threads : int
+        How many to use; 0: as many as gain from it. The result is the same.
+
+    Returns
+    -------
+    (images, words) sparse float64
+        Rows of unit length, or of zeros, the products of which say how much images are alike.
+
+    Raises
+    ------
+    InvalidArgument
+        If descriptors of the images are of different length.
+    """
+    from scipy.sparse import csr_matrix
+
+    require_seed(seed)
+    chosen = [_largest(of_image, _FEATURES_IN_WORDS) for of_image in features]
+    if len({d.shape[1] for d in chosen if d.size}) > 1:
+        raise InvalidArgument("features: have descriptors of different length, must have one")
+    if not any(d.size for d in chosen):
+        return csr_matrix((len(features), 1))
+    vocabulary = _vocabulary_of([d for d in chosen if d.size], seed, threads)
+    starts, words, times = [0], [], []
+    for of_image in chosen:
+        nearest = _core.nearest_of_first(of_image, vocabulary, threads)[0] if of_image.size else []
+        word, time = np.unique(np.asarray(nearest, np.int32), return_counts=True)
+        starts.append(starts[-1] + len(word))
+        words.append(word)
+        times.append(time)
+    columns = np.concatenate(words)
+    holders = np.bincount(columns, minlength=len(vocabulary))
+    rarity = np.log((1 + len(features)) / np.maximum(holders, 1))
+    data = np.sqrt(np.concatenate(times)) * rarity[columns]
+    return _of_unit_rows(csr_matrix((data, columns, starts), (len(features), len(vocabulary))))
+
+
+def train_vocabulary(
+    descriptors: Descriptors, words: int, *, seed: int = 0, passes: int = _PASSES, threads: int = 0
+) -> Descriptors:
+    """Cluster descriptors by k-means.
+
+    Parameters
+    ----------
+    descriptors : (n, D) uint8
+        What to cluster.
+    words : int
+        How many clusters; fewer come back where there are fewer different descriptors.
+    seed : int
+        Chooses the descriptors to start from.
+    passes : int
+        How often means are taken.
+    threads : int
+        How many to use; 0: as many as gain from it. The result is the same.
+
+    Returns
+    -------
+    (k, D) uint8
+        Means, rounded.
+    """
+    from scipy.sparse import csr_matrix
+
+    require_count("words", words)
+    require_seed(seed)
+    order = np.random.default_rng(seed).permutation(len(descriptors))
+    # Equal ones would be one word.
+    _, firsts = np.unique(descriptors[order], axis=0, return_index=True)
+    means = np.ascontiguousarray(descriptors[order[np.sort(firsts)[:words]]])
+    values, columns = descriptors.astype(np.float64), np.arange(len(descriptors))
+    for _ in range(passes):
+        nearest = _core.nearest_of_first(descriptors, means, threads)[0]
+        members = csr_matrix((np.ones(len(values)), (nearest, columns)), (len(means), len(values)))
+        sums: FloatArray = np.asarray(members @ values)
+        counts = np.bincount(nearest, minlength=len(means))
+        filled = counts > 0
+        means[filled] = np.rint(sums[filled] / counts[filled, None]).astype(np.uint8)
+    return means
+
+
+def _vocabulary_of(descriptors: list[Descriptors], seed: int, threads: int) -> Descriptors:
+    """Words taught by some of the descriptors of every image."""
+    total = sum(map(len, descriptors))
+    words = int(np.clip(total // _FEATURES_PER_WORD, *_WORDS))
+    share = min(1.0, words * _TEACHERS_PER_WORD / total)
+    rng = np.random.default_rng(seed)
+    teachers = [d[np.sort(rng.permutation(len(d))[: int(np.ceil(share * len(d)))])] for d in descriptors]
+    return train_vocabulary(np.concatenate(teachers), words, seed=seed, threads=threads)
+
+
+def _of_unit_rows(weights: csr_matrix) -> csr_matrix:
+    lengths = np.sqrt(np.asarray(weights.multiply(weights).sum(axis=1)).ravel())
+    weights.data /= np.repeat(np.where(lengths > 0, lengths, 1.0), np.diff(weights.indptr))
+    return weights
+
+
+def _largest(features: Features, count: int) -> Descriptors:
+    """Descriptors of the largest features, in the order they came."""
+    # Of equal and of unknown size the first, which are the strongest.
+    size = np.nan_to_num(features.scales, nan=0.0)
+    largest = np.sort(np.argsort(-size, kind="stable")[:count])
+    return np.ascontiguousarray(features.descriptors[largest])
+
+
+def _ranked(
+    words: Any, queries: Sequence[int], count: int, known: Collection[IndexPair]
+) -> dict[int, list[int]]:
+    """For each query the images with the most in common, best first."""
+    apart: dict[int, list[int]] = {}
+    for i, j in known:
+        apart.setdefault(i, []).append(j)
+        apart.setdefault(j, []).append(i)
+    found: dict[int, list[int]] = {}
+    columns = words.T.tocsr()
+    for first in range(0, len(queries), _BATCH):
+        batch = list(queries[first : first + _BATCH])
+        scores: FloatArray = (words[batch] @ columns).toarray()
+        for image, of_image in zip(batch, scores, strict=True):
+            of_image[[image, *apart.get(image, [])]] = 0.0
+            order = np.argsort(-of_image, kind="stable")[:count]
+            found[image] = order[of_image[order] > 0].tolist()
+    return found
+
+
+def _common_matches(features: Sequence[Features], pairs: list[IndexPair], threads: int) -> list[int]:
+    """Matches of the largest features for each of the pairs."""
+    wanted = sorted({image for pair in pairs for image in pair})
+    largest = {image: _largest(features[image], _FEATURES_TRIED) for image in wanted}
+
+    def count(pair: IndexPair) -> int:
+        return len(match(largest[pair[0]], largest[pair[1]], threads=1))
+
+    with ThreadPoolExecutor(threads or cpu_count()) as pool:
+        return list(pool.map(count, pairs))
+
+
+def _pair(image: int, other: int) -> IndexPair:
+    return (image, other) if image < other else (other, image)
