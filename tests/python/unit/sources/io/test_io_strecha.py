@@ -71,6 +71,7 @@ def test_the_cameras_can_be_handed_on_as_a_colmap_model(tmp_path: Path) -> None:
         (TEXT.replace("5 -7", "5 nan"), "a.jpg.camera:8: "),
         ("", "the file is empty"),
     ],
+    ids=range(8),
 )
 def test_what_is_no_camera_is_named_with_its_line(text: str, told: str, tmp_path: Path) -> None:
     write_camera(tmp_path / "truth", "a.jpg", text)
