@@ -178,4 +178,4 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _some(names: Sequence[str]) -> str:
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(map(repr, names[:_SHOWN])) + more
+    return ", ".join(map(repr, sorted(names)[:_SHOWN])) + more
