@@ -161,7 +161,7 @@ def _rows_near(times_s: FloatArray, t_s: FloatArray, limit_s: float) -> Rows:
 def _rows_by_number(stems: list[str], truth: Trajectory) -> tuple[Rows, str]:
     if len(stems) == len(truth):
         return np.arange(len(truth)), "order"
-    if all(re.fullmatch(r"[0-9]{1,9}", stem) for stem in stems):
+    if all(re.fullmatch(r"[0-9]{1,18}", stem) for stem in stems):
         rows = np.array([int(stem) for stem in stems])
         if rows.max() < len(truth) and len(set(rows.tolist())) == len(rows):
             return rows, "frame number"
