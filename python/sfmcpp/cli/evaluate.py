@@ -32,32 +32,37 @@ def _format(name: str, what: str) -> typer.models.OptionInfo:
     return _choice(name, FORMATS, f"Format of {what}", "; else by its name")
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MODEL|TRAJECTORY",
+        help="What to measure: a COLMAP model, what reconstruct wrote, a problem with named images; or a "
+        "trajectory.",
+    ),
+]
+Truth = Annotated[
+    Path,
+    typer.Option(
+        "--truth",
+        metavar="PATH",
+        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera.",
+    ),
+]
+Align = Annotated[
+    str,
+    typer.Option(
+        metavar="all|none|first:N|robust",
+        help="Poses to align by; first:0.1 is the first tenth of a trajectory, robust those of a model's "
+        "images that agree.",
+    ),
+]
+
+
 @with_exit_code
 def evaluate(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MODEL|TRAJECTORY",
-            help="What to measure: a COLMAP model, what reconstruct wrote, a problem with named images; or a "
-            "trajectory.",
-        ),
-    ],
-    truth: Annotated[
-        Path,
-        typer.Option(
-            "--truth",
-            metavar="PATH",
-            help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera.",
-        ),
-    ],
-    align: Annotated[
-        str,
-        typer.Option(
-            metavar="all|none|first:N|robust",
-            help="Poses to align by; first:0.1 is the first tenth of a trajectory, robust those of a model's "
-            "images that agree.",
-        ),
-    ] = "all",
+    source: Source,
+    truth: Truth,
+    align: Align = "all",
     scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Whether aligning may scale.")] = True,
     align_by: Annotated[
         str, _choice("--align-by", ("positions", "poses"), "What to align; poses hold on straight roads too")
@@ -79,7 +84,7 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to draw both trajectories: png, svg, pdf.")
+        Path | None, typer.Option(metavar="FILE", help="Where to draw both: png, svg, pdf.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
