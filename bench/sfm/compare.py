@@ -38,7 +38,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "sets",
         nargs="*",
         metavar="SET",
-        help="name of a set of $SFMCPP_DATA, or a folder; default: all names",
+        help="name of a set of $SFMCPP_DATA, or a folder; default: all",
     )
     parser.add_argument("--out", type=Path, default=Path("sfm-results"), help="folder of tables and models")
     parser.add_argument("--threads", type=int, default=2)
