@@ -129,8 +129,9 @@ def test_what_is_no_set_is_refused(
 
 
 def test_positions_in_exif_become_metres_east_north_and_up(bench: ModuleType, tmp_path: Path) -> None:
-    import exif_positions
     from PIL import Image
+
+    import exif_positions
 
     places = {
         "a.jpg": (46.5, 91.25, 200.0),

@@ -16,8 +16,10 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 from sfmcpp.study.evaluation.image_poses import ImagePoses
 
-# What numbers in names of images count: seconds, or the ns, µs and ms of data sets.
+# What numbers in names of images count: seconds, or the ns, µs and ms of data sets. Whole ones that all stay
+# below a million are frame numbers.
 _UNITS_S = (1.0, 1e-9, 1e-6, 1e-3)
+_FRAMES = 1e6
 _SHOWN = 3
 
 Rows = NDArray[np.int64]
@@ -91,8 +93,9 @@ def match_with_trajectory(
     """Pair images with the poses of a trajectory.
 
     With times: the stem of an image's name is its time, in s, ms, µs or ns, whichever fits most images, and
-    the pose nearest in time is its own. Else, and without times: by the order of the names if there are as
-    many images as poses; by the number that is the whole stem of the name, counted from 0.
+    the pose nearest in time is its own; whole numbers that stay below a million are no times. Else, and
+    without times: by the order of the names if there are as many images as poses; by the number that is the
+    whole stem of the name, counted from 0.
 
     Parameters
     ----------
@@ -138,6 +141,8 @@ def _rows_by_time(stems: list[str], truth: Trajectory, limit_s: float) -> Rows |
     try:
         numbers = np.array([float(stem) for stem in stems])
     except ValueError:
+        return None
+    if all(stem.isdigit() for stem in stems) and numbers.max() < _FRAMES:
         return None
     best: Rows = np.full(len(stems), -1)
     for unit in _UNITS_S:

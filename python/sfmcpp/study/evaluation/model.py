@@ -25,7 +25,12 @@ from sfmcpp.study.evaluation.image_poses import (
     is_problem_file,
     read_image_poses,
 )
-from sfmcpp.study.evaluation.match_images import MatchedImages, match_by_name, match_with_trajectory
+from sfmcpp.study.evaluation.match_images import (
+    MatchedImages,
+    Rows,
+    match_by_name,
+    match_with_trajectory,
+)
 from sfmcpp.study.evaluation.metrics import Statistics
 from sfmcpp.study.evaluation.relative_poses import auc, relative_pose_errors_deg
 from sfmcpp.study.evaluation.robust import agreeing_pairs
@@ -245,11 +250,16 @@ def _measured(
         tuple(true.names[row] for row in rows),
         aligned,
         truth,
-        tuple(name for row, name in enumerate(true.names) if row not in set(rows.tolist())),
-        tuple(name for row, name in enumerate(model.names) if row not in set(matched.model_rows.tolist())),
+        _others(true.names, rows),
+        _others(model.names, matched.model_rows),
         matched.matched_by,
         alignment,
         used,
         relative_pose_errors_deg(placed, true.poses),
         matched.note,
     )
+
+
+def _others(names: Sequence[str], rows: Rows) -> tuple[str, ...]:
+    """Names of all rows but some, in their order."""
+    return tuple(np.delete(np.array(names, dtype=object), rows).tolist())

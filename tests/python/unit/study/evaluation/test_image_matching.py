@@ -91,6 +91,12 @@ def test_as_many_images_as_poses_are_matched_in_the_order_of_their_numbers(stamp
     assert found.model_rows.tolist() == [2, 1, 0, 3]
 
 
+def test_frame_numbers_are_not_taken_for_the_seconds_of_a_truth_with_times() -> None:
+    """Ten poses a second: frame 2 is row 2, at 0.2 s, not the pose at 2 s."""
+    found = match_with_trajectory(images("000000.png", "000001.png", "000002.png"), drive(30))
+    assert (found.matched_by, found.truth_rows.tolist()) == ("frame number", [0, 1, 2])
+
+
 @pytest.mark.parametrize("names", [("a.png", "b.png"), ("0.png", "700.png")])
 def test_names_that_tell_no_pose_are_refused(names: tuple[str, ...]) -> None:
     with pytest.raises(InvalidArgument, match=r"6 poses cannot be told to belong to 2 images such as"):
