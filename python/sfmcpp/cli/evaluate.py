@@ -1,4 +1,4 @@
-"""`sfmcpp evaluate`: a trajectory against the truth, as a table, a report and a picture."""
+"""`sfmcpp evaluate`: a trajectory or a model against the truth, as a table, a report and a picture."""
 
 from __future__ import annotations
 
@@ -32,13 +32,37 @@ def _format(name: str, what: str) -> typer.models.OptionInfo:
     return _choice(name, FORMATS, f"Format of {what}", "; else by its name")
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MODEL|TRAJECTORY",
+        help="What to measure: a COLMAP model, what reconstruct wrote, a problem with named images; or a "
+        "trajectory.",
+    ),
+]
+Truth = Annotated[
+    Path,
+    typer.Option(
+        "--truth",
+        metavar="PATH",
+        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera.",
+    ),
+]
+Align = Annotated[
+    str,
+    typer.Option(
+        metavar="all|none|first:N|robust",
+        help="Poses to align by; first:0.1 is the first tenth of a trajectory, robust those of a model's "
+        "images that agree.",
+    ),
+]
+
+
 @with_exit_code
 def evaluate(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="Trajectory to measure.")],
-    truth: Annotated[Path, typer.Option("--truth", metavar="FILE", help="True trajectory.")],
-    align: Annotated[
-        str, typer.Option(metavar="all|none|first:N", help="Poses to align by; first:0.1 is the first tenth.")
-    ] = "all",
+    source: Source,
+    truth: Truth,
+    align: Align = "all",
     scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Whether aligning may scale.")] = True,
     align_by: Annotated[
         str, _choice("--align-by", ("positions", "poses"), "What to align; poses hold on straight roads too")
@@ -54,17 +78,22 @@ def evaluate(
     all_pairs: Annotated[
         bool, typer.Option("--all-pairs", help="Relative errors from every pose on.")
     ] = False,
-    trajectory_format: Annotated[str | None, _format("--format", "TRAJECTORY")] = None,
+    trajectory_format: Annotated[str | None, _format("--format", "the trajectory")] = None,
     truth_format: Annotated[str | None, _format("--truth-format", "the truth")] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to draw both trajectories: png, svg, pdf.")
+        Path | None, typer.Option(metavar="FILE", help="Where to draw both: png, svg, pdf.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> ExitCode:
-    """Measure a trajectory against the truth: mean 3-D error, scale, absolute and relative pose errors."""
+    """Measure a model or a trajectory against the truth.
+
+    Of a trajectory: mean 3-D error, scale, absolute and relative pose errors. Of a model, image by image:
+    errors of centres and rotations, area under the recall curve of relative poses, missing images.
+    """
+    from sfmcpp.cli.evaluate_model import evaluate_model_files, names_images
     from sfmcpp.cli.targets import Targets
 
     options = {
@@ -78,10 +107,12 @@ def evaluate(
         "all_pairs": all_pairs,
     }
     targets = Targets(None, report, plot)
-    found = _evaluated((trajectory, trajectory_format), (truth, truth_format), options, targets)
-    _write({"path": str(trajectory), "truth": str(truth)}, found, targets)
+    if trajectory_format is None and names_images(source):
+        return evaluate_model_files(source, truth, truth_format, options, targets, quiet)
+    found = _evaluated((source, trajectory_format), (truth, truth_format), options, targets)
+    _write({"path": str(source), "truth": str(truth)}, found, targets)
     if not quiet:
-        rows = _rows(trajectory, truth, found, targets)
+        rows = _rows(source, truth, found, targets)
         say("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
     return ExitCode.DONE
 
@@ -94,6 +125,7 @@ def _evaluated(
     from sfmcpp.study.evaluation import AlignmentRule, evaluate
 
     AlignmentRule.parse(options["align_to"])
+    _require_trajectories(ours[0], *true)
     for source, _ in (ours, true):
         targets.check(source)
     read = [read_trajectory(path, format=name) for path, name in (ours, true)]
@@ -101,6 +133,17 @@ def _evaluated(
         return evaluate(*read, **options)
     except InvalidArgument as error:
         raise DatasetError(ours[0], f"compared with {true[0]}: {error}") from error
+
+
+def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
+    from sfmcpp.cli.evaluate_model import names_images
+
+    if ours.exists() and true_format is None and names_images(true):
+        raise DatasetError(
+            ours,
+            f"is taken for a trajectory, but the truth {true} for a model: only a model (a COLMAP folder, a "
+            "problem with named images) can be matched with that",
+        )
 
 
 def _write(names: dict[str, str], found: Evaluation, targets: Targets) -> None:

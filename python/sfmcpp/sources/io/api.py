@@ -8,7 +8,7 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.checks import looked_up
-from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba
+from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba, strecha, transforms
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
 
@@ -21,6 +21,8 @@ FORMATS: tuple[Format, ...] = (
     bundler.FORMAT,
     npz.FORMAT,
     ply.FORMAT,
+    transforms.FORMAT,
+    strecha.FORMAT,
     colmap.TEXT,
     colmap.BINARY,
 )
@@ -34,7 +36,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     path : path-like
         File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
         with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
-        BAL; ``.out`` is Bundler; ``.npz`` is this package's own.
+        BAL; ``.out`` is Bundler; ``.npz`` is this package's own. A folder of ``IMAGE.camera`` is the truth of
+        Strecha's benchmark: cameras without points.
     format : str, optional
         Name of the format, one of :func:`formats`, where the file's name does not tell.
 
@@ -70,8 +73,9 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
     problem : Problem
         What to write; it is not changed.
     path : path-like
-        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, and a name
-        without suffix is the folder of a binary COLMAP model.
+        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, ``transforms.json``
+        for nerfstudio and Gaussian splatting, and a name without suffix is the folder of a binary COLMAP
+        model.
     format : str, optional
         Name of the format, where the file's name does not tell.
 

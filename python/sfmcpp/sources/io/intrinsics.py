@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.problem import Problem
+from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length
 
 PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
@@ -39,6 +41,30 @@ def as_perspective(problem: Problem) -> tuple[FloatArray, BoolArray]:
     values[:, columns] = problem.intrinsics
     fixed[:, columns] = problem.fixed_intrinsics
     return values, fixed
+
+
+def image_sizes_of_intrinsics(problem: Problem, path: Path) -> NDArray[np.int64]:
+    """Width and height (G, 2) of the images of each row of intrinsics [px].
+
+    Where the metadata do not tell, they are what just covers the observations.
+
+    Raises
+    ------
+    DatasetError
+        If there are not as many in the metadata as rows.
+    """
+    stored = problem.metadata.extra.get("colmap_camera_sizes")
+    if stored is not None:
+        require_metadata_length("colmap_camera_sizes", stored, len(problem.intrinsics), path)
+        return np.asarray(stored)
+    rows = problem.intrinsics_index
+    sizes = np.ones((len(problem.intrinsics), 2), dtype=np.int64)
+    if problem.metadata.image_sizes is not None:
+        sizes[rows] = problem.metadata.image_sizes
+        return sizes
+    largest = np.minimum(np.ceil(problem.pixels), LARGEST_COUNT).astype(np.int64)
+    np.maximum.at(sizes, rows[problem.camera_index], largest)
+    return sizes
 
 
 def require_defaults_except(values: FloatArray, kept: tuple[str, ...], format_name: str, path: Path) -> None:

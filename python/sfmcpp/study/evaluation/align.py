@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class AlignmentRule:
     Attributes
     ----------
     mode : str
-        ``"first"``, ``"all"`` or ``"none"``.
+        ``"first"``, ``"all"`` or ``"none"``; of models ``"robust"`` too: those that agree.
     amount : float
         For ``"first"``: a share of the pairs if below 1, else their number.
     """
@@ -106,6 +107,20 @@ class Alignment:
             "length: the rotation about their line is hardly determined; align by poses, or all"
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values."""
+        return {
+            "rule": str(self.rule),
+            "by": self.by,
+            "with_scale": self.with_scale,
+            "pairs": self.count,
+            "thinness": self.thinness,
+            "warning": self.warning or None,
+            "scale": self.similarity.scale,
+            "rotation": np.asarray(self.similarity.rotation).tolist(),
+            "translation_m": np.asarray(self.similarity.translation).tolist(),
+        }
+
 
 def align(
     pairs: Matched, rule: AlignmentRule, with_scale: bool = True, by: str = "positions"
@@ -136,16 +151,45 @@ def align(
     InvalidArgument
         If `by` is unknown, there are too few pairs, or their positions do not determine the alignment.
     """
-    require_one_of("by", by, ALIGN_BY)
     count = rule.count(len(pairs))
-    similarity = _fitted(pairs, count, with_scale, by) if count else Similarity.identity()
-    thinness = min(_thinness(t.centres[:count]) for t in (pairs.estimate, pairs.truth)) if count else 0.0
-    aligned = pairs.estimate.with_poses(similarity.apply_to_poses(pairs.estimate.poses))
-    return aligned, Alignment(rule, by, with_scale and count > 0, similarity, count, thinness)
+    source, target = pairs.estimate.poses, pairs.truth.poses
+    alignment = fit_alignment(source[:count], target[:count], rule, with_scale, by)
+    return pairs.estimate.with_poses(alignment.similarity.apply_to_poses(source)), alignment
 
 
-def _fitted(pairs: Matched, count: int, with_scale: bool, by: str) -> Similarity:
-    source, target = pairs.estimate.poses[:count], pairs.truth.poses[:count]
+def fit_alignment(
+    source: FloatArray,
+    target: FloatArray,
+    rule: AlignmentRule,
+    with_scale: bool = True,
+    by: str = "positions",
+) -> Alignment:
+    """Fit the similarity of some pairs of poses; nothing moves where there are none.
+
+    Parameters
+    ----------
+    source, target : (n, 3, 4) float64
+        Estimated and true poses that `rule` chose.
+    rule, with_scale, by
+        See :func:`align`.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    InvalidArgument
+        As :func:`align`.
+    """
+    require_one_of("by", by, ALIGN_BY)
+    count = len(source)
+    similarity = _fitted(source, target, with_scale, by) if count else Similarity.identity()
+    thinness = min(_thinness(poses[:, :, 3]) for poses in (source, target)) if count else 0.0
+    return Alignment(rule, by, with_scale and count > 0, similarity, count, thinness)
+
+
+def _fitted(source: FloatArray, target: FloatArray, with_scale: bool, by: str) -> Similarity:
     if by == "poses":
         return fit_pose_similarity(source, target, with_scale=with_scale)
     return fit_similarity(source[:, :, 3], target[:, :, 3], with_scale=with_scale)

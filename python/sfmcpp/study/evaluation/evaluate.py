@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, align
@@ -55,7 +53,7 @@ class Evaluation:
             "matched_poses": len(self.estimate),
             "estimate_length_m": self.estimate.length_m,
             "truth_length_m": self.truth.length_m,
-            "alignment": _plain_alignment(self.alignment),
+            "alignment": self.alignment.to_dict(),
             "mean_3d_error_m": self.mean_3d_error_m,
             "scale_ratio": None if scale is None else asdict(scale),
             "ape": _statistics(self.ape),
@@ -120,18 +118,3 @@ def evaluate(
 
 def _statistics(errors: Errors) -> dict[str, dict[str, float]]:
     return {relation: asdict(Statistics.of(values)) for relation, values in errors.items()}
-
-
-def _plain_alignment(alignment: Alignment) -> dict[str, Any]:
-    similarity = alignment.similarity
-    return {
-        "rule": str(alignment.rule),
-        "by": alignment.by,
-        "with_scale": alignment.with_scale,
-        "pairs": alignment.count,
-        "thinness": alignment.thinness,
-        "warning": alignment.warning or None,
-        "scale": similarity.scale,
-        "rotation": np.asarray(similarity.rotation).tolist(),
-        "translation_m": np.asarray(similarity.translation).tolist(),
-    }

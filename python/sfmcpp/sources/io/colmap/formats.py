@@ -28,14 +28,16 @@ def read_colmap_binary(folder: Path) -> Problem:
     Images become cameras, in the order of the file; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
     points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
-    points are not kept.
+    points are not kept. Where an image observes a point by several keypoints, which COLMAP allows (SIFT gives
+    one corner several orientations), the first in the track counts; the others become keypoints without a
+    point.
 
     Raises
     ------
     DatasetError
-        If a file is missing or damaged, files contradict each other, an image observes a point twice,
-        a rig has several sensors, or a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL,
-        RADIAL, OPENCV.
+        If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a rig
+        has several sensors, or a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL,
+        OPENCV.
     """
     _require_model(folder, binary.FILES)
     _require_single_sensors(folder / "rigs.bin", binary.sensors_of_rigs)

@@ -37,7 +37,7 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     points.require_unique_ids(LARGEST_POINT_ID)
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
-    camera_index, keypoint = _tracks(images, points)
+    point_index, camera_index, keypoint = _tracks(images, points)
     intrinsics, fixed = _intrinsics(cameras)
     problem = Problem(
         "perspective",
@@ -45,7 +45,7 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
         intrinsics,
         points.positions,
         camera_index.astype(np.int32),
-        np.repeat(np.arange(len(points.ids)), points.track_counts).astype(np.int32),
+        point_index.astype(np.int32),
         images.keypoints[keypoint],
         intrinsics_index=intrinsics_index.astype(np.int32),
         fixed_intrinsics=fixed,
@@ -76,8 +76,11 @@ def _poses(images: ImageTable) -> FloatArray:
     return poses
 
 
-def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Array]:
-    """Image row and keypoint row of every observation, in the order of the points' tracks."""
+def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Array, Int64Array]:
+    """Point, image and keypoint row of every observation, in the order of the points' tracks.
+
+    Of several keypoints by which an image observes a point, only the first in its track.
+    """
     point = np.repeat(np.arange(len(points.ids)), points.track_counts)
     image = images.rows_of(points.track_images)
     _require_tracks(points, point, image >= 0, "its track has an image that is not in the list of images")
@@ -87,9 +90,11 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     keypoint = exclusive_sums(images.keypoint_counts)[image] + points.track_keypoints
     same = images.keypoint_points[keypoint] == points.ids[point]
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
-    _require_single(points, point, image)
+    _require_single(points, point, image, keypoint)
     _require_complete(images, keypoint)
-    return image, keypoint
+    _, first = np.unique(point * len(images.ids) + image, return_index=True)
+    kept = np.sort(first)
+    return point[kept], image[kept], keypoint[kept]
 
 
 def _require_tracks(points: PointTable, point: Int64Array, good: BoolArray, reason: str) -> None:
@@ -97,11 +102,12 @@ def _require_tracks(points: PointTable, point: Int64Array, good: BoolArray, reas
         raise points.error(int(point[np.argmin(good)]), reason)
 
 
-def _require_single(points: PointTable, point: Int64Array, image: Int64Array) -> None:
-    duplicate = first_duplicate(image, point, int(image.max(initial=0)) + 1)
+def _require_single(points: PointTable, point: Int64Array, image: Int64Array, keypoint: Int64Array) -> None:
+    duplicate = first_duplicate(keypoint, point, int(keypoint.max(initial=0)) + 1)
     if duplicate is not None:
-        track_image = points.track_images[duplicate[1]]
-        raise points.error(int(point[duplicate[1]]), f"image {track_image} observes this point twice")
+        track_image, number = points.track_images[duplicate[1]], points.track_keypoints[duplicate[1]]
+        reason = f"image {track_image} observes this point twice by its keypoint {number}"
+        raise points.error(int(point[duplicate[1]]), reason)
 
 
 def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
@@ -116,7 +122,8 @@ def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
 def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
     image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
     number = np.arange(len(image)) - exclusive_sums(images.keypoint_counts)[image]
-    loose = images.keypoint_points == NO_POINT
+    loose = np.ones(len(image), dtype=np.bool_)
+    loose[keypoint] = False
     return {
         "colmap_keypoint_index": number[keypoint],
         "colmap_loose_image": image[loose],

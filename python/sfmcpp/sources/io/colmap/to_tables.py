@@ -37,7 +37,7 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.intrinsics import PERSPECTIVE, as_perspective
+from sfmcpp.sources.io.intrinsics import PERSPECTIVE, as_perspective, image_sizes_of_intrinsics
 from sfmcpp.sources.io.poses import pose_from_cameras
 from sfmcpp.sources.io.rows import all_keypoints, by_point, exclusive_sums
 
@@ -115,7 +115,7 @@ def _cameras(problem: Problem, folder: Path) -> CameraTable:
         None,
         _extra(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
         models=models,
-        sizes=_extra(problem, "colmap_camera_sizes", _sizes(problem), folder),
+        sizes=image_sizes_of_intrinsics(problem, folder),
         params=[params_from_intrinsics(name, row) for name, row in zip(models, values, strict=True)],
     )
 
@@ -133,19 +133,6 @@ def _model(row: int, known: str, values: FloatArray, fixed: BoolArray, folder: P
             folder, f"intrinsics[{row}]: no supported camera model ({SUPPORTED}) has {values_set}"
         )
     return name
-
-
-def _sizes(problem: Problem) -> Int64Array:
-    """Image size of each row of intrinsics; where unknown, what just covers the observations."""
-    rows = problem.intrinsics_index
-    known = problem.metadata.image_sizes
-    sizes = np.ones((len(problem.intrinsics), 2), dtype=np.int64)
-    if known is not None:
-        sizes[rows] = known
-        return sizes
-    largest = np.minimum(np.ceil(problem.pixels), LARGEST_COUNT).astype(np.int64)
-    np.maximum.at(sizes, rows[problem.camera_index], largest)
-    return sizes
 
 
 def _images(

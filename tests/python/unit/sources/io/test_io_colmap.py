@@ -256,7 +256,12 @@ DAMAGE = [
     ("points3D", "4 1 2 3 255 0 7\n", 1, "holds 7 numbers: must be 8"),
     ("points3D", "4 1 2 3 256 0 7 0.5 3 0 9 1\n", 1, "colour 256"),
     ("points3D", "4 1 2 3 255 0 7 0.5 3 1 9 1\n", 1, "the image gives to another point"),
-    ("points3D", "4 1 2 3 255 0 7 0.5 3 0 3 0 9 1\n", 1, "image 3 observes this point twice"),
+    (
+        "points3D",
+        "4 1 2 3 255 0 7 0.5 3 0 3 0 9 1\n",
+        1,
+        "observes this point twice by its keypoint 0",
+    ),
     ("points3D", "-4 1 2 3 255 0 7 0.5 3 0 9 1\n", 1, "point id -4"),
     ("points3D", "", None, "the file is empty"),
 ]
@@ -269,6 +274,22 @@ def test_damaged_text_is_named_with_its_line(
     error = refusal(small_model(tmp_path, **{name: text}))
     assert reason in str(error)
     assert error.line == line
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_of_several_keypoints_of_a_point_in_one_image_the_first_in_the_track_counts(
+    tmp_path: Path, format: str
+) -> None:
+    images = "3 1 0 0 0 0 0 5 7 b.jpg\n10 20 4 30 40 -1 11 21 4 12 22 4\n9 1 0 0 0 1 0 5 7 c.jpg\n50 60 4\n"
+    tracks = "4 1 2 3 255 0 7 0.5 3 2 9 0 3 0 3 3\n"
+    problem = read(small_model(tmp_path, images=images, points3D=tracks))
+    assert problem.pixels.tolist() == [[11, 21], [50, 60]]
+    assert problem.camera_index.tolist() == [0, 1]
+    assert problem.metadata.extra["colmap_loose_pixels"].tolist() == [[10, 20], [30, 40], [12, 22]]
+    write(problem, tmp_path / "again", format=format)
+    again = read(tmp_path / "again", format=format)
+    assert_same_problem(again, problem)
+    assert again.metadata.extra["colmap_loose_keypoint_index"].tolist() == [0, 1, 3]
 
 
 def test_missing_files_are_named(tmp_path: Path) -> None:

@@ -1,0 +1,97 @@
+"""``transforms.json``, as nerfstudio, instant-ngp and tools for Gaussian splatting read it.
+
+A frame's ``transform_matrix`` is the 4×4 pose world_from_camera of a camera with OpenGL's axes: +x right, +y
+up, looking along −z, hence ``[R | c] diag(1, −1, −1, 1)`` of the pose used here. The world keeps its axes
+(there is no ``applied_transform``). Distortion is OpenCV's, which is the perspective model's. Those tools put
+the centre of the top left pixel at (0.5, 0.5), as photos have it here, so that ``cx`` and ``cy`` stay as they
+are.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.checks import require_metadata_length, require_valid
+from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import (
+    PERSPECTIVE,
+    as_perspective,
+    image_sizes_of_intrinsics,
+    require_defaults_except,
+)
+
+_KEPT = ("f", "aspect", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
+_ALWAYS = ("k1", "k2", "p1", "p2")
+_OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
+
+
+def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> None:
+    """Write the cameras of a problem; its points and observations have no place in the file.
+
+    Intrinsics stand once where all cameras have the same, else with every frame. Without known image sizes
+    they are what just covers the observations.
+
+    Parameters
+    ----------
+    problem : Problem
+        Metric; it is not changed. Without names in its metadata, images are ``image_000001`` and so on.
+    path : Path
+        Where to.
+    image_folder : str
+        Where the images are, as seen from the folder of `path`, put in front of their names.
+
+    Raises
+    ------
+    DatasetError
+        If there is skew, k4 or k5, metadata do not fit the problem, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    values, _ = as_perspective(problem)
+    require_defaults_except(values, _KEPT, "transforms.json", path)
+    sizes = image_sizes_of_intrinsics(problem, path)
+    cameras = [_camera(row, size) for row, size in zip(values, sizes.tolist(), strict=True)]
+    used = [cameras[row] for row in problem.intrinsics_index]
+    frames = _frames(problem, path, image_folder)
+    shared = used[0] if used and all(camera == used[0] for camera in used) else {}
+    if not shared:
+        frames = [{**frame, **camera} for frame, camera in zip(frames, used, strict=True)]
+    content = {"camera_model": "OPENCV", **shared, "frames": frames}
+    with atomic_files(path) as (stream,):
+        stream.write((json.dumps(content, indent=1, allow_nan=False) + "\n").encode("utf-8"))
+
+
+def _camera(values: FloatArray, size: list[int]) -> dict[str, Any]:
+    named = dict(zip(PERSPECTIVE, values.tolist(), strict=True))
+    camera = {"fl_x": named["f"], "fl_y": named["f"] * named["aspect"], "cx": named["cx"], "cy": named["cy"]}
+    distortion = {name: named[name] for name in (*_ALWAYS, "k3") if name in _ALWAYS or named[name]}
+    return {**camera, "w": size[0], "h": size[1], **distortion}
+
+
+def _frames(problem: Problem, path: Path, image_folder: str) -> list[dict[str, Any]]:
+    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
+    require_metadata_length("image_names", names, problem.num_cameras, path)
+    matrices = np.tile(np.eye(4), (problem.num_cameras, 1, 1))
+    matrices[:, :3] = problem.cameras
+    # Adding zero makes zeros of negative zeros.
+    matrices = matrices * _OPENGL_AXES + 0.0
+    prefix = image_folder.rstrip("/") + "/" if image_folder else ""
+    return [
+        {"file_path": prefix + name, "transform_matrix": matrix.tolist()}
+        for name, matrix in zip(names, matrices, strict=True)
+    ]
+
+
+FORMAT = Format(
+    "transforms",
+    "transforms.json of nerfstudio and Gaussian splatting: cameras without points",
+    (".json",),
+    None,
+    write_transforms,
+)

@@ -1,0 +1,82 @@
+"""The pairs of positions that agree on one similarity, in spite of some that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.model.arrays import BoolArray, FloatArray
+
+_MAX_SAMPLES = 1000
+_REFITS = 5
+# Scale from the least median: P. Rousseeuw and A. Leroy, "Robust Regression and Outlier Detection" (1987).
+_SIGMA_OF_MEDIAN, _INLIER_SIGMAS = 1.4826, 2.5
+# Differences below this share of the extent are rounding, whatever the others are.
+_ROUNDING = 1e-9
+
+
+def agreeing_pairs(source: FloatArray, target: FloatArray, with_scale: bool = True) -> BoolArray:
+    """Find the pairs that agree with the similarity of least median distance.
+
+    Fits of three pairs each, all of them or 1,000 drawn with a fixed seed; the best is refitted to the pairs
+    closer than 2.5 · 1.4826 (1 + 5 / (n − 3)) median distances. More than half of the pairs must agree.
+
+    Parameters
+    ----------
+    source, target : (n, 3) float64
+        Pairs of positions.
+    with_scale : bool
+        Whether the similarity may change the scale.
+
+    Returns
+    -------
+    (n,) bool
+        All true for fewer than five pairs, which cannot outvote one of them, or where no three pairs are off
+        a line.
+    """
+    everything = np.ones(len(source), dtype=np.bool_)
+    if len(source) < 5:
+        return everything
+    best, least = everything, np.inf
+    for rows in _samples(len(source)):
+        distances = _distances(source, target, list(rows), with_scale)
+        if distances is not None and (median := float(np.median(distances))) < least:
+            best, least = _close(distances, target), median
+    for _ in range(_REFITS):
+        distances = _distances(source, target, np.flatnonzero(best).tolist(), with_scale)
+        if distances is None or np.array_equal(closer := _close(distances, target), best):
+            break
+        best = closer
+    return best
+
+
+def _samples(count: int) -> Iterator[tuple[int, ...]]:
+    if comb(count, 3) <= _MAX_SAMPLES:
+        yield from combinations(range(count), 3)
+        return
+    rng = np.random.default_rng(0)
+    for _ in range(_MAX_SAMPLES):
+        yield tuple(rng.choice(count, 3, replace=False).tolist())
+
+
+def _distances(
+    source: FloatArray, target: FloatArray, rows: list[int], with_scale: bool
+) -> FloatArray | None:
+    """Distances (n,) of all pairs under the fit to some of them; None where these do not determine one."""
+    try:
+        fitted = fit_similarity(source[rows], target[rows], with_scale=with_scale)
+    except InvalidArgument:
+        return None
+    return np.asarray(np.linalg.norm(fitted.apply(source) - target, axis=1))
+
+
+def _close(distances: FloatArray, target: FloatArray) -> BoolArray:
+    median = float(np.median(distances))
+    sigma = _SIGMA_OF_MEDIAN * (1 + 5 / max(len(distances) - 3, 1)) * median
+    limit = max(_INLIER_SIGMAS * sigma, _ROUNDING * float(np.ptp(target, axis=0).max()))
+    return np.asarray(distances <= limit)
