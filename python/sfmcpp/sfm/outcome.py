@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
 from sfmcpp.sfm.incremental import Grown
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import ImageOutcome
+from sfmcpp.sfm.settings import IncrementalSettings
 
 _FEW_FEATURES = 50
 
@@ -64,7 +66,7 @@ def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> s
     return f"no first pair could be made of it: {found}; {best.geometry.message or 'too few points'}"
 
 
-def warnings_of(graph: MatchGraph, grown: Grown) -> list[str]:
+def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) -> list[str]:
     """Say what a user should know.
 
     Parameters
@@ -73,6 +75,8 @@ def warnings_of(graph: MatchGraph, grown: Grown) -> list[str]:
         Images, features and pairs.
     grown : Grown
         Models.
+    settings : IncrementalSettings
+        What an outlier is.
 
     Returns
     -------
@@ -88,6 +92,9 @@ def warnings_of(graph: MatchGraph, grown: Grown) -> list[str]:
         count = int(np.count_nonzero(grown.models[0].registered))
         if count < len(graph.photos):
             warnings.append(f"the model is partial: {count} of {len(graph.photos)} images have a pose in it")
+    for world in grown.models:
+        if contradicting := contradicting_pairs(graph, world, settings):
+            warnings.append(warning_of(graph, contradicting))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
         warnings.append(f"the images fall into {len(grown.models)} models of {sizes} images")

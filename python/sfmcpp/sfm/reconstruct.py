@@ -22,7 +22,9 @@ from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
+from sfmcpp.sfm.georeference import Positions, georeference
 from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
+from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import outcomes, warnings_of
@@ -72,7 +74,7 @@ def reconstruct(
     shared_camera: str = "auto",
     matcher: str = "auto",
     masks: str | PathLike[str] | None = None,
-    gps: str | PathLike[str] = "none",
+    gps: str | PathLike[str] = "auto",
     seed: int = 0,
     cache: str | PathLike[str] | None = None,
     threads: int | None = None,
@@ -104,7 +106,9 @@ def reconstruct(
     masks : path-like, optional
         Folder of masks: nothing is detected where they are black.
     gps : str or path-like
-        ``"none"``, ``"exif"``, or a file CSV: positions of images that bring the model into the world.
+        Positions of images, which bring the largest model into the world: ``"none"``; ``"exif"``, those that
+        the files tell; ``"auto"``, the same if there are enough; or a file CSV of ``name, lat, lon, height``
+        (WGS84) or ``name, x, y, z`` (metres).
     seed : int
         Of every random sample; same seed, same result.
     cache : path-like, optional
@@ -146,11 +150,17 @@ def reconstruct(
         "gps": str(gps),
         "seed": seed,
     }
+    known = known_positions(gps)
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
+    positions = positions_wanted(gps, known, scene.graph.photos)
     with run.timed("mapping"):
         grown = _mapped(scene, run)
-    return _finished(source, options, scene, grown, run)
+    found = _finished(source, options, scene, grown, run)
+    if positions is not None and found.model is not None:
+        with run.timed("positions"):
+            _georeference(found, positions, run, needed=gps != "auto")
+    return found
 
 
 def _scene_of(
@@ -247,6 +257,22 @@ def _mapped(scene: Scene, run: _Run) -> Grown:
     return grow_models(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
+def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: bool) -> None:
+    """Bring the largest model into the world; positions that nobody asked for may turn out to be useless."""
+    world = found.models[0]
+    try:
+        found.gps = georeference(world, positions, run.settings)
+    except InvalidArgument as error:
+        if needed:
+            raise
+        found.warnings.append(f"positions that the files tell are not used: {error}")
+        return
+    world.update_errors()
+    lies = found.gps.outliers
+    if lies:
+        found.warnings.append(f"{len(lies)} positions disagree with the images: {', '.join(lies[:5])}")
+
+
 def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:
     for world in grown.models:
         world.update_errors()
@@ -258,6 +284,6 @@ def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grow
         grown.models,
         outcomes(scene.graph, grown),
         seconds=run.seconds,
-        warnings=warnings_of(scene.graph, grown),
+        warnings=warnings_of(scene.graph, grown, run.settings),
         interrupted=grown.interrupted,
     )

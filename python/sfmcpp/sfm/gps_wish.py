@@ -1,0 +1,59 @@
+"""Which positions of images a user wants to have used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike, fspath
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.photos import Photo
+from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions, positions_of
+from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+
+WORDS = ("auto", "exif", "none")
+
+
+def known_positions(gps: str | PathLike[str]) -> NamedPositions | None:
+    """Read the file that the argument `gps` of :func:`sfmcpp.sfm.reconstruct` names; None if it is a word.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read.
+    """
+    return None if fspath(gps) in WORDS else read_position_csv(gps)
+
+
+def positions_wanted(
+    gps: str | PathLike[str], known: NamedPositions | None, photos: Sequence[Photo]
+) -> Positions | None:
+    """Positions of images, or None where none are to be used.
+
+    Parameters
+    ----------
+    gps : str or path-like
+        ``"none"``; ``"exif"``: those that the files tell; ``"auto"``: the same, if enough files do; or the
+        file that `known` was read from.
+    known : NamedPositions or None
+        What the file holds.
+    photos : sequence of Photo
+        The images.
+
+    Returns
+    -------
+    Positions or None
+
+    Raises
+    ------
+    InvalidArgument
+        If positions are asked for and there are none.
+    """
+    names = [photo.name for photo in photos]
+    if known is not None:
+        return positions_of(names, known.positions, geodetic=known.geodetic)
+    told = {photo.name: photo.position for photo in photos if photo.position is not None}
+    if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
+        return None
+    if not told:
+        raise InvalidArgument("gps = 'exif': no image tells its position")
+    return positions_of(names, told, geodetic=True)
