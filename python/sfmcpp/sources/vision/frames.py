@@ -3,42 +3,28 @@
 from __future__ import annotations
 
 import math
-import os
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.sources.vision.images import (
+    GreyImage,
+    is_picture,
+    load_cv2,
+    natural_order,
+    unreadable,
+    where_images_are,
+)
 
-GreyImage = NDArray[np.uint8]
-
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
-_MOST_HINTS = 3
-
-
-def load_cv2() -> ModuleType:
-    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
-    # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    try:
-        import cv2
-    except ModuleNotFoundError as error:
-        message = f"images need {error.name}: pip install 'sfmcpp[vision]'"
-        raise ModuleNotFoundError(message, name=error.name) from None
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    module: ModuleType = cv2
-    return module
 
 
 class Frames(ABC):
@@ -104,11 +90,13 @@ class _Folder(Frames):
     def __init__(self, path: Path, cv2: ModuleType) -> None:
         self.path, self._cv2 = path, cv2
         try:
-            self._files = sorted((f for f in path.iterdir() if _is_picture(f)), key=_natural_order)
+            self._files = sorted(
+                (f for f in path.iterdir() if is_picture(f)), key=lambda f: natural_order(f.name)
+            )
         except OSError as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         if not self._files:
-            raise DatasetError(path, f"holds no image: {_hint(path)}")
+            raise DatasetError(path, f"holds no image: {where_images_are(path)}")
 
     def __len__(self) -> int:
         return len(self._files)
@@ -125,7 +113,7 @@ class _Folder(Frames):
         try:
             data = np.frombuffer(file.read_bytes(), np.uint8)
         except OSError as error:
-            raise _unreadable(file, error) from error
+            raise unreadable(file, error) from error
         flags = self._cv2.IMREAD_GRAYSCALE | self._cv2.IMREAD_IGNORE_ORIENTATION
         try:
             image = self._cv2.imdecode(data, flags) if len(data) else None
@@ -185,36 +173,7 @@ class _Video(Frames):
         return np.asarray(grey, dtype=np.uint8)
 
 
-def _is_picture(file: Path) -> bool:
-    # Some systems leave a hidden companion, ._name.png, beside each file.
-    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
-
-
-def _hint(folder: Path) -> str:
-    """Where its images might be instead: in a folder of it."""
-    inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
-    if inside:
-        return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
-    return f"must have files named {', '.join(PICTURES)}"
-
-
-def _has_picture(folder: Path) -> bool:
-    with suppress(OSError):
-        return any(map(_is_picture, folder.iterdir()))
-    return False
-
-
-def _natural_order(file: Path) -> tuple[list[tuple[int, str]], str]:
-    """Key by which image2 comes before image10."""
-    words = re.findall(r"[0-9]+|[^0-9]+", file.name)
-    return [(int(word), "") if word[0].isdecimal() else (-1, word) for word in words], file.name
-
-
 def _require_size(file: Path, shape: tuple[int, ...], first: tuple[int, ...], of: str) -> None:
     if shape != first:
         sizes = f"{shape[1]}×{shape[0]} pixels: must be {first[1]}×{first[0]}"
         raise DatasetError(file, f"has {sizes} as {of}")
-
-
-def _unreadable(path: Path, error: OSError) -> DatasetError:
-    return DatasetError(path, (error.strerror or str(error)).lower())

@@ -21,7 +21,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.frames import View
-from sfmcpp.sources.vision.frames import GreyImage, load_cv2
+from sfmcpp.sources.vision.images import GreyImage, load_cv2
 
 Corners = NDArray[np.float32]
 

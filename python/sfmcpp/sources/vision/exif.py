@@ -1,0 +1,174 @@
+"""What a photo's EXIF block tells: camera, focal length, place and time (CIPA DC-008, "Exif 2.32").
+
+A value that is missing, damaged or out of its range counts as not told.
+"""
+
+from __future__ import annotations
+
+import calendar
+import math
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+Tags = Mapping[int, Any]
+
+# Blocks that the first one points to.
+_EXIF_BLOCK, _GPS_BLOCK = 0x8769, 0x8825
+
+_PNG_BLOCKS = {"exif", "Raw profile type exif"}
+
+_MAKE, _MODEL = 0x010F, 0x0110
+_TIMES = ((0x9003, 0x9291), (0x9004, 0x9292))  # taken, digitised: each with its parts of a second
+_FOCAL_MM, _FOCAL_35MM = 0x920A, 0xA405
+_LENS, _BODY_SERIAL = 0xA434, 0xA431
+_STORED_SIZE = (0xA002, 0xA003)
+_PLANE_RESOLUTION, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210
+_LATITUDE, _LONGITUDE, _ALTITUDE, _STATUS = 2, 4, 6, 9
+
+_MM_PER_PLANE_UNIT = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+# Of a 36 mm × 24 mm film: CIPA DCG-001 compares by the diagonal of the field of view.
+_FILM_DIAGONAL_MM = math.hypot(36, 24)
+# In lengths of the longer side: a fish-eye has 0.3, a spotting scope 60; beyond is no camera.
+_PLAUSIBLE_FOCAL = (0.2, 100.0)
+_WHEN = re.compile(r"\s*(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
+
+
+@dataclass(frozen=True)
+class ExifFacts:
+    """What a file tells; see :class:`~sfmcpp.model.photos.Photo` for units and meaning."""
+
+    focal_px: float | None = None
+    camera: str = ""
+    position: tuple[float, float, float] | None = None
+    taken_s: float | None = None
+
+
+def exif_facts(image: Any) -> ExifFacts:
+    """What the EXIF block of an image that Pillow has opened tells; nothing is decoded for it."""
+    main, exif, gps = _blocks(image)
+    width, height = image.size
+    return ExifFacts(
+        focal_px=_focal_px(exif, (width, height)),
+        camera=_camera(main, exif, (width, height)),
+        position=_position(gps),
+        taken_s=_taken_s(exif),
+    )
+
+
+def _blocks(image: Any) -> tuple[Tags, Tags, Tags]:
+    """The main block and those of EXIF and GPS, as far as they can be read."""
+    found: list[Tags] = [{}, {}, {}]
+    # Of PNG, Pillow would decode all pixels to look for a block behind them.
+    if image.format == "PNG" and not _PNG_BLOCKS & image.info.keys():
+        return found[0], found[1], found[2]
+    # Pillow raises whatever its parser stumbles over: struct.error, SyntaxError, TypeError …
+    with suppress(Exception):
+        main = image.getexif()
+        found[0] = dict(main)
+        found[1] = dict(main.get_ifd(_EXIF_BLOCK))
+        found[2] = dict(main.get_ifd(_GPS_BLOCK))
+    return found[0], found[1], found[2]
+
+
+def _focal_px(exif: Tags, size: tuple[int, int]) -> float | None:
+    for focal in (_focal_from_film(exif, size), _focal_from_plane(exif, size)):
+        if focal is not None and _PLAUSIBLE_FOCAL[0] <= focal / max(size) <= _PLAUSIBLE_FOCAL[1]:
+            return focal
+    return None
+
+
+def _focal_from_film(exif: Tags, size: tuple[int, int]) -> float | None:
+    focal_mm = _positive(exif.get(_FOCAL_35MM))
+    return None if focal_mm is None else focal_mm / _FILM_DIAGONAL_MM * math.hypot(*size)
+
+
+def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
+    """By the pixels per length on the sensor, counted at the size at which the camera stored the image."""
+    focal_mm = _positive(exif.get(_FOCAL_MM))
+    unit = _MM_PER_PLANE_UNIT.get(exif.get(_PLANE_UNIT, 2))
+    resolution = next((r for tag in _PLANE_RESOLUTION if (r := _positive(exif.get(tag)))), None)
+    if focal_mm is None or unit is None or resolution is None:
+        return None
+    stored = max((s for tag in _STORED_SIZE if (s := _positive(exif.get(tag)))), default=float(max(size)))
+    return focal_mm * resolution / unit * max(size) / stored
+
+
+def _camera(main: Tags, exif: Tags, size: tuple[int, int]) -> str:
+    """Empty unless the file tells both the model and the focal length."""
+    model = _text(main.get(_MODEL))
+    focals = [_positive(exif.get(tag)) for tag in (_FOCAL_MM, _FOCAL_35MM)]
+    if not model or focals == [None, None]:
+        return ""
+    words = [_text(main.get(_MAKE)), model, _text(exif.get(_BODY_SERIAL)), _text(exif.get(_LENS))]
+    lengths = [f"{f:.6g} mm" for f in focals if f is not None]
+    return " | ".join([word for word in words if word] + lengths + [f"{size[0]}×{size[1]}"])
+
+
+def _position(gps: Tags) -> tuple[float, float, float] | None:
+    latitude = _degrees(gps.get(_LATITUDE), gps.get(_LATITUDE - 1), ("N", "S"), 90)
+    longitude = _degrees(gps.get(_LONGITUDE), gps.get(_LONGITUDE - 1), ("E", "W"), 180)
+    # Receivers write V, or zeros, before they know where they are.
+    if latitude is None or longitude is None or latitude == longitude == 0 or _text(gps.get(_STATUS)) == "V":
+        return None
+    return latitude, longitude, _height(gps)
+
+
+def _height(gps: Tags) -> float:
+    """Metres; not a number where it is not told."""
+    height = _number(gps.get(_ALTITUDE))
+    below = gps.get(_ALTITUDE - 1) in (1, b"\x01", "1")
+    return math.nan if height is None else -abs(height) if below else height
+
+
+def _degrees(parts: Any, reference: Any, signs: tuple[str, str], limit: float) -> float | None:
+    """Degrees, minutes and seconds as one number, negative in the south and in the west."""
+    try:
+        numbers = [_number(part) for part in parts]
+    except TypeError:
+        return None
+    if not numbers or len(numbers) > 3 or numbers[0] is None:
+        return None
+    # Minutes and seconds may be left out by zeros below the fraction.
+    degrees = sum((number or 0.0) / 60**power for power, number in enumerate(numbers))
+    sign = _text(reference).upper()[:1]
+    if sign not in signs or not 0 <= degrees <= limit:
+        return None
+    return -degrees if sign == signs[1] else degrees
+
+
+def _taken_s(exif: Tags) -> float | None:
+    """By the camera's clock; time zones are left out, as some cameras of a set might not tell theirs."""
+    for tag, fraction_tag in _TIMES:
+        when = _WHEN.match(_text(exif.get(tag)))
+        if when is None:
+            continue
+        year, month, *rest = map(int, when.groups())
+        if year == 0 or not 1 <= month <= 12:
+            continue
+        digits = re.match(r"\d+", _text(exif.get(fraction_tag)))
+        fraction = float(f"0.{digits[0]}") if digits else 0.0
+        return float(calendar.timegm((year, month, *rest))) + fraction
+    return None
+
+
+def _text(value: Any) -> str:
+    """Without the zeros and blanks that fill it up."""
+    if isinstance(value, bytes):
+        value = value.decode("latin-1")
+    return value.split("\0")[0].strip() if isinstance(value, str) else ""
+
+
+def _number(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _positive(value: Any) -> float | None:
+    number = _number(value)
+    return None if number is None or number <= 0 else number

@@ -1,0 +1,74 @@
+"""What all readers of images share: the doors to OpenCV and Pillow, which files are images, their order."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+
+GreyImage = NDArray[np.uint8]
+
+PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+_MOST_HINTS = 3
+
+
+def load_cv2() -> ModuleType:
+    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
+    # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    try:
+        import cv2
+    except ModuleNotFoundError as error:
+        message = f"images need {error.name}: pip install 'sfmcpp[vision]'"
+        raise ModuleNotFoundError(message, name=error.name) from None
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    module: ModuleType = cv2
+    return module
+
+
+def load_pillow() -> ModuleType:
+    """Pillow's module Image."""
+    try:
+        from PIL import Image
+    except ModuleNotFoundError as error:
+        message = f"photos need {error.name}: pip install 'sfmcpp[vision]'"
+        raise ModuleNotFoundError(message, name=error.name) from None
+    return Image
+
+
+def is_picture(file: Path) -> bool:
+    """Whether a file's name says that it is an image."""
+    # Some systems leave a hidden companion, ._name.png, beside each file.
+    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+
+
+def where_images_are(folder: Path) -> str:
+    """Hint for a folder without images: they might be in a folder of it."""
+    inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
+    if inside:
+        return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
+    return f"must have files named {', '.join(PICTURES)}"
+
+
+def _has_picture(folder: Path) -> bool:
+    with suppress(OSError):
+        return any(map(is_picture, folder.iterdir()))
+    return False
+
+
+def natural_order(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Key by which image2 comes before image10."""
+    words = re.findall(r"[0-9]+|[^0-9]+", name)
+    return [(int(word), "") if word[0].isdecimal() else (-1, word) for word in words], name
+
+
+def unreadable(path: Path, error: OSError) -> DatasetError:
+    """What the operating system says of a file, as an error that names it."""
+    return DatasetError(path, (error.strerror or str(error)).lower())

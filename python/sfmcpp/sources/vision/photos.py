@@ -1,0 +1,333 @@
+"""The photos of a folder: what their files tell without being decoded, and their pixels when asked for."""
+
+from __future__ import annotations
+
+import os
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from io import BytesIO
+from os import PathLike
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model.checks import require_count
+from sfmcpp.model.photos import Photo
+from sfmcpp.sources.vision.exif import exif_facts
+from sfmcpp.sources.vision.images import (
+    GreyImage,
+    is_picture,
+    load_cv2,
+    load_pillow,
+    natural_order,
+    unreadable,
+    where_images_are,
+)
+
+ColorImage = NDArray[np.uint8]
+
+_DIGEST_BYTES = 20
+_THUMBNAIL_QUALITY = 80
+# Pillow's modes of 16 bits a pixel; 32-bit "I" is what its older versions make of 16-bit PNG.
+_DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I")
+# Filters of warnings are the process's: only one thread may change them.
+_OPENING = threading.Lock()
+
+
+@dataclass(frozen=True)
+class PhotoFolder:
+    """The photos of a folder.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    photos : list of Photo
+        Those whose files can be opened, by name, numbers in names by their value.
+    unreadable : dict
+        Reason for each image file that cannot, by its name below the folder.
+    """
+
+    path: Path
+    photos: list[Photo]
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+
+def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | None = None) -> PhotoFolder:
+    """Find the photos in a folder and in the folders below it; read their sizes and EXIF blocks.
+
+    No image is decoded: that a file is cut short shows when its pixels are read (:func:`read_gray`). Pixels
+    are as they are stored, whatever orientation the file asks to be shown in. Files and folders whose name
+    starts with a dot are left alone.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where the photos are: files with a suffix of `PICTURES`.
+    masks : path-like, optional
+        Folder of images; ``masks/NAME.png``, with or without the photo's own suffix before ``.png``, is the
+        mask of the photo NAME: nothing is detected where it is black. Photos without one are used whole.
+
+    Returns
+    -------
+    PhotoFolder
+        Its photos and the files that cannot be opened.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such folder, or no image in it, or none can be opened; if no photo has a mask in
+        `masks`, or one cannot be opened or has another size than its photo.
+    ModuleNotFoundError
+        If Pillow is not installed.
+    """
+    path, masks_path = Path(folder), None if masks is None else Path(masks)
+    for place in (path, masks_path):
+        _require_folder(place)
+    files = _image_files(path, masks_path)
+    if not files:
+        raise DatasetError(path, f"holds no image: {where_images_are(path)}")
+    found = PhotoFolder(path, [])
+    for name, file in files:
+        try:
+            photo = _opened(name, file)
+        except DatasetError as error:
+            found.unreadable[name] = error.reason
+            continue
+        found.photos.append(photo if masks_path is None else _masked(photo, masks_path))
+    _require_some(found, masks_path)
+    return found
+
+
+def read_gray(photo: Photo) -> GreyImage:
+    """Grey levels of a photo.
+
+    Parameters
+    ----------
+    photo : Photo
+        One with a file.
+
+    Returns
+    -------
+    (height, width) uint8
+        ITU-R BT.601 luma.
+
+    Raises
+    ------
+    DatasetError
+        If the file is gone, cut short or otherwise not to be decoded, or has become another size.
+    """
+    gray: GreyImage = load_cv2().cvtColor(read_color(photo), load_cv2().COLOR_RGB2GRAY)
+    return gray
+
+
+def read_color(photo: Photo) -> ColorImage:
+    """Red, green and blue of a photo.
+
+    Parameters
+    ----------
+    photo : Photo
+        One with a file.
+
+    Returns
+    -------
+    (height, width, 3) uint8
+        Of 16 bits a channel, the upper 8.
+
+    Raises
+    ------
+    DatasetError
+        If the file is gone, cut short or otherwise not to be decoded, or has become another size.
+    """
+    file = _file_of(photo)
+    with _opened_image(file, _bytes_of(file)) as image:
+        pixels = _as_rgb(file, image)
+    if pixels.shape[1::-1] != photo.size:
+        now, then = "×".join(map(str, pixels.shape[1::-1])), "×".join(map(str, photo.size))
+        raise DatasetError(file, f"has {now} pixels now, and had {then} when the folder was opened")
+    return pixels
+
+
+def read_mask(photo: Photo) -> NDArray[np.bool_] | None:
+    """Where something may be detected in a photo.
+
+    Parameters
+    ----------
+    photo : Photo
+        With a mask, or without.
+
+    Returns
+    -------
+    (height, width) bool or None
+        False where its mask is black; None without a mask.
+
+    Raises
+    ------
+    DatasetError
+        If the mask is gone, cut short or otherwise not to be decoded, or has not the size of the photo.
+    """
+    if photo.mask is None:
+        return None
+    with _opened_image(photo.mask, _bytes_of(photo.mask)) as image:
+        _require_mask_size(photo.mask, image.size, photo)
+        return np.asarray(_as_rgb(photo.mask, image).any(axis=2))
+
+
+def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
+    """A small copy of a photo, pixels as stored.
+
+    Parameters
+    ----------
+    photo : Photo
+        One with a file.
+    longest_px : int
+        Longest side at most [px]; a smaller photo keeps its size.
+
+    Returns
+    -------
+    bytes
+        A JPEG file.
+
+    Raises
+    ------
+    InvalidArgument
+        If `longest_px` is not positive.
+    DatasetError
+        If the file is gone, cut short or otherwise not to be decoded.
+    """
+    require_count("longest_px", longest_px, 1)
+    file = _file_of(photo)
+    with _opened_image(file, _bytes_of(file)) as image:
+        # Of JPEG, only as many pixels are decoded as are needed.
+        image.draft("RGB", (2 * longest_px, 2 * longest_px))
+        small = load_pillow().fromarray(_as_rgb(file, image))
+    small.thumbnail((longest_px, longest_px))
+    written = BytesIO()
+    small.save(written, "JPEG", quality=_THUMBNAIL_QUALITY)
+    return written.getvalue()
+
+
+def _require_folder(path: Path | None) -> None:
+    if path is not None and not path.is_dir():
+        raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
+
+
+def _image_files(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
+    """Name and path of each image below `folder`, except masks, in order."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        folders[:] = [f for f in folders if not f.startswith(".") and not _is_same(here / f, masks)]
+        found += [here / file for file in files if is_picture(here / file)]
+    named = [(file.relative_to(folder).as_posix(), file) for file in found]
+    return sorted(named, key=lambda one: natural_order(one[0]))
+
+
+def _is_same(folder: Path, other: Path | None) -> bool:
+    return other is not None and folder.samefile(other)
+
+
+def _opened(name: str, file: Path) -> Photo:
+    data = _bytes_of(file)
+    # Pillow warns of damaged EXIF blocks; they count as not there.
+    with _opened_image(file, data) as image, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        facts, size = exif_facts(image), image.size
+    return Photo(
+        name,
+        file,
+        size,
+        focal_px=facts.focal_px,
+        camera=facts.camera,
+        position=facts.position,
+        taken_s=facts.taken_s,
+        digest=blake2b(data, digest_size=_DIGEST_BYTES).hexdigest(),
+    )
+
+
+def _masked(photo: Photo, masks: Path) -> Photo:
+    names = (photo.name + ".png", str(Path(photo.name).with_suffix(".png")))
+    mask = next((file for name in names if (file := masks / name).is_file()), None)
+    if mask is None:
+        return photo
+    data = _bytes_of(mask)
+    with _opened_image(mask, data) as image:
+        _require_mask_size(mask, image.size, photo)
+    both = blake2b(data, digest_size=_DIGEST_BYTES, key=photo.digest.encode())
+    return replace(photo, mask=mask, digest=both.hexdigest())
+
+
+def _require_mask_size(mask: Path, size: tuple[int, int], photo: Photo) -> None:
+    if size != photo.size:
+        sizes = f"{size[0]}×{size[1]} pixels: must be {photo.size[0]}×{photo.size[1]}"
+        raise DatasetError(mask, f"the mask has {sizes} as {photo.name}")
+
+
+def _require_some(found: PhotoFolder, masks: Path | None) -> None:
+    if not found.photos:
+        name, reason = next(iter(found.unreadable.items()))
+        count = len(found.unreadable)
+        raise DatasetError(found.path, f"none of its {count} images can be read; {name}: {reason}")
+    if masks is not None and all(photo.mask is None for photo in found.photos):
+        example = f"{found.photos[0].name}.png"
+        raise DatasetError(masks, f"holds no mask of any photo: there is no {example} or the like")
+
+
+def _file_of(photo: Photo) -> Path:
+    if photo.path is None:
+        raise DatasetError(photo.name, "is known by its tracks alone: there is no file to read")
+    return photo.path
+
+
+def _bytes_of(file: Path) -> bytes:
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise unreadable(file, error) from error
+    if not data:
+        raise DatasetError(file, "the file is empty")
+    return data
+
+
+@contextmanager
+def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
+    """Pillow's image of a file's bytes, its header read; whatever goes wrong with it names the file."""
+    pillow = load_pillow()
+    try:
+        image = _open_silently(pillow, data)
+    except pillow.UnidentifiedImageError:
+        raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)") from None
+    except Exception as error:  # its parsers raise whatever they stumble over
+        raise DatasetError(file, f"cannot be decoded: {_told(error)}") from error
+    with image:
+        yield image
+
+
+def _open_silently(pillow: ModuleType, data: bytes) -> Any:
+    # A photo of 100 megapixels is no attack that a user should be warned of; Pillow refuses twice as much.
+    with _OPENING, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return pillow.open(BytesIO(data))
+
+
+def _as_rgb(file: Path, image: Any) -> ColorImage:
+    """Decode it all: Pillow, unlike OpenCV, refuses a file that is cut short."""
+    try:
+        if image.mode in _DEEP_MODES:
+            grey = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
+            return np.repeat(grey[:, :, None], 3, axis=2)
+        return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+    except Exception as error:  # its decoders raise whatever they stumble over
+        raise DatasetError(file, f"cannot be decoded: {_told(error)}") from error
+
+
+def _told(error: Exception) -> str:
+    return str(error) or type(error).__name__
