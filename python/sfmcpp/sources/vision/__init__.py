@@ -1,20 +1,44 @@
-"""Images: the frames of a folder or of a video, and the tracks of corners through them."""
+"""Images: frames and tracks of corners through them; photos, what is detected in them, and what matches."""
 
+from sfmcpp.sources.vision.features import (
+    FEATURE_KINDS,
+    FeatureSettings,
+    detect,
+    detect_in,
+)
 from sfmcpp.sources.vision.frames import VIDEOS, Frames, open_frames
 from sfmcpp.sources.vision.images import PICTURES
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
 from sfmcpp.sources.vision.matching import match
 from sfmcpp.sources.vision.pairs import MATCHERS, choose_pairs
+from sfmcpp.sources.vision.photos import (
+    PhotoFolder,
+    open_photos,
+    read_color,
+    read_gray,
+    read_mask,
+    thumbnail_jpeg,
+)
 
 __all__ = [
     "CORNERS",
+    "FEATURE_KINDS",
     "MATCHERS",
     "PICTURES",
     "VIDEOS",
+    "FeatureSettings",
     "Frames",
     "KltSettings",
+    "PhotoFolder",
     "choose_pairs",
+    "detect",
+    "detect_in",
     "follow_features",
     "match",
     "open_frames",
+    "open_photos",
+    "read_color",
+    "read_gray",
+    "read_mask",
+    "thumbnail_jpeg",
 ]

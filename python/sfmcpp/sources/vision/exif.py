@@ -132,7 +132,7 @@ def _degrees(parts: Any, reference: Any, signs: tuple[str, str], limit: float) -
     if not numbers or len(numbers) > 3 or numbers[0] is None:
         return None
     # Minutes and seconds may be left out by zeros below the fraction.
-    degrees = sum((number or 0.0) / 60**power for power, number in enumerate(numbers))
+    degrees = sum((number or 0.0) / 60.0**power for power, number in enumerate(numbers))
     sign = _text(reference).upper()[:1]
     if sign not in signs or not 0 <= degrees <= limit:
         return None
@@ -145,7 +145,7 @@ def _taken_s(exif: Tags) -> float | None:
         when = _WHEN.match(_text(exif.get(tag)))
         if when is None:
             continue
-        year, month, *rest = map(int, when.groups())
+        year, month, *rest = (int(part) for part in when.groups())
         if year == 0 or not 1 <= month <= 12:
             continue
         digits = re.match(r"\d+", _text(exif.get(fraction_tag)))

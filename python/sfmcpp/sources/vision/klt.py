@@ -21,14 +21,13 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.frames import View
+from sfmcpp.sources.vision.buckets import HARRIS_K, cells_of, rank_within
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
 
 Corners = NDArray[np.float32]
 
 # What a corner is.
 CORNERS = ("shi-tomasi", "harris")
-# Harris and Stephens' k in det − k tr².
-_HARRIS_K = 0.04
 
 
 @dataclass(frozen=True)
@@ -175,13 +174,13 @@ class _Tracker:
             mask=mask,
             blockSize=5,
             useHarrisDetector=harris,
-            k=_HARRIS_K,
+            k=HARRIS_K,
         )
         if found is None:
             return np.empty((0, 2), np.float32)
         corners: Corners = found.reshape(-1, 2)
         cells = self._cells(corners)
-        return corners[_rank_within(cells) < wanted[cells]]
+        return corners[rank_within(cells) < wanted[cells]]
 
     def _free_pixels(self) -> GreyImage:
         """Where a new corner may be: away from the border and from the corners there are."""
@@ -195,11 +194,7 @@ class _Tracker:
         return np.asarray(free & self.cv2.erode(taken, np.ones((size, size), np.uint8)))
 
     def _cells(self, corners: Corners) -> NDArray[np.int64]:
-        height, width = self.shape
-        columns, rows = self.settings.columns, self.settings.rows
-        column = np.minimum(corners[:, 0] * columns / width, columns - 1).astype(np.int64)
-        row = np.minimum(corners[:, 1] * rows / height, rows - 1).astype(np.int64)
-        return np.asarray(row * columns + column)
+        return cells_of(corners, self.shape, self.settings.columns, self.settings.rows)
 
     def _cell_counts(self) -> NDArray[np.int64]:
         return np.bincount(self._cells(self.corners), minlength=self.settings.columns * self.settings.rows)
@@ -209,15 +204,6 @@ class _Tracker:
         self.next_track += len(corners)
         self.corners = np.concatenate([self.corners, corners])
         self.tracks = np.concatenate([self.tracks, numbers])
-
-
-def _rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many of the same group come before each."""
-    order = np.argsort(groups, kind="stable")
-    ordered = groups[order]
-    ranks = np.empty(len(groups), dtype=np.int64)
-    ranks[order] = np.arange(len(groups)) - np.searchsorted(ordered, ordered)
-    return ranks
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:

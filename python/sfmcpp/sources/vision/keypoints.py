@@ -1,0 +1,75 @@
+"""What detectors take and give: an image to search, and keypoints as columns of numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.vision.buckets import cells_of, rank_within
+from sfmcpp.sources.vision.images import GreyImage
+
+# Cells along the longer side of the image, over which features are spread.
+_SPREAD_CELLS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class SearchImage:
+    """Grey levels (height, width) and where something may be detected: of the same shape, or all."""
+
+    gray: GreyImage
+    mask: BoolArray | None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.gray.shape[0], self.gray.shape[1]
+
+    def allows(self, pixels: FloatArray) -> BoolArray:
+        """Whether something may be detected at each of (n, 2)."""
+        if self.mask is None:
+            return np.ones(len(pixels), np.bool_)
+        columns, rows = np.rint(pixels).astype(np.int64).T
+        height, width = self.shape
+        return np.asarray(self.mask[rows.clip(0, height - 1), columns.clip(0, width - 1)])
+
+
+class Keypoints(NamedTuple):
+    """Columns of what was detected; the centre of the top left pixel is at (0, 0), as OpenCV has it."""
+
+    pixels: FloatArray
+    scales: FloatArray
+    angles: FloatArray
+    responses: FloatArray
+    descriptors: NDArray[np.uint8]
+
+    def chosen(self, which: NDArray[Any]) -> Keypoints:
+        """Some of them, in that order."""
+        return Keypoints(*(column[which] for column in self))
+
+
+def columns_of(keypoints: Sequence[Any], descriptors: NDArray[np.uint8] | None) -> Keypoints:
+    """OpenCV's keypoints, whose sizes are diameters and whose angles are degrees from x towards y."""
+    rows = [(*k.pt, k.size / 2, math.radians(k.angle), k.response) for k in keypoints]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    if descriptors is None:
+        descriptors = np.empty((0, 128), np.uint8)
+    return Keypoints(table[:, :2], table[:, 2], table[:, 3], table[:, 4], descriptors)
+
+
+def spread_choice(
+    pixels: FloatArray, responses: FloatArray, shape: tuple[int, int], count: int
+) -> NDArray[np.int64]:
+    """Which `count` to keep, strongest first: of each cell of a grid equally many, as far as it has them."""
+    strongest_first = np.lexsort((*pixels.T, -responses))
+    if len(strongest_first) <= count:
+        return strongest_first
+    rows, columns = (math.ceil(_SPREAD_CELLS * side / max(shape)) for side in shape)
+    ranks = rank_within(cells_of(pixels[strongest_first], shape, columns, rows))
+    kept = np.sort(np.argsort(ranks, kind="stable")[:count])
+    return strongest_first[kept]
