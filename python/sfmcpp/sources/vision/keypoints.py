@@ -63,13 +63,19 @@ def columns_of(keypoints: Sequence[Any], descriptors: NDArray[np.uint8] | None) 
 
 
 def spread_choice(
-    pixels: FloatArray, responses: FloatArray, shape: tuple[int, int], count: int
+    pixels: FloatArray, merits: FloatArray, shape: tuple[int, int], count: int
 ) -> NDArray[np.int64]:
-    """Which `count` to keep, strongest first: of each cell of a grid equally many, as far as it has them."""
-    strongest_first = np.lexsort((*pixels.T, -responses))
-    if len(strongest_first) <= count:
-        return strongest_first
+    """Which `count` to keep, the best first.
+
+    One half are the best of each cell of a grid, equally many of each as far as it has them; the other half are
+    the best of what is left, which mostly are where there is most texture.
+    """
+    best_first = np.lexsort((*pixels.T, -merits))
+    if len(best_first) <= count:
+        return best_first
     rows, columns = (math.ceil(_SPREAD_CELLS * side / max(shape)) for side in shape)
-    ranks = rank_within(cells_of(pixels[strongest_first], shape, columns, rows))
-    kept = np.sort(np.argsort(ranks, kind="stable")[:count])
-    return strongest_first[kept]
+    ranks = rank_within(cells_of(pixels[best_first], shape, columns, rows))
+    kept = np.zeros(len(best_first), np.bool_)
+    kept[np.argsort(ranks, kind="stable")[: count // 2]] = True
+    kept[np.flatnonzero(~kept)[: count - count // 2]] = True
+    return best_first[kept]

@@ -27,11 +27,11 @@ _OCTAVE_LAYERS, _FIRST_BLUR_PX, _EDGE_RATIO = 3, 1.6, 10.0
 _CAMERA_BLUR_PX = 0.5
 # Core of a tile [px] at most, and what is seen around it: the descriptor of the largest blob of octave 0
 # (σ = 3.4 px) reaches 36 px, and its blur a few more.
-_TILE_PX, _MARGIN_PX = 768, 48
+_TILE_PX, _MARGIN_PX = 1024, 48
 # Octave −1 is the enlarged one. The next after those of tiles is the first of an image smaller by the step.
 _LAST_OCTAVE_OF_TILES, _COARSE_STEP = 0, 4
-# Candidates that are described, by those that are wanted.
-_CANDIDATES = 2.0
+# Candidates that are described, by those that are wanted: in all tiles together, and of coarse ones.
+_CANDIDATES, _COARSE_CANDIDATES = 2.0, 0.25
 
 
 class _Strip(NamedTuple):
@@ -57,10 +57,12 @@ def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float)
         for row in rows
         for column in columns
     ]
-    parts.append(_coarse_blobs(cv2, image.gray, _Settings(count, contrast)))
+    parts.append(_coarse_blobs(cv2, image.gray, _Settings(math.ceil(_COARSE_CANDIDATES * count), contrast)))
     found = Keypoints(*map(np.concatenate, zip(*parts, strict=True)))
     found = found.chosen(image.allows(found.pixels))
-    return found.chosen(spread_choice(found.pixels, found.responses, image.shape, count))
+    # Of two blobs with equal responses the smaller one is placed more accurately.
+    merits = found.responses / np.sqrt(found.scales)
+    return found.chosen(spread_choice(found.pixels, merits, image.shape, count))
 
 
 def describe(
