@@ -5,9 +5,10 @@ from sfmcpp.sources.vision.features import (
     FeatureSettings,
     detect,
     detect_in,
+    detector_version,
 )
 from sfmcpp.sources.vision.frames import VIDEOS, Frames, open_frames
-from sfmcpp.sources.vision.images import PICTURES
+from sfmcpp.sources.vision.images import PICTURES, one_opencv_thread
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
 from sfmcpp.sources.vision.matching import match
 from sfmcpp.sources.vision.pairs import MATCHERS, choose_pairs
@@ -33,8 +34,10 @@ __all__ = [
     "choose_pairs",
     "detect",
     "detect_in",
+    "detector_version",
     "follow_features",
     "match",
+    "one_opencv_thread",
     "open_frames",
     "open_photos",
     "read_color",

@@ -19,6 +19,7 @@ from sfmcpp.sources.vision.sift import describe
 
 # Sides of the squares [px] over which the structure tensor is summed, and a corner's place is refined (half).
 _BLOCK_PX, _REFINED_HALF_PX = 5, 4
+_LEAST_SIDE_PX = 2 * _REFINED_HALF_PX + 5
 _MIN_DISTANCE_PX = 4
 _FARTHEST_PX = 2.0
 # Layer 2 of 3 of octave 0: a blur of 1.6 · 2^(2/3) px, as a SIFT descriptor of that size takes it.
@@ -28,6 +29,8 @@ _ORIENTATION_BLUR_PX = 1.5 * _BLUR_PX
 
 def find_corners(cv2: ModuleType, image: SearchImage, kind: str, count: int, quality: float) -> Keypoints:
     """At most `count` corners, spread over the image, strongest first."""
+    if min(image.shape) < _LEAST_SIDE_PX:
+        return columns_of([], None)
     harris = kind == "harris"
     mask = None if image.mask is None else image.mask.astype(np.uint8)
     places, responses = cv2.goodFeaturesToTrackWithQuality(
@@ -50,7 +53,8 @@ def find_corners(cv2: ModuleType, image: SearchImage, kind: str, count: int, qua
         cv2.KeyPoint(float(x), float(y), 2 * _BLUR_PX, math.degrees(angle), float(response), _LAYER << 8)
         for (x, y), angle, response in zip(refined, angles, responses[best], strict=True)
     ]
-    return columns_of(*describe(cv2, image.gray, keypoints))
+    found = columns_of(*describe(cv2, image.gray, keypoints))
+    return found.chosen(image.allows(found.pixels))
 
 
 def _refined(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -84,6 +84,11 @@ def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     return detect_in(read_color(photo), read_mask(photo), settings)
 
 
+def detector_version() -> str:
+    """Version of the library that detects: another one may find other features in the same photo."""
+    return f"OpenCV {load_cv2().__version__}"
+
+
 def detect_in(
     color: NDArray[np.uint8], mask: BoolArray | None = None, settings: FeatureSettings | None = None
 ) -> Features:

@@ -14,8 +14,8 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.vision.buckets import cells_of, rank_within
 from sfmcpp.sources.vision.images import GreyImage
 
-# Cells along the longer side of the image, over which features are spread.
-_SPREAD_CELLS = 24
+# Features that are spread over cells, by cells.
+_PER_CELL = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +67,14 @@ def spread_choice(
 ) -> NDArray[np.int64]:
     """Which `count` to keep, the best first.
 
-    One half are the best of each cell of a grid, equally many of each as far as it has them; the other half are
-    the best of what is left, which mostly are where there is most texture.
+    One half are the best of each cell of a grid, equally many of each as far as it has them; the other half
+    are the best of what is left, which mostly are where there is most texture.
     """
     best_first = np.lexsort((*pixels.T, -merits))
     if len(best_first) <= count:
         return best_first
-    rows, columns = (math.ceil(_SPREAD_CELLS * side / max(shape)) for side in shape)
+    cell_px = math.sqrt(_PER_CELL * math.prod(shape) / (count / 2))
+    rows, columns = (math.ceil(side / cell_px) for side in shape)
     ranks = rank_within(cells_of(pixels[best_first], shape, columns, rows))
     kept = np.zeros(len(best_first), np.bool_)
     kept[np.argsort(ranks, kind="stable")[: count // 2]] = True

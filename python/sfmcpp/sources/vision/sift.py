@@ -31,7 +31,7 @@ _TILE_PX, _MARGIN_PX = 1024, 48
 # Octave −1 is the enlarged one. The next after those of tiles is the first of an image smaller by the step.
 _LAST_OCTAVE_OF_TILES, _COARSE_STEP = 0, 4
 # Candidates that are described, by those that are wanted: in all tiles together, and of coarse ones.
-_CANDIDATES, _COARSE_CANDIDATES = 2.0, 0.25
+_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 2.0, 0.25, 8192
 
 
 class _Strip(NamedTuple):
@@ -50,8 +50,9 @@ class _Settings(NamedTuple):
 def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float) -> Keypoints:
     """At most `count` blobs of a response from `contrast` on, spread over the image, strongest first."""
     rows, columns = (_strips(side) for side in image.shape)
+    wanted = max(_CANDIDATES * count, _LEAST_CANDIDATES) / (len(rows) * len(columns))
     # What is masked counts among the strongest of a tile, so all of them are described then; 0 is no limit.
-    each = math.ceil(_CANDIDATES * count / (len(rows) * len(columns))) if image.mask is None else 0
+    each = math.ceil(wanted) if image.mask is None else 0
     parts = [
         _fine_blobs(cv2, image.gray, row, column, _Settings(each, contrast))
         for row in rows

@@ -1,0 +1,289 @@
+"""From the photos of a folder to their match graph: features, pairs, matches and two-view geometry.
+
+What takes long is kept by its content, if a cache is given: features by the photo, matches by the two photos,
+geometry by matches and intrinsics. So a run that was interrupted goes on where it was, and one more photo
+costs its own pairs only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
+from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.checks import require_count, require_positive, require_seed, require_share
+from sfmcpp.model.photos import Features, Photo
+from sfmcpp.sfm.cache import Arrays, Cache, cache_key
+from sfmcpp.sfm.given_matches import one_for_one
+from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
+from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
+from sfmcpp.sources.vision import (
+    FeatureSettings,
+    PhotoFolder,
+    choose_pairs,
+    detect,
+    detector_version,
+    match,
+    one_opencv_thread,
+)
+
+# Raised when the same input gives another result than before.
+_FEATURES_VERSION, _MATCHES_VERSION, _GEOMETRY_VERSION = 1, 1, 1
+# Each searches a photo in 350 MB.
+_MOST_DETECTORS = 16
+
+Row = FloatArray | None
+Intrinsics = Sequence[Row]
+ImagePair = tuple[int, int]
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class FrontEndSettings:
+    """What decides about the match graph of photos.
+
+    Attributes
+    ----------
+    features : FeatureSettings
+        What is detected.
+    matcher : str
+        Which pairs are tried: see :func:`sfmcpp.sources.vision.choose_pairs`.
+    ratio : float
+        Distance of a match over that of the second nearest, at most.
+    mutual : bool
+        Whether each of a match must be the nearest of the other.
+    threshold_px : float
+        Largest error of a match that agrees with the geometry [px].
+    min_inliers : int
+        Fewest matches that must agree.
+    seed : int
+        Of every random sample; same seed, same result.
+    threads : int or None
+        Threads at most; the result does not depend on it. None: as many as the process may use.
+    """
+
+    features: FeatureSettings = field(default_factory=FeatureSettings)
+    matcher: str = "auto"
+    ratio: float = 0.8
+    mutual: bool = True
+    threshold_px: float = 2.0
+    min_inliers: int = 15
+    seed: int = 0
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        require_share("ratio", self.ratio)
+        require_positive("threshold_px", self.threshold_px)
+        require_count("min_inliers", self.min_inliers, 8)
+        require_seed(self.seed)
+        if self.threads is not None:
+            require_count("threads", self.threads, 1)
+
+
+def build_match_graph(
+    folder: PhotoFolder,
+    settings: FrontEndSettings | None = None,
+    intrinsics: Intrinsics | None = None,
+    *,
+    cache: Cache | None = None,
+    progress: Progress = silent,
+    seconds: dict[str, float] | None = None,
+) -> MatchGraph:
+    """Detect features in photos, match them, and find out what each pair says of its cameras.
+
+    Parameters
+    ----------
+    folder : PhotoFolder
+        What :func:`sfmcpp.sources.vision.open_photos` found.
+    settings : FrontEndSettings, optional
+        Thresholds.
+    intrinsics : sequence of (12,) float64 or None, optional
+        Of each photo's camera, in the order of the perspective model; None where they are unknown.
+    cache : Cache, optional
+        Where features, matches and geometry are kept, and taken from.
+    progress : callable
+        Called as ``progress(stage, done, total)`` with the stages ``"features"``, ``"pairs"``, ``"matching"``
+        and ``"geometry"``; returning True asks to stop.
+    seconds : dict, optional
+        The time that each stage took [s] is added to it.
+
+    Returns
+    -------
+    MatchGraph
+        Of the photos that can be decoded; the others are in its `unreadable`.
+
+    Raises
+    ------
+    DatasetError
+        If no photo can be decoded, or the cache cannot be written.
+    InvalidArgument
+        If `intrinsics` are not as many as photos.
+    KeyboardInterrupt
+        If `progress` asked to stop; what was done by then is in the cache.
+    """
+    rows: Intrinsics = [None] * len(folder.photos) if intrinsics is None else intrinsics
+    if len(rows) != len(folder.photos):
+        raise InvalidArgument(f"intrinsics: {len(rows)} rows, must be {len(folder.photos)}, one a photo")
+    work = _Work(settings or FrontEndSettings(), cache, progress, {} if seconds is None else seconds)
+    found = work.features(folder.photos)
+    readable, unreadable = _parted(folder, found)
+    photos = [folder.photos[i] for i in readable]
+    features = [one for one in found if isinstance(one, Features)]
+    numbers = work.pairs(photos, features)
+    matches = work.matches(photos, features, numbers)
+    geometries = work.geometries(photos, features, [rows[i] for i in readable], numbers, matches)
+    pairs = [Pair(*ij, m, g) for ij, m, g in zip(numbers, matches, geometries, strict=True)]
+    return MatchGraph(photos, features, pairs, unreadable)
+
+
+def _parted(folder: PhotoFolder, found: list[Features | str]) -> tuple[list[int], dict[str, str]]:
+    """Which photos could be decoded, and why each other file could not."""
+    readable = [i for i, one in enumerate(found) if isinstance(one, Features)]
+    reasons = {p.name: one for p, one in zip(folder.photos, found, strict=True) if isinstance(one, str)}
+    unreadable = folder.unreadable | reasons
+    if not readable:
+        name, reason = next(iter(unreadable.items()), ("", "there is none"))
+        raise DatasetError(folder.path, f"none of its {len(unreadable)} images can be read; {name}: {reason}")
+    return readable, unreadable
+
+
+@dataclass(frozen=True)
+class _Work:
+    """The stages, each in parallel and each cached."""
+
+    settings: FrontEndSettings
+    cache: Cache | None
+    progress: Progress
+    seconds: dict[str, float]
+
+    def features(self, photos: Sequence[Photo]) -> list[Features | str]:
+        """Of each photo, or why it cannot be decoded."""
+        with one_opencv_thread():
+            return self._each("features", self._features_of, photos, _MOST_DETECTORS)
+
+    def pairs(self, photos: Sequence[Photo], features: Sequence[Features]) -> list[ImagePair]:
+        def choose(matcher: str) -> list[ImagePair]:
+            return choose_pairs(photos, features, matcher, seed=self.settings.seed, threads=threads)
+
+        threads = thread_count(self.settings.threads)
+        return self._each("pairs", choose, [self.settings.matcher])[0]
+
+    def matches(
+        self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
+    ) -> list[Matches]:
+        """Of each pair; of features at one place, the first stands for all."""
+        places = [_first_at_place(one.pixels) for one in features]
+
+        def matches_of(pair: ImagePair) -> Matches:
+            i, j = pair
+            return self._kept(
+                "matches",
+                self._matches_key(photos[i], photos[j]),
+                lambda: {"matches": self._matched(features[i], features[j], places[i], places[j])},
+            )["matches"]
+
+        return self._each("matching", matches_of, pairs)
+
+    def geometries(
+        self,
+        photos: Sequence[Photo],
+        features: Sequence[Features],
+        rows: Intrinsics,
+        pairs: Sequence[ImagePair],
+        matches: Sequence[Matches],
+    ) -> list[TwoViewGeometry]:
+        def geometry_of(number: int) -> TwoViewGeometry:
+            (i, j), m = pairs[number], matches[number]
+            arrays = self._kept(
+                "geometry",
+                self._geometry_key(photos[i], photos[j], rows[i], rows[j]),
+                lambda: _arrays_of(self._estimated(features[i], features[j], rows[i], rows[j], m)),
+            )
+            return _geometry_of(arrays)
+
+        return self._each("geometry", geometry_of, range(len(pairs)))
+
+    def _features_of(self, photo: Photo) -> Features | str:
+        try:
+            key = self._features_key(photo)
+            return Features(
+                **self._kept("features", key, lambda: vars(detect(photo, self.settings.features)))
+            )
+        except DatasetError as error:
+            return error.reason if error.path == str(photo.path) else str(error)
+
+    def _matched(self, one: Features, other: Features, places_1: IndexArray, places_2: IndexArray) -> Matches:
+        options = {"ratio": self.settings.ratio, "mutual": self.settings.mutual}
+        found = match(one.descriptors, other.descriptors, **options, threads=1)
+        return one_for_one(np.column_stack([places_1[found[:, 0]], places_2[found[:, 1]]]))
+
+    def _estimated(
+        self, one: Features, other: Features, row_1: Row, row_2: Row, matches: Matches
+    ) -> TwoViewGeometry:
+        return two_view_geometry(
+            one.pixels[matches[:, 0]],
+            other.pixels[matches[:, 1]],
+            row_1,
+            row_2,
+            threshold_px=self.settings.threshold_px,
+            min_inliers=self.settings.min_inliers,
+            seed=self.settings.seed,
+        )
+
+    def _features_key(self, *photos: Photo) -> str:
+        """Empty if there is a photo whose content is not known."""
+        digests = [photo.digest for photo in photos]
+        parts = (digests, self.settings.features, _FEATURES_VERSION, detector_version())
+        return cache_key(*parts) if all(digests) else ""
+
+    def _matches_key(self, *photos: Photo) -> str:
+        features = self._features_key(*photos)
+        parts = (features, self.settings.ratio, self.settings.mutual, _MATCHES_VERSION)
+        return features and cache_key(*parts)
+
+    def _geometry_key(self, one: Photo, other: Photo, *rows: Row) -> str:
+        matches = self._matches_key(one, other)
+        settings = self.settings
+        parts = (matches, settings.threshold_px, settings.min_inliers, settings.seed, _GEOMETRY_VERSION)
+        return matches and cache_key(*parts, *rows)
+
+    def _kept(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
+        """From the cache, or computed and put there; without a cache or a key, computed."""
+        if self.cache is None or not key:
+            return compute()
+        found = self.cache.load(stage, key)
+        if found is None:
+            found = compute()
+            self.cache.save(stage, key, **found)
+        return found
+
+    def _each(
+        self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], most: int | None = None
+    ) -> list[Result]:
+        begin, threads = time.perf_counter(), thread_count(self.settings.threads)
+        try:
+            threads = threads if most is None else min(most, threads)
+            return in_order(function, tasks, threads, stage=stage, progress=self.progress)
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+
+def _first_at_place(pixels: FloatArray) -> IndexArray:
+    """(n,) the first feature at the place of each: a blob of several orientations is there several times."""
+    _, first, place = np.unique(pixels, axis=0, return_index=True, return_inverse=True)
+    return first[place.reshape(-1)].astype(np.int32)
+
+
+def _arrays_of(geometry: TwoViewGeometry) -> Arrays:
+    return {name: np.asarray(value) for name, value in vars(geometry).items()}
+
+
+def _geometry_of(arrays: Arrays) -> TwoViewGeometry:
+    return TwoViewGeometry(**{n: a if a.ndim else a.item() for n, a in arrays.items()})  # type: ignore[arg-type]

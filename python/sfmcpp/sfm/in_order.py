@@ -1,0 +1,56 @@
+"""Many tasks on some threads, their results in the order of the tasks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+# Told the stage, how much of it is done and of how much; True asks to stop.
+Progress = Callable[[str, int, int], bool]
+
+
+def silent(stage: str, done: int, total: int) -> bool:
+    """Progress that nobody looks at."""
+    return False
+
+
+def thread_count(asked: int | None) -> int:
+    """`asked`, or as many as the process may use."""
+    if asked is not None:
+        return asked
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def in_order(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    threads: int,
+    *,
+    stage: str,
+    progress: Progress = silent,
+) -> list[Result]:
+    """Results of `function` for each task; what it raises, or KeyboardInterrupt if `progress` asks to stop.
+
+    Tasks that run by then are finished, the others are not begun.
+    """
+    results: list[Result] = []
+    _told(progress, stage, 0, len(tasks))
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        try:
+            for result in pool.map(function, tasks):
+                results.append(result)
+                _told(progress, stage, len(results), len(tasks))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return results
+
+
+def _told(progress: Progress, stage: str, done: int, total: int) -> None:
+    if progress(stage, done, total):
+        raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")
