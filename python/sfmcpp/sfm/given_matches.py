@@ -77,7 +77,8 @@ def match_graph_of_arrays(
     features = [_features(i, *columns) for i, columns in enumerate(_columns(keypoints, scales, colors))]
     photos = _photos(features, sizes, names)
     rows = _each_or_none("intrinsics", intrinsics, len(features))
-    checked = dict(sorted(_checked_pair(pair, found, features) for pair, found in matches.items()))
+    entries = [_checked_pair(pair, found, features) for pair, found in matches.items()]
+    checked = dict(sorted(entries, key=lambda entry: entry[0]))
     if len(checked) < len(matches):
         twice = next((i, j) for i, j in matches if i < j and (j, i) in matches)
         raise InvalidArgument(f"matches: has both {twice} and {twice[::-1]}, must have one of them")

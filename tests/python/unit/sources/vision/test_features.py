@@ -137,7 +137,8 @@ def test_no_more_than_wanted_are_kept_and_all_parts_of_the_photo_have_some(kind:
     picture[:, :320] = 128 + (picture[:, :320].astype(int) - 128) // 3
     found = detect_in(picture, settings=FeatureSettings(kind, max_features=300))
     assert len(found) == 300
-    assert (found.pixels[:, 0] < 320).mean() > 0.2
+    # Half of the features are spread over 5 × 4 cells, of which 2 × 4 lie wholly on the left: a fifth of all.
+    assert (found.pixels[:, 0] < 320).mean() > 0.15
 
 
 @pytest.mark.parametrize("kind", FEATURE_KINDS)
