@@ -1,7 +1,7 @@
 """Features of two images that look alike.
 
 A feature matches its nearest neighbour in the other image if that is much nearer than the second nearest
-(Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004, §7.1), and if each of the two
+(Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004), and if each of the two
 is the nearest of the other.
 """
 

@@ -17,6 +17,7 @@ from os import cpu_count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
@@ -125,16 +126,14 @@ def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int =
     from scipy.sparse import csr_matrix
 
     require_seed(seed)
-    chosen = [_largest(of_image, _FEATURES_IN_WORDS) for of_image in features]
-    if len({d.shape[1] for d in chosen if d.size}) > 1:
+    if len({of_image.descriptors.shape[1] for of_image in features if of_image.descriptors.size}) > 1:
         raise InvalidArgument("features: have descriptors of different length, must have one")
-    if not any(d.size for d in chosen):
+    if not any(of_image.descriptors.size for of_image in features):
         return csr_matrix((len(features), 1))
-    vocabulary = _vocabulary_of([d for d in chosen if d.size], seed, threads)
+    vocabulary = _vocabulary_of(features, seed, threads)
     starts, words, times = [0], [], []
-    for of_image in chosen:
-        nearest = _core.nearest_of_first(of_image, vocabulary, threads)[0] if of_image.size else []
-        word, time = np.unique(np.asarray(nearest, np.int32), return_counts=True)
+    for of_image in features:
+        word, time = _words_in(of_image, vocabulary, threads)
         starts.append(starts[-1] + len(word))
         words.append(word)
         times.append(time)
@@ -187,14 +186,28 @@ def train_vocabulary(
     return means
 
 
-def _vocabulary_of(descriptors: list[Descriptors], seed: int, threads: int) -> Descriptors:
-    """Words taught by some of the descriptors of every image."""
-    total = sum(map(len, descriptors))
+def _vocabulary_of(features: Sequence[Features], seed: int, threads: int) -> Descriptors:
+    """Words taught by some of the largest features of every image."""
+    described = [of_image for of_image in features if of_image.descriptors.size]
+    total = sum(min(len(of_image), _FEATURES_IN_WORDS) for of_image in described)
     words = int(np.clip(total // _FEATURES_PER_WORD, *_WORDS))
     share = min(1.0, words * _TEACHERS_PER_WORD / total)
     rng = np.random.default_rng(seed)
-    teachers = [d[np.sort(rng.permutation(len(d))[: int(np.ceil(share * len(d)))])] for d in descriptors]
+    teachers = []
+    for of_image in described:
+        largest = _largest(of_image, _FEATURES_IN_WORDS)
+        teachers.append(largest[rng.permutation(len(largest))[: int(np.ceil(share * len(largest)))]])
     return train_vocabulary(np.concatenate(teachers), words, seed=seed, threads=threads)
+
+
+def _words_in(
+    features: Features, vocabulary: Descriptors, threads: int
+) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Numbers of the words in an image, ascending, and how often each is there."""
+    if not features.descriptors.size:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    largest = _largest(features, _FEATURES_IN_WORDS)
+    return np.unique(_core.nearest_of_first(largest, vocabulary, threads)[0], return_counts=True)
 
 
 def _of_unit_rows(weights: csr_matrix) -> csr_matrix:
