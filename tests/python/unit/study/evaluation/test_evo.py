@@ -12,7 +12,7 @@ import pytest
 
 from sfmcpp.model import Trajectory
 from sfmcpp.sources.io.trajectories import read_trajectory, write_trajectory
-from sfmcpp.study.evaluation import Evaluation, associate, evaluate
+from sfmcpp.study.evaluation import Evaluation, ImagePoses, associate, evaluate, evaluate_model
 from trajectory_helpers import noisy, path
 
 with warnings.catch_warnings():
@@ -116,3 +116,18 @@ def test_a_real_drive_with_drift_is_measured_as_by_evo(data_dir: Path) -> None:
     theirs = copy.deepcopy(evos(estimate))
     theirs.align(evos(truth), correct_scale=True)
     assert_as_evo(evaluate(estimate, truth, delta=10.0, delta_unit="m"), (evos(truth), theirs))
+
+
+@pytest.mark.parametrize("with_scale", [True, False])
+def test_errors_of_images_are_evos(with_scale: bool) -> None:
+    truth = path()
+    estimate = drifting(truth)
+    names = tuple(f"{i}.jpg" for i in range(len(truth)))
+    ours = evaluate_model(
+        ImagePoses(names[::-1], estimate.poses[::-1]), ImagePoses(names, truth.poses), with_scale=with_scale
+    ).to_dict()
+    theirs = evos(estimate)
+    theirs.align(evos(truth), correct_scale=with_scale)
+    pair = (evos(truth), theirs)
+    assert_same_statistics(metrics.APE(RELATIONS["translation_part"]), pair, ours["centre_error"])
+    assert_same_statistics(metrics.APE(RELATIONS["rotation_angle_deg"]), pair, ours["rotation_error_deg"])
