@@ -10,11 +10,11 @@ import typer
 
 from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
 
 METHODS = ("incremental", "batch")
-SHARED = ("auto", "one", "folder", "each")
 MATCHERS = ("auto", "exhaustive", "sequential", "spatial")
-CAMERA_MODELS = ("auto", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+CAMERA_MODELS = ("auto", *FREE_INTRINSICS)
 
 
 def _camera(text: str) -> str | float | Path:
@@ -71,7 +71,7 @@ Camera = Annotated[
     ),
 ]
 Model = Annotated[str, _choice(CAMERA_MODELS, "What is refined of a camera")]
-Shared = Annotated[str, _choice(SHARED, "Which photos share a camera")]
+Shared = Annotated[str, _choice(SHARING, "Which photos share a camera")]
 Matcher = Annotated[str, _choice(MATCHERS, "Which pairs of photos are compared")]
 Masks = Annotated[
     Path | None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
@@ -16,6 +17,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.transforms import write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, save_model_page
 from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
 from sfmcpp.study.report_files import Step, write_report, write_steps
@@ -47,7 +49,7 @@ def _steps(report: SfmReport) -> Iterator[Step]:
         problem = problem_of_map(world)
         yield "model" if number == 0 else f"model_{number}", partial(_write_model, problem)
         if number == 0:
-            yield "transforms.json", partial(write, problem)
+            yield "transforms.json", partial(_write_transforms, report, problem)
             yield "points.ply", partial(write, problem)
             yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
@@ -57,6 +59,13 @@ def _steps(report: SfmReport) -> Iterator[Step]:
 def _write_model(problem: Problem, folder: Path) -> None:
     for name in ("colmap-text", "colmap-binary"):
         write(problem, folder, format=name)
+
+
+def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
+    """Write the cameras, with the places of the photos as seen from the folder."""
+    source = Path(report.run.source)
+    folder = Path(os.path.relpath(source, path.parent)).as_posix() if source.is_dir() else ""
+    write_transforms(problem, path, folder)
 
 
 def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:

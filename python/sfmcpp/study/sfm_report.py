@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # Small picture of a photo as JPEG; None if it cannot be made.
 Thumbnail = Callable[["Photo"], "bytes | None"]
 
+# Longest side of a small picture.
+THUMBNAIL_PX = 256
 # How a run was carried out changes no result: the report leaves it out, so that it is the same for all.
 _OF_THE_MACHINE = frozenset({"threads", "resume", "cache", "progress"})
 _NAMES_LISTED, _REASONS_LISTED = 4, 5
@@ -240,7 +242,7 @@ def thumbnail_of_file(photo: Photo) -> bytes | None:
 
     try:
         photos = import_module("sfmcpp.sources.vision.photos")
-        made: bytes | None = photos.thumbnail_jpeg(photo.path)
+        made: bytes | None = photos.thumbnail_jpeg(photo, THUMBNAIL_PX)
     except (SfmcppError, ImportError, OSError):
         return None
     return made
