@@ -88,7 +88,13 @@ Gps = Annotated[
         help="Positions of the photos; auto: those in the photos, if at least three have one.",
     ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run into DIR was.")]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on where an earlier run into DIR was, interrupted or with fewer photos; else start anew.",
+    ),
+]
 View = Annotated[bool, typer.Option("--view", help="Open the model in the browser when it is done.")]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads; else as many as there are cores. Results are the same.")
@@ -124,7 +130,6 @@ def reconstruct(
         "masks": masks,
         "gps": _gps(gps),
         "seed": seed,
-        "resume": resume,
         "threads": threads,
     }
-    return run_reconstruction(source, output, options, view=view, quiet=quiet)
+    return run_reconstruction(source, output, options, resume=resume, view=view, quiet=quiet)

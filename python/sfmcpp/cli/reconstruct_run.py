@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import webbrowser
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,19 @@ from sfmcpp import sfm
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
 from sfmcpp.study.sfm_files import PAGE
 
 # What an interrupted run has done, for `--resume`; in the folder of the results.
 CACHE = "cache"
+_ENTRY = re.compile(r"[0-9a-f]{40}")
 
 
 def run_reconstruction(
-    source: Path, folder: Path, options: dict[str, Any], *, view: bool = False, quiet: bool = False
+    source: Path, folder: Path, options: dict[str, Any], *, resume: bool, view: bool, quiet: bool
 ) -> ExitCode:
     """Reconstruct, write, print.
 
@@ -31,6 +35,10 @@ def run_reconstruction(
         If an option asks for what there is not.
     """
     require_folder(folder)
+    if not source.exists():
+        raise DatasetError(source, "no such file or directory")
+    if not resume:
+        _forget(folder / CACHE)
     room: Any = sfm
     with made(folder):
         with shown_stages(quiet=quiet) as show, ctrl_c_noted() as asked_to_stop:
@@ -39,11 +47,22 @@ def run_reconstruction(
                 show(stage, done, total)
                 return asked_to_stop()
 
-            run = room.reconstruct(source, cache=folder / CACHE, progress=progress, **options)
+            try:
+                run = room.reconstruct(source, cache=folder / CACHE, progress=progress, **options)
+            except ModuleNotFoundError as error:  # it says how to install what is missing
+                raise InvalidArgument(str(error)) from None
         code = _finish(SfmReport(run), source, folder, quiet)
     if view and run.model is not None and not run.interrupted:
         _open(folder / VIEW, quiet)
     return code
+
+
+def _forget(cache: Path) -> None:
+    """Remove what earlier runs have kept, and nothing else that may be there."""
+    for entry in cache.glob("*/*"):
+        if _ENTRY.fullmatch(entry.name):
+            with failures_named(entry):
+                entry.unlink()
 
 
 def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitCode:
@@ -51,9 +70,7 @@ def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitC
     written = report.write(folder)
     if run.model is None:
         if run.interrupted:
-            tell(
-                f"interrupted before there was a model: --resume goes on, {folder / PAGE} tells how far it came"
-            )
+            tell(f"interrupted before there was a model: {folder / PAGE} tells more, --resume goes on")
             return ExitCode.INTERRUPTED
         return tell_error(f"{source}: {report.verdict()}; {folder / PAGE} tells more")
     if not quiet:

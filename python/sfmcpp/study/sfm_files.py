@@ -96,7 +96,7 @@ def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
     images, known = np.flatnonzero(world.registered), world.known
     facts = {
         "images": f"{run.num_registered:,} of {len(run.images):,}",
-        "points": f"{np.count_nonzero(known):,}",
+        "points": f"{measures.num_points:,}",
     }
     if measures.mean_error_px is not None:
         facts["mean error"] = f"{measures.mean_error_px:.3f} px"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.report_files import peak_memory_bytes, plain
 from sfmcpp.study.sfm_measures import ModelMeasures
 
@@ -63,14 +64,13 @@ class SfmReport:
 
     def left_out(self) -> dict[str, list[str]]:
         """Names of the images without a pose in the largest model, by the reason; the most frequent first."""
-        found: dict[str, list[str]] = {}
+        found: list[tuple[str, str]] = []
         for name, outcome in self.run.images.items():
             if not outcome.registered:
-                found.setdefault(outcome.reason, []).append(name)
+                found.append((outcome.reason, name))
             elif outcome.model:
-                reason = f"in model {outcome.model}, which nothing joins to the largest"
-                found.setdefault(reason, []).append(name)
-        return dict(sorted(found.items(), key=lambda entry: -len(entry[1])))
+                found.append((f"in model {outcome.model}, which nothing joins to the largest", name))
+        return by_reason(found)
 
     def verdict(self) -> str:
         """Say in a sentence how many images are in the model, and why others are not."""

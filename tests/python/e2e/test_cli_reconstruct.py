@@ -70,7 +70,6 @@ def test_the_defaults_ask_for_an_automatic_reconstruction(
         "masks": None,
         "gps": "auto",
         "seed": 0,
-        "resume": False,
         "threads": None,
         "cache": Path("new/out/cache"),
     }
@@ -96,7 +95,6 @@ def test_every_option_reaches_the_reconstruction(photos: Path, monkeypatch: pyte
         "gps": Path("gps.csv"),
         "seed": 7,
         "threads": 3,
-        "resume": True,
     }
     assert {name: asked[name] for name in expected} == expected
 
@@ -136,6 +134,31 @@ def test_bad_usage_is_one_line_and_runs_nothing(
     assert (shown.out, len(shown.err.splitlines())) == ("", 1)
     assert asked == {}
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_resume_keeps_what_an_earlier_run_has_computed(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, resume: bool
+) -> None:
+    ending(monkeypatch, complete_run())
+    kept, other = Path("out/cache/features") / ("0a" * 20), Path("out/cache/features/mine.txt")
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    other.touch()
+    assert main(["reconstruct", "photos", "-o", "out", *["--resume"] * resume]) == 0
+    assert kept.exists() == resume
+    assert other.exists()
+
+
+def test_a_missing_library_is_told_with_what_installs_it(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lacking(**options: Any) -> SfmRun:
+        raise ModuleNotFoundError("photos need cv2: pip install 'sfmcpp[vision]'", name="cv2")
+
+    ending(monkeypatch, lacking)
+    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert capsys.readouterr().err == "sfmcpp: error: photos need cv2: pip install 'sfmcpp[vision]'\n"
 
 
 def test_a_bad_input_leaves_no_folder(

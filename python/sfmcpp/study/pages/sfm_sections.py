@@ -12,6 +12,7 @@ import numpy as np
 from sfmcpp.study.pages.charts import arrows, bars, histogram, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
 from sfmcpp.study.pages.rasters import match_matrix
+from sfmcpp.study.reasons import by_reason
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
@@ -19,10 +20,13 @@ if TYPE_CHECKING:
 
 _MOST_PICTURES = 200
 _MOST_ROWS = 200
+# Part of the cells that have a mean, below which a map of residuals says nothing.
+_LEAST_TOLD = 0.25
 # Images whose pairs are named under the pointer.
 _MOST_NAMED = 40
 _MOST_CAMERAS, _MOST_MAPS = 50, 4
 _LONGEST_TRACK = 20
+_MOST_REASONS = 20
 # Mean error of an image, over the usual one, from which it is worth a look.
 _FAR_ABOVE = 1.5
 # Kinds of two-view geometry in words.
@@ -90,7 +94,8 @@ def cameras(report: SfmReport) -> str:
     head = ("camera", "images", "size", "model", "focal length [px]", "principal point [px]", "distortion")
     more = len(measures.cameras) - len(shown)
     rest = f'<p class="soft">And {more:,} more: report.json has all.</p>' if more else ""
-    return _table(head, rows) + rest + _residual_maps(measures)
+    listed = f'<div class="tall">{_table(head, rows)}</div>'
+    return listed + rest + _residual_maps(measures)
 
 
 def _camera_row(facts: dict[str, Any]) -> list[str]:
@@ -123,7 +128,7 @@ def _residual_maps(measures: ModelMeasures) -> str:
     parts = []
     for name, group in chosen[:_MOST_MAPS]:
         found = measures.residual_map(group)
-        if found is not None:
+        if found is not None and np.mean(np.isfinite(found.means)) > _LEAST_TOLD:
             picture, scale = arrows(found)
             words = f"Mean residuals of {name}; an arrow as long as a cell is {scale:g} px"
             parts.append(_figure(words, picture))
@@ -172,8 +177,8 @@ def matches(report: SfmReport) -> str:
     agreed = [np.count_nonzero(p.geometry.inliers) * (p.geometry.kind != "none") for p in pairs]
     inliers = np.array(agreed, dtype=np.intp)
     words = (
-        "Rows and columns are the images in the order of names; the darker, the more matches agree; "
-        "grey pairs were tried and do not match."
+        "Rows and columns are the images in the order of names; the stronger the colour, the more matches "
+        "agree; grey pairs were tried and do not match."
     )
     if len(photos) <= _MOST_NAMED:
         picture = match_squares([photo.name for photo in photos], first, second, inliers)
@@ -193,8 +198,10 @@ def _left_out(report: SfmReport) -> str:
     poor = [pair for pair in report.run.graph.pairs if pair.geometry.kind != "general"]
     if not poor:
         return ""
-    reasons = Counter(pair.geometry.message for pair in poor)
-    summed = [[html.escape(reason), f"{count:,}"] for reason, count in reasons.most_common(20)]
+    reasons = by_reason((pair.geometry.message, pair) for pair in poor)
+    summed = [
+        [html.escape(reason), f"{len(found):,}"] for reason, found in list(reasons.items())[:_MOST_REASONS]
+    ]
     poor.sort(key=lambda pair: (-len(pair.matches), pair.first, pair.second))
     rows = []
     for facts in map(report.pair, poor[:_MOST_ROWS]):

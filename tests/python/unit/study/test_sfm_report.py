@@ -25,6 +25,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
 from sfmcpp.study import SfmReport
+from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 FILES = ["model", "points.ply", "report.html", "report.json", "transforms.json", "view.html"]
@@ -93,6 +94,21 @@ def test_every_image_is_named_with_its_reason() -> None:
     assert report.verdict().startswith(
         "6 of 9 images are in the model (set/photo 0002.jpg, set/photo 0005.jpg: "
     )
+
+
+def test_reasons_that_differ_in_numbers_or_details_are_one_with_what_they_share() -> None:
+    entries = [
+        ("9 matches agree, 30 are needed", "a"),
+        ("cannot be read: truncated", "b"),
+        ("12 matches agree, 30 are needed", "c"),
+        ("it matches no other image: at best 3, with x.jpg", "d"),
+        ("it matches no other image: at best 3, with y.jpg", "e"),
+    ]
+    assert by_reason(entries) == {
+        "… matches agree, … are needed": ["a", "c"],
+        "it matches no other image": ["d", "e"],
+        "cannot be read: truncated": ["b"],
+    }
 
 
 def test_every_pair_is_told_with_its_reason() -> None:
