@@ -123,15 +123,20 @@ class ModelMeasures:
         return int(np.count_nonzero(self.world.image_cameras[self._local.images] == camera))
 
     def residual_map(self, cameras: list[int], columns: int = 18) -> ResidualMap | None:
-        """Mean residuals over images of cameras of one size; None if that is unknown, or nothing observed."""
-        width, height = map(int, self.world.camera_sizes[cameras[0]])
-        if not (width and height):
-            return None
+        """Mean residuals over images of cameras of one size, or else what just covers the observations.
+
+        None where nothing was observed, or pixels are counted from the middle of images of unknown size.
+        """
         problem = self._local.problem
         camera = self._local.cameras[problem.intrinsics_index[problem.camera_index]]
         mine = np.isin(camera, cameras)
         if not mine.any():
             return None
+        width, height = map(int, self.world.camera_sizes[cameras[0]])
+        if not (width and height):
+            if problem.pixels[mine].min() < 0:  # counted from the middle
+                return None
+            width, height = np.ceil(problem.pixels[mine].max(axis=0)).astype(int).tolist()
         rows = max(1, round(columns * height / width))
         shares = problem.pixels[mine] / (width, height)
         cell = np.clip((shares * (columns, rows)).astype(np.int64), 0, (columns - 1, rows - 1))

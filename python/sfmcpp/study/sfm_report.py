@@ -98,7 +98,7 @@ class SfmReport:
                 "features": int(sum(map(len, graph.features))),
                 "pairs": len(graph.pairs),
             },
-            "options": {key: told(value) for key, value in run.options.items() if key not in _OF_THE_MACHINE},
+            "options": self.options(),
             "interrupted": run.interrupted,
             "warnings": list(run.warnings),
             "counts": {
@@ -117,6 +117,11 @@ class SfmReport:
         }
         found: dict[str, Any] = plain(content)
         return found
+
+    def options(self) -> dict[str, Any]:
+        """How it was asked for, but for what changes no result; paths as text."""
+        given = {key: value for key, value in self.run.options.items() if key not in _OF_THE_MACHINE}
+        return {key: str(value) if isinstance(value, PathLike) else value for key, value in given.items()}
 
     def images(self) -> dict[str, dict[str, Any]]:
         """What became of each image, by name."""
@@ -256,11 +261,6 @@ def camera_line(measures: ModelMeasures, camera: int) -> str:
     distortion = "".join(f", {name} {value:.4g}" for name, value in facts["distortion"].items())
     count = facts["images"]
     return f"{facts['model']}, {focal}{distortion}, {count:,} image{'s' * (count != 1)}"
-
-
-def told(value: Any) -> Any:
-    """Paths as text, so that they can stand in a report."""
-    return str(value) if isinstance(value, PathLike) else value
 
 
 def _model_line(measures: ModelMeasures) -> str:

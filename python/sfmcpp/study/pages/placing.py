@@ -11,6 +11,8 @@ _TOPS, _DOWN = 0.05, 0.025
 # Share of the points at either end of each axis that a view need not show.
 _FAR = 0.05
 _PARALLEL = 1e-6
+# Cameras that are asked for their nearest neighbour, at most.
+_ASKED = 500
 
 
 def turn_upright(cameras: FloatArray) -> FloatArray:
@@ -69,7 +71,8 @@ def camera_size(centres: FloatArray, radius: float) -> float:
     largest, smallest = 0.12 * radius, 0.01 * radius
     if len(centres) < 2:
         return largest
-    from scipy.spatial import cKDTree
-
-    nearest = np.asarray(cKDTree(centres).query(centres, k=2)[0])[:, 1]
+    asked = centres[:: -(-len(centres) // _ASKED)]
+    squares = sum((asked[:, axis, None] - centres[:, axis]) ** 2 for axis in range(3))
+    # The nearest of all is the camera itself.
+    nearest = np.sqrt(np.partition(squares, 1, axis=1)[:, 1])
     return float(np.clip(0.6 * np.median(nearest), smallest, largest))

@@ -256,8 +256,7 @@ def _image_row(name: str, facts: dict[str, Any], picture: bytes | None, with_gps
 
 def how(report: SfmReport) -> str:
     """Input and options."""
-    content = report.to_dict()
-    rows = {"input": content["input"]["path"], **content["options"]}
+    rows = {"input": report.run.source, **report.options()}
     told = [(html.escape(str(k)), html.escape(str(v))) for k, v in rows.items() if v is not None]
     listed = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in told)
     return f'<dl>{listed}</dl><p class="soft">report.json has all of this for programs, and the times.</p>'
