@@ -11,6 +11,7 @@ import sfmcpp
 from sfmcpp.cli.choices import one_of, refined_intrinsics, with_solve_options
 from sfmcpp.cli.evaluate import evaluate
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
 
@@ -117,3 +118,4 @@ def demo(
 app.command()(synth)
 app.command()(evaluate)
 app.command()(slam)
+app.command()(reconstruct)

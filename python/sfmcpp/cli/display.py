@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
@@ -143,3 +144,35 @@ def _decrease(previous: Iteration, current: Iteration) -> str:
     if not current.accepted:
         return "rejected"
     return f"{1 - current.cost / previous.cost:.2e}" if previous.cost > 0 else "0"
+
+
+# Called as ``show(stage, done, total)``; a total of 0 is not known yet.
+ShowStage = Callable[[str, int, int], None]
+
+
+@contextmanager
+def shown_stages(*, quiet: bool) -> Iterator[ShowStage]:
+    """Show the stages of a run, each with a bar and the time that remains; on a terminal only."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield lambda stage, done, total: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description:<12}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(compact=True, elapsed_when_finished=True),
+    )
+    console = Console(stderr=True)
+    tasks: dict[str, TaskID] = {}
+    with Progress(
+        *columns, console=console, refresh_per_second=REFRESHES_PER_SECOND, redirect_stdout=False
+    ) as progress:
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total or None)
+            progress.update(tasks[stage], completed=done, total=total or None)
+
+        yield show

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
 
 from sfmcpp import slam
 from sfmcpp.cli.exit_codes import ExitCode, say, tell
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study.slam_report import SlamReport, require_pictures
 
 REFRESHES_PER_SECOND = 8.0
@@ -49,12 +46,11 @@ def run_slam_files(
         If an option asks for what there is not.
     """
     require_pictures(folder)
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(folder, "is a file, a folder is wanted")
+    require_folder(folder)
     drive = open_drive(source, **opening)
     count = len(drive.frames)
-    with _made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
-        with _shown_progress(count, quiet) as show, _ctrl_c_noted() as asked_to_stop:
+    with made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
+        with _shown_progress(count, quiet) as show, ctrl_c_noted() as asked_to_stop:
 
             def listen(frame: int, result: SlamResult) -> bool:
                 show(frame, result)
@@ -89,40 +85,6 @@ def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
 
 def _unseen(frame: int, result: SlamResult, *, last: bool = False) -> None:
     """Show nothing."""
-
-
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make a folder; a run that fails leaves none that is empty."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    with failures_named(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    except BaseException:
-        for path in missing:
-            with suppress(OSError):
-                path.rmdir()
-        raise
-
-
-@contextmanager
-def _ctrl_c_noted() -> Iterator[Callable[[], bool]]:
-    """Take note of the first Ctrl-C, so that no frame is left half done; the second one ends at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    asked = threading.Event()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
@@ -197,6 +159,6 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
 def _keep_serving(quiet: bool) -> None:
     if not quiet:
         tell("the map stays on its page until Ctrl-C")
-    with _ctrl_c_noted() as asked_to_stop:
+    with ctrl_c_noted() as asked_to_stop:
         while not asked_to_stop():
             time.sleep(_POLL_S)

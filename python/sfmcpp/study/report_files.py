@@ -7,13 +7,42 @@ import math
 import re
 import resource
 import sys
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.files import atomic_files, failures_named
+
+# A file or folder by its name, and what writes it there.
+Step = tuple[str, Callable[[Path], None]]
+
+
+def write_steps(steps: Iterable[Step], folder: Path) -> list[Path]:
+    """Write the files of a run into a folder, made if missing, and go on where one fails.
+
+    Raises
+    ------
+    DatasetError
+        If any could not be written: the others are.
+    """
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    complaints: list[DatasetError] = []
+    for name, step in steps:
+        try:
+            step(folder / name)
+            written.append(folder / name)
+        except DatasetError as error:
+            complaints.append(error)
+    if complaints:
+        first, *others = complaints
+        raise DatasetError(first.path, "; ".join([first.reason, *map(str, others)]), first.line)
+    return written
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.io.api import write
-from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.plotting import save_figure
 from sfmcpp.study.plotting.scene_page import Scene, save_scene_page
 from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
 from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
-from sfmcpp.study.report_files import write_report
+from sfmcpp.study.report_files import Step, write_report, write_steps
 
 if TYPE_CHECKING:
     from sfmcpp.study.slam_report import SlamReport
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 REPORT = "report.json"
 # Counts that the page shows.
 _FACTS = ("frames", "keyframes", "points", "bridged", "lost")
-
-Step = tuple[str, Callable[[Path], None]]
 
 
 def write_files(report: SlamReport, folder: Path) -> list[Path]:
@@ -39,20 +36,7 @@ def write_files(report: SlamReport, folder: Path) -> list[Path]:
     DatasetError
         If any could not be written.
     """
-    with failures_named(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
-    complaints: list[DatasetError] = []
-    for name, step in _steps(report):
-        try:
-            step(folder / name)
-            written.append(folder / name)
-        except DatasetError as error:
-            complaints.append(error)
-    if complaints:
-        first, *others = complaints
-        raise DatasetError(first.path, "; ".join([first.reason, *map(str, others)]), first.line)
-    return written
+    return write_steps(_steps(report), folder)
 
 
 def _steps(report: SlamReport) -> Iterator[Step]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -16,6 +14,8 @@ import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.study.pages import packed, script
+from sfmcpp.study.pages import template as part
 
 _TEMPLATE = "scene_page.html"
 # Directions that differ by less are the same: a camera that looks straight up or down.
@@ -82,9 +82,10 @@ def scene_page(scene: Scene) -> str:
     str
         HTML with its style, script and data.
     """
-    data = json.dumps(_data(scene), ensure_ascii=True).replace("<", "\\u003c")
+    data = script(_data(scene))
     template = files("sfmcpp.study.plotting").joinpath(_TEMPLATE).read_text(encoding="utf-8")
-    return template.replace("{{title}}", html.escape(scene.title)).replace("{{scene}}", data)
+    page = template.replace("{{orbit}}", part("orbit.js")).replace("{{title}}", html.escape(scene.title))
+    return page.replace("{{scene}}", data)
 
 
 def save_scene_page(scene: Scene, path: str | PathLike[str]) -> None:
@@ -113,10 +114,10 @@ def _data(scene: Scene) -> dict[str, Any]:
     origin = (turned.min(axis=0) + turned.max(axis=0)) / 2
     moved = np.column_stack([turn, -origin])
     return {
-        "points": _packed(_moved(scene.points, moved)),
-        "path": _packed(_moved(scene.path, moved)),
-        "truth": _packed(_moved(scene.truth, moved)),
-        "cameras": _packed(_moved_cameras(scene.cameras, moved)),
+        "points": packed(_moved(scene.points, moved)),
+        "path": packed(_moved(scene.path, moved)),
+        "truth": packed(_moved(scene.truth, moved)),
+        "cameras": packed(_moved_cameras(scene.cameras, moved)),
         "truthName": scene.truth_name,
         "unit": scene.unit,
         "facts": list(scene.facts.items()),
@@ -150,7 +151,3 @@ def _moved(points: FloatArray, move: FloatArray) -> FloatArray:
 def _moved_cameras(cameras: FloatArray, move: FloatArray) -> FloatArray:
     centres = _moved(cameras[:, :, 3], move)
     return np.concatenate([move[:, :3] @ cameras[:, :, :3], centres[:, :, None]], axis=2)
-
-
-def _packed(array: FloatArray) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")

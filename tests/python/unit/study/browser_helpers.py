@@ -24,6 +24,8 @@ OPTIONS = ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--window-size
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 TIMEOUT_S = 120
 
+Ask = Callable[..., dict[str, Any]]
+
 
 def browser() -> str:
     """Path of a browser; skips the test if there is none."""
@@ -33,10 +35,12 @@ def browser() -> str:
     return found
 
 
-def screenshot(page: Path, picture: Path) -> np.ndarray:
+def screenshot(page: Path, picture: Path, size: tuple[int, int] | None = None) -> np.ndarray:
     """Pixels (height, width, 3) of a page in a file."""
     profile = f"--user-data-dir={picture.parent / 'profile'}"
     options = [*OPTIONS, "--disable-gpu", profile, "--virtual-time-budget=2000", f"--screenshot={picture}"]
+    if size is not None:
+        options.append(f"--window-size={size[0]},{size[1]}")
     command = [browser(), *options, page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT_S)
     return np.asarray(imread(picture))[:, :, :3]
@@ -45,7 +49,7 @@ def screenshot(page: Path, picture: Path) -> np.ndarray:
 def screenshot_when(url: str, folder: Path, drawn: Callable[[np.ndarray], bool]) -> np.ndarray:
     """Pixels of a served page, as soon as `drawn` says that they are all there, or at the end of the time."""
     deadline = time.monotonic() + TIMEOUT_S
-    with _tab(url, folder, deadline) as ask:
+    with opened(url, folder, SOFTWARE_3D) as ask:
         while True:
             data = base64.b64decode(ask("Page.captureScreenshot")["data"])
             picture = np.asarray(imread(io.BytesIO(data)))[:, :, :3]
@@ -55,11 +59,11 @@ def screenshot_when(url: str, folder: Path, drawn: Callable[[np.ndarray], bool])
 
 
 @contextmanager
-def _tab(url: str, folder: Path, deadline: float) -> Iterator[Callable[[str], dict[str, Any]]]:
+def opened(url: str, folder: Path, more_options: tuple[str, ...] = ("--disable-gpu",)) -> Iterator[Ask]:
     """Open a page in a browser that takes commands of the Chrome DevTools protocol."""
-    from websockets.sync.client import connect
-
-    options = [*OPTIONS, *SOFTWARE_3D, f"--user-data-dir={folder / 'profile'}", "--remote-debugging-port=0"]
+    connect = pytest.importorskip("websockets.sync.client", reason="websockets is not installed").connect
+    deadline = time.monotonic() + TIMEOUT_S
+    options = [*OPTIONS, *more_options, f"--user-data-dir={folder / 'profile'}", "--remote-debugging-port=0"]
     process = subprocess.Popen(
         [browser(), *options, url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -67,8 +71,8 @@ def _tab(url: str, folder: Path, deadline: float) -> Iterator[Callable[[str], di
         address = _debugger(folder / "profile/DevToolsActivePort", deadline)
         with connect(address, max_size=None) as socket:
 
-            def ask(method: str) -> dict[str, Any]:
-                socket.send(json.dumps({"id": 1, "method": method}))
+            def ask(method: str, **parameters: Any) -> dict[str, Any]:
+                socket.send(json.dumps({"id": 1, "method": method, "params": parameters}))
                 while (answer := json.loads(socket.recv(TIMEOUT_S))).get("id") != 1:
                     pass
                 result: dict[str, Any] = answer["result"]
@@ -78,6 +82,25 @@ def _tab(url: str, folder: Path, deadline: float) -> Iterator[Callable[[str], di
     finally:
         process.terminate()
         process.wait()
+
+
+def value_of(ask: Ask, expression: str) -> Any:
+    """Value of a JavaScript expression in the page, once all of the page is there."""
+    deadline = time.monotonic() + TIMEOUT_S
+    # A new tab is empty, and complete, before it begins to load.
+    ready = "location.href !== 'about:blank' && document.readyState === 'complete'"
+    while not ask("Runtime.evaluate", expression=ready)["result"].get("value"):
+        assert time.monotonic() < deadline, "the page is not loaded"
+        time.sleep(0.05)
+    answer = ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+    assert "exceptionDetails" not in answer, answer
+    return answer["result"].get("value")
+
+
+def click(ask: Ask, x: float, y: float) -> None:
+    """Press and let go of the left button of the mouse at a place of the window."""
+    for kind in ("mousePressed", "mouseReleased"):
+        ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
 
 def _debugger(port_file: Path, deadline: float) -> str:

@@ -1,0 +1,135 @@
+"""`sfmcpp reconstruct`: from photos or tracks to a model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
+
+METHODS = ("incremental", "batch")
+MATCHERS = ("auto", "exhaustive", "sequential", "spatial")
+CAMERA_MODELS = ("auto", *FREE_INTRINSICS)
+
+
+def _camera(text: str) -> str | float | Path:
+    """Read ``auto``, ``exif``, a focal length [px] or the path of a file with K."""
+    if text in ("auto", "exif"):
+        return text
+    try:
+        focal = float(text)
+    except ValueError:
+        return _existing_file(text, "'--camera'", "auto, exif, a focal length in pixels")
+    if not (math.isfinite(focal) and focal > 0):
+        raise typer.BadParameter(f"{text!r}: a focal length must be positive", param_hint="'--camera'")
+    return focal
+
+
+def _gps(text: str) -> str | Path:
+    return text if text in ("auto", "exif", "none") else _existing_file(text, "'--gps'", "auto, exif, none")
+
+
+def _existing_file(text: str, option: str, others: str) -> Path:
+    if not Path(text).is_file():
+        raise typer.BadParameter(f"{text!r}: must be {others} or a file", param_hint=option)
+    return Path(text)
+
+
+def _masks(path: Path | None) -> Path | None:
+    if path is not None and not path.is_dir():
+        raise typer.BadParameter(f"{str(path)!r}: is no folder")
+    return path
+
+
+def _choice(names: tuple[str, ...], text: str) -> Any:
+    return typer.Option(metavar="NAME", callback=one_of(names), help=f"{text}: {', '.join(names)}.")
+
+
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="INPUT",
+        help="A folder of photos; or tracks: VGG (.xy), text, NPZ, BAL, or a COLMAP model, of which the "
+        "observations alone are used.",
+    ),
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
+]
+Method = Annotated[str, _choice(METHODS, "How images are put together")]
+Camera = Annotated[
+    str,
+    typer.Option(
+        metavar="K.txt|PIXELS|exif|auto",
+        help="What is known of the cameras: a file with K, a focal length in pixels, what the photos tell, "
+        "or nothing.",
+    ),
+]
+Model = Annotated[str, _choice(CAMERA_MODELS, "What is refined of a camera")]
+Shared = Annotated[str, _choice(SHARING, "Which photos share a camera")]
+Matcher = Annotated[str, _choice(MATCHERS, "Which pairs of photos are compared")]
+Masks = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        callback=_masks,
+        help="Masks of the names of the photos: in their black parts nothing is detected.",
+    ),
+]
+Gps = Annotated[
+    str,
+    typer.Option(
+        metavar="exif|FILE.csv|none|auto",
+        help="Positions of the photos; auto: those in the photos, if at least three have one.",
+    ),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on where an earlier run into DIR was, interrupted or with fewer photos; else start anew.",
+    ),
+]
+View = Annotated[bool, typer.Option("--view", help="Open the model in the browser when it is done.")]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Threads; else as many as there are cores. Results are the same.")
+]
+
+
+@with_exit_code
+def reconstruct(
+    source: Source,
+    output: Output,
+    method: Method = "incremental",
+    camera: Camera = "auto",
+    camera_model: Model = "auto",
+    shared_camera: Shared = "auto",
+    matcher: Matcher = "auto",
+    masks: Masks = None,
+    gps: Gps = "auto",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
+    resume: Resume = False,
+    view: View = False,
+    threads: Threads = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> ExitCode:
+    """Make a model of points and cameras from photos or tracks."""
+    from sfmcpp.cli.reconstruct_run import run_reconstruction
+
+    options = {
+        "method": method,
+        "camera": _camera(camera),
+        "camera_model": camera_model,
+        "shared_camera": shared_camera,
+        "matcher": matcher,
+        "masks": masks,
+        "gps": _gps(gps),
+        "seed": seed,
+        "threads": threads,
+    }
+    return run_reconstruction(source, output, options, resume=resume, view=view, quiet=quiet)

@@ -1,0 +1,90 @@
+"""From photos or tracks to a folder of results, ended in order by Ctrl-C."""
+
+from __future__ import annotations
+
+import re
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+from sfmcpp import sfm
+from sfmcpp.cli.display import shown_stages
+from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sources.io.files import failures_named
+from sfmcpp.study import SfmReport
+from sfmcpp.study.pages.sfm_page import VIEW
+from sfmcpp.study.sfm_files import PAGE
+
+# What an interrupted run has done, for `--resume`; in the folder of the results.
+CACHE = "cache"
+_ENTRY = re.compile(r"[0-9a-f]{40}")
+
+
+def run_reconstruction(
+    source: Path, folder: Path, options: dict[str, Any], *, resume: bool, view: bool, quiet: bool
+) -> ExitCode:
+    """Reconstruct, write, print.
+
+    Raises
+    ------
+    DatasetError
+        If the input cannot be read, or the folder cannot be written.
+    InvalidArgument
+        If an option asks for what there is not.
+    """
+    require_folder(folder)
+    if not source.exists():
+        raise DatasetError(source, "no such file or directory")
+    if not resume:
+        _forget(folder / CACHE)
+    room: Any = sfm
+    with made(folder):
+        with shown_stages(quiet=quiet) as show, ctrl_c_noted() as asked_to_stop:
+
+            def progress(stage: str, done: int, total: int) -> bool:
+                show(stage, done, total)
+                return asked_to_stop()
+
+            try:
+                run = room.reconstruct(source, cache=folder / CACHE, progress=progress, **options)
+            except ModuleNotFoundError as error:  # it says how to install what is missing
+                raise InvalidArgument(str(error)) from None
+        code = _finish(SfmReport(run), source, folder, quiet)
+    if view and run.model is not None and not run.interrupted:
+        _open(folder / VIEW, quiet)
+    return code
+
+
+def _forget(cache: Path) -> None:
+    """Remove what earlier runs have kept, and nothing else that may be there."""
+    for entry in cache.glob("*/*"):
+        if _ENTRY.fullmatch(entry.name):
+            with failures_named(entry):
+                entry.unlink()
+
+
+def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitCode:
+    run = report.run
+    written = report.write(folder)
+    if run.model is None:
+        if run.interrupted:
+            tell(f"interrupted before there was a model: {folder / PAGE} tells more, --resume goes on")
+            return ExitCode.INTERRUPTED
+        return tell_error(f"{source}: {report.verdict()}; {folder / PAGE} tells more")
+    if not quiet:
+        say(report.table(written))
+    if run.interrupted:
+        images = f"{run.num_registered:,} of {len(run.images):,} images"
+        tell(f"interrupted with {images} in the model: it is in {folder}, --resume goes on")
+        return ExitCode.INTERRUPTED
+    if report.is_partial and not quiet:
+        tell(f"warning: partial model: {report.verdict()}")
+    return ExitCode.DONE
+
+
+def _open(page: Path, quiet: bool) -> None:
+    opened = webbrowser.open(page.resolve().as_uri())
+    if not opened and not quiet:
+        tell(f"no browser could be opened: the model is shown by {page}")

@@ -1,0 +1,146 @@
+"""A page of a model in three dimensions: coloured points, cameras, and the photo of a camera on a click."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.study.pages.parts import data_uri, packed, script, template
+from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
+
+_TEMPLATE, _SCRIPT = "model_page.html", "orbit.js"
+# A page with more would take long to open.
+MOST_POINTS = 1_000_000
+# Where nothing is known of the colour.
+_PALE = (190, 205, 215)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelScene:
+    """What the page shows.
+
+    Attributes
+    ----------
+    title : str
+        Heading of the page.
+    points : (N, 3) float64
+        Points of the model.
+    colors : (N, 3) uint8
+        Red, green, blue of each point.
+    cameras : (K, 3, 4) float64
+        ``[R | c]``, world_from_camera.
+    corners : (K, 4) float64
+        Left, top, right and bottom of each image at distance 1 from the centre of its camera.
+    names : sequence of str
+        Name of each camera.
+    notes : sequence of str
+        What else is said of each camera.
+    thumbnails : sequence of bytes or None
+        Small picture of each camera as JPEG.
+    facts : mapping of str to str
+        Names and values for the panel.
+    unit : str
+        Of lengths; empty for a model of unknown scale.
+    east_north_up : bool
+        Whether the axes of the world are these; otherwise up is told by the cameras.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, or the cameras differ in number.
+    """
+
+    title: str
+    points: FloatArray
+    colors: NDArray[np.uint8]
+    cameras: FloatArray
+    corners: FloatArray
+    names: Sequence[str]
+    notes: Sequence[str]
+    thumbnails: Sequence[bytes | None]
+    facts: Mapping[str, str] = field(default_factory=dict)
+    unit: str = ""
+    east_north_up: bool = False
+
+    def __post_init__(self) -> None:
+        shapes = {"points": (ANY, 3), "cameras": (ANY, 3, 4), "corners": (ANY, 4)}
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
+        count = len(self.cameras)
+        for name in ("corners", "names", "notes", "thumbnails"):
+            if len(getattr(self, name)) != count:
+                given = len(getattr(self, name))
+                raise InvalidArgument(f"{name}: {given} entries, must be {count}, one for each camera")
+        if np.shape(self.colors) != self.points.shape:
+            raise InvalidArgument(f"colors: shape {np.shape(self.colors)}, must be {self.points.shape}")
+
+
+def model_page(scene: ModelScene) -> str:
+    """Make the page: one HTML text with everything in it; the same scene gives the same text.
+
+    Parameters
+    ----------
+    scene : ModelScene
+        What to show; of more than a million points, some.
+
+    Returns
+    -------
+    str
+        HTML with its style, script, pictures and data.
+    """
+    page = template(_TEMPLATE).replace("{{orbit}}", template(_SCRIPT))
+    page = page.replace("{{title}}", html.escape(scene.title))
+    return page.replace("{{scene}}", script(_data(scene)))
+
+
+def save_model_page(scene: ModelScene, path: str | PathLike[str]) -> None:
+    """Write the page; the file appears complete or not at all.
+
+    Parameters
+    ----------
+    scene : ModelScene
+        What to show.
+    path : path-like
+        Where to.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be written.
+    """
+    with atomic_files(Path(path)) as (stream,):
+        stream.write(model_page(scene).encode("utf-8"))
+
+
+def _data(scene: ModelScene) -> dict[str, Any]:
+    turn = np.eye(3) if scene.east_north_up else turn_upright(scene.cameras)
+    points, centres = scene.points @ turn.T, scene.cameras[:, :, 3] @ turn.T
+    origin, radius = framed(points, centres)
+    stride = max(1, -(-len(points) // MOST_POINTS))
+    axes = turn @ scene.cameras[:, :, :3]
+    poses = np.concatenate([axes, (centres - origin)[:, :, None]], axis=2)
+    colors = scene.colors if scene.colors.any() else np.full_like(scene.colors, _PALE)
+    return {
+        "points": packed(points[::stride] - origin),
+        "colors": packed(colors[::stride], "u1"),
+        "cameras": packed(poses),
+        "corners": packed(scene.corners),
+        "names": list(scene.names),
+        "notes": list(scene.notes),
+        "thumbnails": [data_uri("image/jpeg", jpeg) if jpeg else "" for jpeg in scene.thumbnails],
+        "radius": radius,
+        "cameraSize": camera_size(centres, radius),
+        "unit": scene.unit,
+        "facts": list(scene.facts.items()),
+        "omitted": stride,
+    }

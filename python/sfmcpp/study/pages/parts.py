@@ -1,0 +1,52 @@
+"""What pages are put together from: templates and scripts of this folder, arrays, pictures."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import zlib
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+_HERE = "sfmcpp.study.pages"
+_PNG_HEADER = b"\x89PNG\r\n\x1a\n"
+_PNG_COLOR_TYPES = {3: 2, 4: 6}
+
+
+def template(name: str) -> str:
+    """Text of a template or script of this folder."""
+    return files(_HERE).joinpath(name).read_text(encoding="utf-8")
+
+
+def script(data: Any) -> str:
+    """JSON that may stand inside a script element, whatever names it holds."""
+    return json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
+
+
+def packed(array: NDArray[Any], dtype: DTypeLike = "<f4") -> str:
+    """Base64 of the numbers of an array, little-endian."""
+    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
+
+
+def data_uri(kind: str, content: bytes) -> str:
+    """Address that holds the file itself: `kind` is ``image/jpeg``, say."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+    """Make a PNG file of (height, width, 3 or 4) pixels; the same pixels give the same bytes."""
+    height, width, channels = pixels.shape
+    head = struct.pack(">IIBBBBB", width, height, 8, _PNG_COLOR_TYPES[channels], 0, 0, 0)
+    # Each row begins with the number of its filter: none.
+    rows = np.zeros((height, 1 + width * channels), dtype=np.uint8)
+    rows[:, 1:] = pixels.reshape(height, -1)
+    body = zlib.compress(rows.tobytes(), 9)
+    return b"".join([_PNG_HEADER, _chunk(b"IHDR", head), _chunk(b"IDAT", body), _chunk(b"IEND", b"")])
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))

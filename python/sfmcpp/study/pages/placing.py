@@ -1,0 +1,78 @@
+"""How a model is put on a page: which way is up, what to look at, how large cameras are drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.model.arrays import FloatArray
+
+# What upright photos weigh beside horizontal ones, and looking down beside being held upright.
+_TOPS, _DOWN = 0.05, 0.025
+# Share of the points at either end of each axis that a view need not show.
+_FAR = 0.05
+_PARALLEL = 1e-6
+# Cameras that are asked for their nearest neighbour, at most.
+_ASKED = 500
+
+
+def turn_upright(cameras: FloatArray) -> FloatArray:
+    """Rotation from the world to x right, y ahead, z up, told by cameras (K, 3, 4) ``[R | c]``.
+
+    People and drones keep the long side of an image level: up is what is most nearly orthogonal to the
+    cameras' x axes; where all are parallel, it is where their tops point, or what is behind cameras that look
+    down. Ahead is where they look in the mean.
+    """
+    if not len(cameras):
+        return np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    right, down, ahead = np.moveaxis(cameras[:, :, :3], 2, 0)
+    tops, behind = -down.mean(axis=0), -ahead.mean(axis=0)
+    spread = right.T @ right / len(right) - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind)
+    up = np.linalg.eigh(spread)[1][:, 0]
+    if up @ (tops + 0.5 * behind) < 0:
+        up = -up
+    forward = _level(-behind, up)
+    if forward is None:
+        forward = _level(-down[0], up)
+    if forward is None:
+        forward = _level(ahead[0], up)
+    assert forward is not None  # two orthogonal axes are not both parallel to a third
+    return np.stack([np.cross(forward, up), forward, up])
+
+
+def _level(direction: FloatArray, up: FloatArray) -> FloatArray | None:
+    """Unit vector along the part of a direction that is orthogonal to `up`; None if there is hardly any."""
+    level = direction - (direction @ up) * up
+    length = float(np.linalg.norm(level))
+    return np.asarray(level / length) if length > _PARALLEL else None
+
+
+def framed(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, float]:
+    """Centre and radius of what a view should show: all cameras, and points but for the farthest.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Points.
+    centres : (K, 3) float64
+        Centres of cameras.
+    """
+    corners = [centres] if len(centres) else []
+    if len(points):
+        corners.append(np.quantile(points, [_FAR, 1 - _FAR], axis=0))
+    if not corners:
+        return np.zeros(3), 1.0
+    ends = np.concatenate(corners)
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2 or 1.0
+
+
+def camera_size(centres: FloatArray, radius: float) -> float:
+    """How far in front of its centre (K, 3) the image of a camera is drawn, so that neighbours stay apart."""
+    largest, smallest = 0.12 * radius, 0.01 * radius
+    if len(centres) < 2:
+        return largest
+    asked = centres[:: -(-len(centres) // _ASKED)]
+    squares = sum((asked[:, axis, None] - centres[:, axis]) ** 2 for axis in range(3))
+    # The nearest of all is the camera itself.
+    nearest = np.sqrt(np.partition(squares, 1, axis=1)[:, 1])
+    return float(np.clip(0.6 * np.median(nearest), smallest, largest))

@@ -1,0 +1,118 @@
+"""A page that tells what a reconstruction gave, and why what is missing is missing."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfmcpp.study.pages.parts import data_uri, png_bytes, template
+from sfmcpp.study.pages.placing import turn_upright
+from sfmcpp.study.pages.rasters import top_view
+from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, how, images, matches, section
+
+if TYPE_CHECKING:
+    from sfmcpp.study.sfm_report import SfmReport
+
+VIEW = "view.html"
+_MOST_LEFT_OUT_ON_TOP = 6
+
+
+def sfm_page(report: SfmReport, thumbnails: Mapping[str, bytes] | None = None) -> str:
+    """Make the page: one HTML text with everything in it, the same for the same run.
+
+    Parameters
+    ----------
+    report : SfmReport
+        What came out.
+    thumbnails : mapping of str to bytes, optional
+        Small pictures of photos as JPEG, by name.
+
+    Returns
+    -------
+    str
+        HTML with its style, script and pictures; no times stand in it.
+    """
+    title = f"Reconstruction of {report.title}"
+    body = [_head(report, title)]
+    body += section("errors", "Reprojection errors", errors(report))
+    body += section("cameras", "Cameras", cameras(report))
+    body += section("gps", "GPS", gps(report))
+    body += section("matches", "Which images match", matches(report))
+    body += section("images", "Images", images(report, thumbnails or {}))
+    body += section("how", "How it was asked for", how(report))
+    page = template("sfm_page.html").replace("{{title}}", html.escape(title))
+    return page.replace("{{body}}", "\n".join(body))
+
+
+def _head(report: SfmReport, title: str) -> str:
+    run = report.run
+    complete = run.num_registered == len(run.images) > 0
+    parts = [f"<h1>{html.escape(title)}</h1>", _verdict(report, complete)]
+    if run.interrupted:
+        parts.append('<p class="warning">Interrupted: this is what there was by then.</p>')
+    parts += [f'<p class="warning">{html.escape(warning)}</p>' for warning in run.warnings]
+    tiles = "".join(
+        f'<div class="tile"><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>'
+        for name, value in _tiles(report)
+    )
+    parts.append(f'<div class="top"><div class="tiles">{tiles}</div>{_plan(report)}</div>')
+    return "\n".join(parts)
+
+
+def _verdict(report: SfmReport, complete: bool) -> str:
+    run = report.run
+    if run.model is None:
+        told = f"No model: none of {len(run.images):,} images could be placed."
+    elif complete:
+        told = f"All {len(run.images):,} images are in one model."
+    else:
+        told = f"{run.num_registered:,} of {len(run.images):,} images are in the model."
+    kind = "good" if complete else "bad"
+    parts = [f'<p class="verdict {kind}">{told}</p>']
+    reasons = list(report.left_out().items())
+    for reason, names in reasons[:_MOST_LEFT_OUT_ON_TOP]:
+        count = names[0] if len(names) == 1 else f"{len(names):,} images"
+        parts.append(f"<p>{html.escape(count)}: {html.escape(reason)}</p>")
+    if len(reasons) > _MOST_LEFT_OUT_ON_TOP:
+        parts.append('<p><a href="#images">more reasons</a></p>')
+    return "".join(parts)
+
+
+def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
+    run = report.run
+    yield "images registered", f"{run.num_registered:,} / {len(run.images):,}"
+    if report.measures:
+        largest = report.measures[0]
+        yield "points", f"{largest.num_points:,}"
+        if largest.mean_error_px is not None:
+            yield "mean error", f"{largest.mean_error_px:.3f} px"
+            yield "RMS error", f"{largest.rms_px:.3f} px"
+            yield "images that see a point", f"{largest.track_lengths.mean():.2f}"
+        if largest.cameras:
+            yield "focal length", f"{largest.intrinsics_of(largest.cameras[0])['f']:,.1f} px"
+    if run.gps is not None:
+        yield "accuracy in the world (1 σ)", f"{run.gps.accuracy_m:.3g} m"
+        yield "GPS positions that lie", f"{len(run.gps.outliers):,}"
+    if len(run.models) > 1:
+        yield "models", f"{len(run.models):,}"
+    matched = sum(pair.geometry.kind != "none" for pair in run.graph.pairs)
+    yield "pairs that match", f"{matched:,} / {len(run.graph.pairs):,}"
+
+
+def _plan(report: SfmReport) -> str:
+    """Picture of the model from above, which leads to its page."""
+    world = report.run.model
+    if world is None:
+        return ""
+    poses = world.poses[world.registered]
+    turn = np.eye(3) if report.run.gps is not None else turn_upright(poses)
+    colors = world.point_colors[world.known]
+    if not colors.any():
+        colors = np.full_like(colors, 128)
+    picture = top_view(world.points[world.known] @ turn.T, colors, poses[:, :, 3] @ turn.T)
+    image = f'<img src="{data_uri("image/png", png_bytes(picture))}" alt="the model from above">'
+    words = "from above, cameras in orange; open the 3-D view"
+    return f'<a class="plan" href="{VIEW}">{image}<span>{words}</span></a>'

@@ -1,0 +1,142 @@
+"""The files of a reconstruction."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.map import problem_of_map
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.transforms import write_transforms
+from sfmcpp.study.pages.model_page import ModelScene, save_model_page
+from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
+from sfmcpp.study.report_files import Step, write_report, write_steps
+
+if TYPE_CHECKING:
+    from sfmcpp.study.sfm_measures import ModelMeasures
+    from sfmcpp.study.sfm_report import SfmReport
+
+REPORT, PAGE = "report.json", "report.html"
+# Reading photos takes time, and pictures make pages large.
+MOST_THUMBNAILS = 1000
+_READERS = 4
+
+
+def write_files(report: SfmReport, folder: Path) -> list[Path]:
+    """Write all files of a reconstruction, and go on where one fails; without a model, report and page alone.
+
+    Raises
+    ------
+    DatasetError
+        If any could not be written.
+    """
+    return write_steps(_steps(report), folder)
+
+
+def _steps(report: SfmReport) -> Iterator[Step]:
+    pictures = _Pictures(report)
+    for number, world in enumerate(report.run.models):
+        problem = problem_of_map(world)
+        yield "model" if number == 0 else f"model_{number}", partial(_write_model, problem)
+        if number == 0:
+            yield "transforms.json", partial(_write_transforms, report, problem)
+            yield "points.ply", partial(write, problem)
+            yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
+    yield REPORT, lambda path: write_report(report.to_dict(), path)
+    yield PAGE, lambda path: _write_page(report, pictures, path)
+
+
+def _write_model(problem: Problem, folder: Path) -> None:
+    for name in ("colmap-text", "colmap-binary"):
+        write(problem, folder, format=name)
+
+
+def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
+    """Write the cameras, with the places of the photos as seen from the folder."""
+    source = Path(report.run.source)
+    folder = Path(os.path.relpath(source, path.parent)).as_posix() if source.is_dir() else ""
+    write_transforms(problem, path, folder)
+
+
+def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:
+    page = sfm_page(report, pictures.by_name)
+    with atomic_files(path) as (stream,):
+        stream.write(page.encode("utf-8"))
+
+
+class _Pictures:
+    """Small pictures of the photos, made once and when they are asked for."""
+
+    def __init__(self, report: SfmReport) -> None:
+        self._report = report
+
+    @cached_property
+    def by_name(self) -> dict[str, bytes]:
+        photos = self._report.run.graph.photos
+        chosen = photos[:: max(1, -(-len(photos) // MOST_THUMBNAILS))]
+        make: Callable[..., bytes | None] = self._report.thumbnail
+        with ThreadPoolExecutor(_READERS) as readers:
+            made = readers.map(make, chosen)
+            return {photo.name: jpeg for photo, jpeg in zip(chosen, made, strict=True) if jpeg}
+
+
+def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
+    run, measures = report.run, report.measures[0]
+    world = measures.world
+    images, known = np.flatnonzero(world.registered), world.known
+    facts = {
+        "images": f"{run.num_registered:,} of {len(run.images):,}",
+        "points": f"{measures.num_points:,}",
+    }
+    if measures.mean_error_px is not None:
+        facts["mean error"] = f"{measures.mean_error_px:.3f} px"
+    return ModelScene(
+        report.title,
+        world.points[known],
+        world.point_colors[known],
+        world.poses[images],
+        image_corners(measures, images),
+        [world.image_names[i] for i in images],
+        [_note(report, int(i)) for i in images],
+        [thumbnails.get(world.image_names[i]) for i in images],
+        facts,
+        "m" if run.gps is not None else "",
+        run.gps is not None,
+    )
+
+
+def image_corners(measures: ModelMeasures, images: NDArray[np.intp]) -> FloatArray:
+    """(i, 4) left, top, right and bottom of images at distance 1 from their cameras, without distortion."""
+    world = measures.world
+    corners = []
+    for camera in world.image_cameras[images].tolist():
+        values = measures.intrinsics_of(camera)
+        f, cx, cy = values["f"], values.get("cx", 0.0), values.get("cy", 0.0)
+        width, height = world.camera_sizes[camera].tolist()
+        if not (width and height):
+            width, height = (2 * cx, 2 * cy) if min(cx, cy) > 0 else (f, 0.75 * f)
+        if "cx" not in values:  # pixels counted from the middle
+            cx, cy = width / 2, height / 2
+        sides = np.array([-cx, -cy, width - cx, height - cy]) / f
+        corners.append(sides / (1.0, values.get("aspect", 1.0), 1.0, values.get("aspect", 1.0)))
+    return np.array(corners, dtype=np.float64).reshape(-1, 4)
+
+
+def _note(report: SfmReport, image: int) -> str:
+    measures = report.measures[0]
+    count = int(measures.observations_of_images[image])
+    note = f"{count:,} observations"
+    if count:
+        note += f", mean error {measures.errors_of_images_px[image]:.3f} px"
+    residual = (report.run.gps.residuals_m if report.run.gps else {}).get(measures.world.image_names[image])
+    return note if residual is None else f"{note}, {residual:.2f} m from its GPS position"
