@@ -18,7 +18,7 @@ OUTLIER_SIGMAS = 5.0
 # Median length of a normal deviate of two coordinates, σ = 1.
 _MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
 # What an image must see to stay: so many kept observations, and that share of the plausible ones.
-_LEAST_SEEN, _LEAST_SHARE = 12, 0.3
+_LEAST_SEEN, _LEAST_SHARE = 10, 0.3
 _MOST_ROUNDS, _SETTLED = 10, 1e-3
 _FIRST_LIMIT = 5.0
 
@@ -90,6 +90,8 @@ def settled(measured: Measurements, world: World, plausible: BoolArray, plan: Ad
     for number in range(_MOST_ROUNDS):
         world = _without_poor_images(measured, world, trusted)
         world = _with_resected_images(measured, world, plausible, plan)
+        if not world.kept.any():
+            return world
         before = world.kept
         world = _adjusted(measured, world, plan)
         world = _chosen_anew(measured, world, plausible, plan)

@@ -12,7 +12,7 @@ from sfmcpp.sfm.batch.factorisation import Factors, factorise
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
 from sfmcpp.sfm.batch.pairs import PairGeometry
 
-_LEAST_TRACKS = 10
+_LEAST_TRACKS = 8
 _SIZES = (3, 4, 5, 6, 8, 10)
 _LEAST_PART = 0.4
 
@@ -96,7 +96,7 @@ def _grown(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> lis
 def _triples(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> list[tuple[int, ...]]:
     """The six triples of an image with two of its neighbours that share the most tracks."""
     others = neighbours[image][:8]
-    found = []
+    found: list[tuple[int, tuple[int, ...]]] = []
     for place, second in enumerate(others):
         common = seen[image] & seen[second]
         for third in others[place + 1 :]:

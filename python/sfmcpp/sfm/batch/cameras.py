@@ -71,6 +71,7 @@ def _least(equations: FloatArray) -> FloatArray:
 def _refitted(equations: FloatArray, points: FloatArray) -> FloatArray:
     """Least squares, the equations divided by the depths found before."""
     weight = np.ones(len(points))
+    camera = np.zeros((3, 4))
     for _ in range(4):
         camera = _least((equations * weight[:, None, None]).reshape(1, -1, 12))[0]
         depth = np.abs(points @ camera[2])

@@ -1,14 +1,15 @@
 """All cameras at once from overlapping blocks: closure constraints (Triggs 1997; Tardif et al. 2007).
 
-The cameras of a block lie in a known space: ``(I − B Bᵀ) D P = 0``, where B (3s, 4) is the block's basis, D has
-the scales of its cameras against those of the whole, and P (3C, 4) are all cameras. Scales come first, from the
-depths of tracks that blocks share; P is then what all constraints together leave open.
+The cameras of a block span a known space: ``(I − B Bᵀ) D P = 0``, with B (3s, 4) the basis of the block;
+D has the scales of its cameras against those of the whole, and P (3C, 4) are all cameras. Scales come first, from
+the depths of tracks that blocks share; P is then what all constraints together leave open.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.batch.blocks import Block
 from sfmcpp.sfm.batch.measurements import Indices
 
-_LEAST_COMMON = 5
+_LEAST_COMMON = 4
 _SCALE_ROUNDS, _CAMERA_ROUNDS = 4, 5
 # A block whose constraint is off by more than this many times the usual loses weight.
 _USUAL = 2.0
@@ -85,8 +86,9 @@ def joint_cameras(blocks: list[Block], scales: list[FloatArray], num_images: int
 
 
 def _equations(blocks: list[Block]) -> list[_Equation]:
-    """Those of every pair of images between the block that has the most tracks of it and each of the others,
-    and between those that follow each other in this order.
+    """Compare the blocks of every pair of images, in the order of their numbers of tracks.
+
+    The first with each of the others, and neighbours with each other.
     """
     holders: dict[tuple[int, int], list[_Place]] = defaultdict(list)
     for number, block in enumerate(blocks):
@@ -98,7 +100,7 @@ def _equations(blocks: list[Block]) -> list[_Equation]:
     for pair in sorted(holders):
         places = sorted(holders[pair], key=lambda place: -len(blocks[place.block].tracks))
         compared = [(places[0], other) for other in places[1:]]
-        compared += zip(places[1:], places[2:], strict=False)
+        compared += pairwise(places[1:])
         found += [_equation(blocks, one, other) for one, other in compared]
     return [equation for equation in found if equation is not None]
 
@@ -146,7 +148,7 @@ def _scales(blocks: list[Block], equations: list[_Equation], number: dict[int, i
         system = csr_array((data, columns.ravel(), pointers), shape=(len(equations), start[-1]))
         logs = lsqr(system, weights * values, atol=1e-12, btol=1e-12, iter_lim=20_000)[0]
         weights = 1 / np.maximum(sigmas, np.abs(logs[columns] @ signs - values))
-    return [np.exp(logs[a:b] - logs[a:b].mean()) for a, b in zip(start[:-1], start[1:], strict=True)]
+    return [np.exp(logs[a:b] - logs[a:b].mean()) for a, b in pairwise(start)]
 
 
 def _unknowns(equation: _Equation, start: Indices, number: dict[int, int]) -> list[int]:

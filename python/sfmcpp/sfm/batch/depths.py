@@ -1,4 +1,7 @@
-"""Projective depths by epipolar geometry, chained over images (Sturm & Triggs 1996; Martinec & Pajdla 2005)."""
+"""Projective depths by epipolar geometry, chained over images.
+
+P. Sturm, B. Triggs, ECCV 1996; D. Martinec, T. Pajdla, CVPR 2005.
+"""
 
 from __future__ import annotations
 

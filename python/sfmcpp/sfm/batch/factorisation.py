@@ -70,7 +70,7 @@ def factorise(rays: FloatArray, depths: FloatArray, iterations: int = 30) -> Fac
 
 
 def balanced(rays: FloatArray, depths: FloatArray, rounds: int = 3) -> FloatArray:
-    """Depths scaled so that all columns, and then all images, of the measurement matrix have the same norm."""
+    """Depths scaled so that all columns, and all images, of the measurement matrix have the same norm."""
     square = (rays**2).sum(axis=2)
     scaled = depths
     for _ in range(rounds):

@@ -10,9 +10,12 @@ from sfmcpp.geometry import fundamental_from_matches
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
-LEAST_SHARED = 15
+LEAST_SHARED, _LEAST_INLIERS = 12, 10
 _MOST_PAIRS = 12
-_LEAST_SHARE = 0.5
+# Share of the comparisons of a right observation that agree, where a third of the tracks' observations is wrong:
+# 0.7 on average, of few comparisons.
+_LEAST_AGREEMENT = 0.25
+_CONFIDENCE, _MOST_SAMPLES = 0.99, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,13 @@ def pair_geometries(measured: Measurements, threshold_px: float, seed: int) -> l
         rows = measured.common_rows([first, second])
         pixels = measured.pixels[rows]
         estimate = fundamental_from_matches(
-            pixels[0], pixels[1], threshold_px=threshold_px, min_inliers=LEAST_SHARED, seed=seed
+            pixels[0],
+            pixels[1],
+            threshold_px=threshold_px,
+            min_inliers=_LEAST_INLIERS,
+            confidence=_CONFIDENCE,
+            max_iterations=_MOST_SAMPLES,
+            seed=seed,
         )
         if estimate.success:
             matrix = _in_frames(estimate.matrix, *measured.frames[[first, second]])
@@ -56,7 +65,7 @@ def pair_geometries(measured: Measurements, threshold_px: float, seed: int) -> l
 def candidate_pairs(shared: Indices) -> list[tuple[int, int]]:
     """Pairs that share enough tracks, of each image at most a dozen, those with the most first."""
     counts = np.triu(shared, 1) + np.triu(shared, 1).T
-    chosen = set()
+    chosen: set[tuple[int, int]] = set()
     for image, row in enumerate(counts):
         best = np.argsort(-row, kind="stable")[:_MOST_PAIRS]
         chosen.update((min(image, int(o)), max(image, int(o))) for o in best if row[o] >= LEAST_SHARED)
@@ -64,32 +73,34 @@ def candidate_pairs(shared: Indices) -> list[tuple[int, int]]:
 
 
 def plausible_observations(measured: Measurements, pairs: list[PairGeometry]) -> BoolArray:
-    """(M,) observations that agree with another one of their track, and with half of those they were compared with.
+    """Whether each observation (M,) agrees with others of its track, by the epipolar geometry of their images.
 
-    Of each track only the largest set that hangs together is kept.
+    It must belong to the largest part of its track that agreements hold together, and agree with a quarter of
+    what it was compared with: a right one does with all that are right, a wrong one with few.
     """
+    count = len(measured.image)
+    linked = np.concatenate([np.empty((2, 0), np.int64), *(p.rows[:, p.inliers] for p in pairs)], axis=1)
+    compared = np.concatenate([np.empty(0, np.int64), *(pair.rows.ravel() for pair in pairs)])
+    agreed = np.bincount(linked.ravel(), minlength=count)
+    tested = np.bincount(compared, minlength=count)
+    agrees = (agreed > 0) & (agreed >= _LEAST_AGREEMENT * tested)
+    return np.asarray(agrees & _in_largest_part(measured, linked))
+
+
+def _in_largest_part(measured: Measurements, linked: Indices) -> BoolArray:
+    """Whether each observation (M,) is in the largest connected part of its track, the first among equals."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     count = len(measured.image)
-    tested, agreed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    edges = [pair.rows[:, pair.inliers] for pair in pairs]
-    for pair, good in zip(pairs, edges, strict=True):
-        for side in (0, 1):
-            tested[pair.rows[side]] += 1
-            agreed[good[side]] += 1
-    if not edges:
-        return np.zeros(count, np.bool_)
-    linked = np.concatenate(edges, axis=1)
     graph = coo_array((np.ones(linked.shape[1]), (linked[0], linked[1])), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    size = np.bincount(label)[label]
-    # The largest component of each track; among equals the first.
-    order = np.lexsort((label, -size, measured.track))
-    first = np.flatnonzero(np.diff(measured.track[order], prepend=-1))
-    best = np.full(measured.num_tracks, -1)
-    best[measured.track[order[first]]] = label[order[first]]
-    return np.asarray((label == best[measured.track]) & (size >= 2) & (agreed >= _LEAST_SHARE * tested * 0.5))
+    _, part = connected_components(graph, directed=False)
+    size = np.bincount(part)[part]
+    order = np.lexsort((part, -size, measured.track))
+    first = order[np.flatnonzero(np.diff(measured.track[order], prepend=-1))]
+    largest = np.full(measured.num_tracks, -1)
+    largest[measured.track[first]] = part[first]
+    return np.asarray(part == largest[measured.track])
 
 
 def _in_frames(matrix: FloatArray, frame_1: FloatArray, frame_2: FloatArray) -> FloatArray:

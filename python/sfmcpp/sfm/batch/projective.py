@@ -34,7 +34,7 @@ class ProjectiveReconstruction:
     observations : (M,) int64
         Row of each observation in the tracks that were given.
     sigma_px : float
-        Robust standard deviation of a coordinate of an observation, the freedom of the fit reckoned with [px].
+        Robust standard deviation of a coordinate of an observation, freed of what the fit absorbs [px].
     left_out : dict
         Why an image has no camera, by its number.
     message : str
@@ -62,15 +62,16 @@ def reconstruct_projective(
     """Reconstruct cameras and points from tracks alone, up to a homography (thesis algorithm 4).
 
     Fundamental matrices tell plausible observations; full sub-matrices of the rescaled measurement matrix are
-    factorised, their depths chained by epipolar geometry; their bases constrain all cameras at once; points are
-    triangulated, and everything is adjusted, T-ALS along the steps, until the inliers have settled.
+    factorised, their depths chained by epipolar geometry; their bases constrain all cameras at once; points
+    are triangulated, and everything is adjusted, T-ALS along the steps, until the inliers have settled.
 
     Parameters
     ----------
     tracks : ImageTracks
         What images see; wrong observations among the right ones.
     max_error_px : float
-        Observations off by more are outliers; those off by more than five robust standard deviations too [px].
+        Observations off by more are outliers, as are those off by more than five robust standard
+        deviations [px].
     min_limit_px : float
         Observations off by less are none, however small the noise is [px].
     adjusted : bool
@@ -109,6 +110,8 @@ def reconstruct_projective(
     world = first_world(measured, cameras, plausible, plan)
     if adjusted:
         world = settled(measured, world, plausible, plan)
+    if not world.kept.any():
+        return _failed(tracks, "the factorisation agrees with too few tracks of every image")
     return _result(tracks, measured, world, plausible, order)
 
 

@@ -9,8 +9,10 @@ from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
 
 def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, rounds: int = 3) -> FloatArray:
-    """Unit points (N, 4) of least ``Σ (x p₃ − p₁)² + (y p₃ − p₂)²``, the equations weighted by the depths found
-    before, which makes them errors of reprojection; nan for tracks with fewer than two of `rows`.
+    """Unit points (N, 4) from the observations `rows`; nan for tracks with fewer than two of them.
+
+    Linear least squares of ``x p₃X − p₁X`` and ``y p₃X − p₂X`` (Hartley & Zisserman 2003, §12.2), divided by the
+    depths found before, which makes them errors of reprojection.
     """
     order = rows[np.argsort(measured.track[rows], kind="stable")]
     track = measured.track[order]
@@ -44,7 +46,7 @@ def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: 
 def without_worst(
     measured: Measurements, cameras: FloatArray, kept: BoolArray, limit_px: float, rounds: int = 5
 ) -> tuple[FloatArray, BoolArray]:
-    """Triangulate, and leave out of each track the observation that is off most, until none is off by more."""
+    """Triangulate, and leave out the observation of each track that is off most, until none is by more."""
     current = kept & np.isfinite(cameras[measured.image, 0, 0])
     points = np.empty((0, 4))
     for number in range(rounds):
