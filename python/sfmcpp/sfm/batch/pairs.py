@@ -1,0 +1,113 @@
+"""Fundamental matrices of pairs of images, and which observations they make plausible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfmcpp.geometry import fundamental_from_matches
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sfm.batch.measurements import Indices, Measurements
+
+LEAST_SHARED, _LEAST_INLIERS = 12, 10
+_MOST_PAIRS = 12
+# Share of the comparisons of a right observation that agree, where a third of the tracks' observations is wrong:
+# 0.7 on average, of few comparisons.
+_LEAST_AGREEMENT = 0.25
+_CONFIDENCE, _MOST_SAMPLES = 0.99, 4000
+
+
+@dataclass(frozen=True, eq=False)
+class PairGeometry:
+    """What two images say of each other.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the images.
+    fundamental : (3, 3) float64
+        ``q₁ᵀ F q₂ = 0`` in the frames of the images, of norm one.
+    rows : (2, m) int64
+        Observations of all tracks they share.
+    inliers : (m,) bool
+        Which agree.
+    """
+
+    first: int
+    second: int
+    fundamental: FloatArray
+    rows: Indices
+    inliers: BoolArray
+
+
+def pair_geometries(measured: Measurements, threshold_px: float, seed: int) -> list[PairGeometry]:
+    """Estimate the pairs worth trying: each image with those it shares the most tracks with."""
+    found = []
+    for first, second in candidate_pairs(measured.shared_counts()):
+        rows = measured.common_rows([first, second])
+        pixels = measured.pixels[rows]
+        estimate = fundamental_from_matches(
+            pixels[0],
+            pixels[1],
+            threshold_px=threshold_px,
+            min_inliers=_LEAST_INLIERS,
+            confidence=_CONFIDENCE,
+            max_iterations=_MOST_SAMPLES,
+            seed=seed,
+        )
+        if estimate.success:
+            matrix = _in_frames(estimate.matrix, *measured.frames[[first, second]])
+            found.append(PairGeometry(first, second, matrix, rows, estimate.inliers))
+    return found
+
+
+def candidate_pairs(shared: Indices) -> list[tuple[int, int]]:
+    """Pairs that share enough tracks, of each image at most a dozen, those with the most first."""
+    counts = np.triu(shared, 1) + np.triu(shared, 1).T
+    chosen: set[tuple[int, int]] = set()
+    for image, row in enumerate(counts):
+        best = np.argsort(-row, kind="stable")[:_MOST_PAIRS]
+        chosen.update((min(image, int(o)), max(image, int(o))) for o in best if row[o] >= LEAST_SHARED)
+    return sorted(chosen)
+
+
+def plausible_observations(measured: Measurements, pairs: list[PairGeometry]) -> BoolArray:
+    """Whether each observation (M,) agrees with others of its track, by the epipolar geometry of their images.
+
+    It must belong to the largest part of its track that agreements hold together, and agree with a quarter of
+    what it was compared with: a right one does with all that are right, a wrong one with few.
+    """
+    count = len(measured.image)
+    linked = np.concatenate([np.empty((2, 0), np.int64), *(p.rows[:, p.inliers] for p in pairs)], axis=1)
+    compared = np.concatenate([np.empty(0, np.int64), *(pair.rows.ravel() for pair in pairs)])
+    agreed = np.bincount(linked.ravel(), minlength=count)
+    tested = np.bincount(compared, minlength=count)
+    agrees = (agreed > 0) & (agreed >= _LEAST_AGREEMENT * tested)
+    return np.asarray(agrees & _in_largest_part(measured, linked))
+
+
+def _in_largest_part(measured: Measurements, linked: Indices) -> BoolArray:
+    """Whether each observation (M,) is in the largest connected part of its track, the first among equals."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(measured.image)
+    graph = coo_array((np.ones(linked.shape[1]), (linked[0], linked[1])), shape=(count, count))
+    _, part = connected_components(graph, directed=False)
+    size = np.bincount(part)[part]
+    order = np.lexsort((part, -size, measured.track))
+    first = order[np.flatnonzero(np.diff(measured.track[order], prepend=-1))]
+    largest = np.full(measured.num_tracks, -1)
+    largest[measured.track[first]] = part[first]
+    return np.asarray(part == largest[measured.track])
+
+
+def _in_frames(matrix: FloatArray, frame_1: FloatArray, frame_2: FloatArray) -> FloatArray:
+    moved = _denormalising(frame_1).T @ matrix @ _denormalising(frame_2)
+    return np.asarray(moved / np.linalg.norm(moved))
+
+
+def _denormalising(frame: FloatArray) -> FloatArray:
+    scale, cx, cy = frame
+    return np.array([[scale, 0, cx], [0, scale, cy], [0, 0, 1.0]])

@@ -1,0 +1,61 @@
+"""Points of a projective world: triangulated from all views at once, and how far off they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sfm.batch.measurements import Indices, Measurements
+
+
+def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, rounds: int = 3) -> FloatArray:
+    """Unit points (N, 4) from the observations `rows`; nan for tracks with fewer than two of them.
+
+    Linear least squares of ``x p₃X − p₁X`` and ``y p₃X − p₂X`` (Hartley & Zisserman 2003, §12.2), divided by the
+    depths found before, which makes them errors of reprojection.
+    """
+    order = rows[np.argsort(measured.track[rows], kind="stable")]
+    track = measured.track[order]
+    starts = np.flatnonzero(np.diff(track, prepend=-1))
+    tracks, counts = track[starts], np.diff(starts, append=len(track))
+    matrices, rays = cameras[measured.image[order]], measured.rays[order]
+    scale = measured.frames[measured.image[order], 0]
+    equations = (rays[:, :2, None] * matrices[:, None, 2] - matrices[:, :2]) * scale[:, None, None]
+    weight = 1 / np.linalg.norm(matrices[:, 2], axis=1)
+    points = np.zeros((len(tracks), 4))
+    for _ in range(rounds):
+        weighted = equations * weight[:, None, None]
+        squares = np.add.reduceat(np.einsum("mki,mkj->mij", weighted, weighted), starts, axis=0)
+        points = np.linalg.eigh(squares)[1][:, :, 0]
+        depth = np.abs(np.einsum("mi,mi->m", matrices[:, 2], np.repeat(points, counts, axis=0)))
+        weight = 1 / np.maximum(depth, 1e-3 * np.repeat(np.maximum.reduceat(depth, starts), counts))
+    result = np.full((measured.num_tracks, 4), np.nan)
+    result[tracks[counts >= 2]] = points[counts >= 2]
+    return result
+
+
+def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: FloatArray) -> FloatArray:
+    """(M,) distance of every observation from its projection; infinite where there is none."""
+    projected = np.einsum("mij,mj->mi", cameras[measured.image], points[measured.track])
+    with np.errstate(all="ignore"):
+        off = projected[:, :2] / projected[:, 2:] - measured.rays[:, :2]
+    error = np.linalg.norm(off, axis=1) * measured.frames[measured.image, 0]
+    return np.asarray(np.where(np.isfinite(error), error, np.inf))
+
+
+def without_worst(
+    measured: Measurements, cameras: FloatArray, kept: BoolArray, limit_px: float, rounds: int = 5
+) -> tuple[FloatArray, BoolArray]:
+    """Triangulate, and leave out the observation of each track that is off most, until none is by more."""
+    current = kept & np.isfinite(cameras[measured.image, 0, 0])
+    points = np.empty((0, 4))
+    for number in range(rounds):
+        points = triangulate(measured, cameras, np.flatnonzero(current))
+        error = np.where(current, reprojection_errors_px(measured, cameras, points), -1.0)
+        worst = np.zeros(measured.num_tracks)
+        np.maximum.at(worst, measured.track, error)
+        bad = current & (error > limit_px) & (error >= worst[measured.track])
+        if not bad.any() or number == rounds - 1:
+            break
+        current = current & ~bad
+    return points, current & (error <= limit_px)
