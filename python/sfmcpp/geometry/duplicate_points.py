@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry._tracks import mean_by_point, num_views, observed_rays, require_metric, require_points
+from sfmcpp.geometry._tracks import num_views, observed_rays, require_metric, require_points
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
 from sfmcpp.model import Problem
@@ -21,7 +21,7 @@ _ALONG_RAY = 3.0
 
 
 def duplicate_points(
-    problem: Problem, points: FloatArray, *, tolerance_px: float, max_angle_deg: float = 45.0
+    problem: Problem, points: FloatArray, *, tolerance_px: float, max_angle_deg: float = 30.0
 ) -> Pairs:
     """Find pairs of points that may be one: either lies where the other is observed.
 
@@ -34,8 +34,8 @@ def duplicate_points(
     tolerance_px : float
         Largest reprojection error of either point at any observation of the other [px].
     max_angle_deg : float
-        Largest angle between the mean directions from which the two are seen: a point on the other side of a
-        thin body is another [deg].
+        Largest angle between the rays of the two that are nearest in direction: a point on the other side of
+        a thin body is another [deg].
 
     Returns
     -------
@@ -53,13 +53,10 @@ def duplicate_points(
     require_positive("max_angle_deg", max_angle_deg)
     world = require_points(problem, points)
     pairs = _near(problem, world, _ALONG_RAY * tolerance_px)
-    directions = mean_by_point(problem, observed_rays(problem))
-    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)
-    cosines = (directions[pairs[:, 0]] * directions[pairs[:, 1]]).sum(axis=1)
-    pairs = pairs[cosines >= np.cos(np.radians(max_angle_deg))]
     pairs = pairs[~_seen_together(problem, pairs)]
     errors = np.maximum(_worst(problem, world, pairs), _worst(problem, world, pairs[:, ::-1]))
-    kept = np.flatnonzero(errors <= tolerance_px)
+    pairs, errors = pairs[errors <= tolerance_px], errors[errors <= tolerance_px]
+    kept = np.flatnonzero(_nearest_cosines(problem, pairs) >= np.cos(np.radians(max_angle_deg)))
     return pairs[kept[np.argsort(errors[kept], kind="stable")]]
 
 
@@ -126,19 +123,29 @@ def _observations(problem: Problem, points: Pairs) -> tuple[Pairs, Pairs]:
     counts = views[points]
     owner = np.repeat(np.arange(len(points)), counts)
     inside = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return order[begin[points][owner] + inside], owner
+    return np.asarray(order[begin[points][owner] + inside]), np.asarray(owner)
 
 
 def _seen_together(problem: Problem, pairs: Pairs) -> NDArray[np.bool_]:
     """(k,) whether an image observes both points of a pair."""
-    keys = []
-    for side in (0, 1):
-        rows, owner = _observations(problem, pairs[:, side])
-        keys.append(owner * problem.num_cameras + problem.camera_index[rows])
-    both = np.intersect1d(*(np.unique(key) for key in keys)) // problem.num_cameras
+    first, second = (
+        np.unique(owner * problem.num_cameras + problem.camera_index[rows])
+        for rows, owner in (_observations(problem, pairs[:, side]) for side in (0, 1))
+    )
+    both = np.intersect1d(first, second) // problem.num_cameras
     together = np.zeros(len(pairs), dtype=np.bool_)
     together[both] = True
     return together
+
+
+def _nearest_cosines(problem: Problem, pairs: Pairs) -> FloatArray:
+    """(k,) cosine between the rays of the two points of a pair that are nearest in direction."""
+    rays = observed_rays(problem)
+    rows, owner = _observations(problem, pairs[:, 0])
+    others, of_row = _observations(problem, pairs[owner, 1])
+    nearest = np.full(len(pairs), -1.0)
+    np.maximum.at(nearest, owner[of_row], (rays[rows[of_row]] * rays[others]).sum(axis=1))
+    return nearest
 
 
 def _worst(problem: Problem, points: FloatArray, pairs: Pairs) -> FloatArray:

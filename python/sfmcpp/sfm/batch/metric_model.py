@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import SolveOptions, adjust
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity, depths, refine_points, reprojection_errors_px, triangulate_linear
+from sfmcpp.geometry import (
+    Similarity,
+    depths,
+    refine_points,
+    reprojection_errors_px,
+    robust_triangulation,
+    triangulate_linear,
+)
 from sfmcpp.geometry.autocalibration import MetricFrame
 from sfmcpp.geometry.duplicate_points import duplicate_points, merged_tracks
 from sfmcpp.geometry.so3 import nearest_rotation
@@ -23,6 +30,8 @@ LEAST_OBSERVATIONS = 6
 # Median distance from the origin of a normal deviate of two coordinates, σ = 1.
 _MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2.0)))
 _LEAST_LIMIT_PX = 0.1
+# Errors before the first adjustment that all count the same.
+_FAR_PX = 30.0
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,24 @@ class MetricModel:
         self.problem.points[:] = np.nan
         self.problem.points[points] = refine_points(part, found)
 
+    def prefer(self, points: FloatArray) -> None:
+        """Take those of other `points` (N, 3) that lie nearer to their observations, outliers aside."""
+        own, other = (self._closeness(p) for p in (self.problem.points, points))
+        self.problem.points[:] = np.where((other < own)[:, None], points, self.problem.points)
+
+    def _closeness(self, points: FloatArray) -> FloatArray:
+        """(N,) sums of squared errors, none counting more than a wrong observation may."""
+        errors = np.minimum(_errors_px(self.problem, points), _FAR_PX)
+        return np.bincount(self.problem.point_index, errors**2, self.problem.num_points)
+
+    def triangulate_robustly(self, max_error_px: float, min_views: int) -> None:
+        """Find every point anew from what most of its observations agree on; these count."""
+        points, inliers = robust_triangulation(
+            self.problem, max_error_px=max_error_px, min_angle_deg=0.0, min_views=min_views
+        )
+        self.problem.points[:] = points
+        self._count(inliers, min_views)
+
     def leave_out_behind(self, min_views: int) -> None:
         """Of the observations that count, keep those whose point is in front."""
         self._count(self.counts & (depths(self.problem, self.problem.points) > 0), min_views)
@@ -132,7 +159,7 @@ class MetricModel:
 
     def _count(self, good: BoolArray, min_views: int) -> None:
         """Let what is good count, without points of too few views and images of too few observations."""
-        whole, before = self.problem, -1
+        whole, before = self.problem, np.intp(-1)
         while np.count_nonzero(good) != before:
             before = np.count_nonzero(good)
             views = np.bincount(whole.point_index[good], minlength=whole.num_points)
@@ -205,7 +232,7 @@ def kept_of(model: MetricModel, free: tuple[str, ...]) -> Kept:
 def model_in_frame(
     problem: Problem, projections: FloatArray, frame: MetricFrame, intrinsics: FloatArray
 ) -> MetricModel:
-    """See a projective problem in a metric frame (thesis eq. 3.43); cheirality settles whether it is mirrored.
+    """See a projective problem in a metric frame (thesis eq. 3.43), mirrored as cheirality demands.
 
     Parameters
     ----------
@@ -245,14 +272,29 @@ def model_in_frame(
         metadata=_plain_metadata(problem.metadata),
     )
     model = MetricModel(metric, np.ones(problem.num_observations, dtype=np.bool_))
-    model.normalise()
     model.triangulate()
     if model.share_in_front < 0.5:
         # Seen in a mirror: x_cam = Rᵀ(X − c) changes its sign with X and c.
         metric.centres[:] *= -1
         model.triangulate()
+    model.prefer(_points_in_frame(problem, frame, metric))
     model.leave_out_behind(2)
+    model.normalise()
     return model
+
+
+def _points_in_frame(problem: Problem, frame: MetricFrame, metric: Problem) -> FloatArray:
+    """(N, 3) points of the projective problem in the frame, mirrored if the centres are."""
+    homogeneous = np.linalg.solve(frame.homography, problem.points.T).T
+    with np.errstate(all="ignore"):
+        points = homogeneous[:, :3] / homogeneous[:, 3:]
+    near, far = (np.nanmedian(_errors_px(metric, sign * points)) for sign in (1.0, -1.0))
+    return np.asarray(points if near <= far else -points)
+
+
+def _errors_px(metric: Problem, points: FloatArray) -> FloatArray:
+    known = np.isfinite(points).all(axis=1, keepdims=True)
+    return reprojection_errors_px(metric, np.where(known, points, np.nan))
 
 
 def calibration_matrices(intrinsics: FloatArray) -> FloatArray:

@@ -81,6 +81,5 @@ def close_gaps(model: MetricModel, plan: AdjustmentPlan) -> int:
 
 def _choose(model: MetricModel, plan: AdjustmentPlan) -> None:
     """Triangulate all points anew and let count what agrees."""
-    model.counts[:] = True
-    model.triangulate()
+    model.triangulate_robustly(plan.max_error_px, plan.min_views)
     model.leave_out_outliers(plan.max_error_px, plan.min_views)

@@ -1,4 +1,4 @@
-"""Metric upgrade of a projective reconstruction, by known or by self-calibrated cameras (thesis algorithm 4)."""
+"""Metric upgrade of a projective reconstruction, the calibration known or not (thesis algorithm 4)."""
 
 from __future__ import annotations
 
