@@ -20,9 +20,9 @@ from sfmcpp.model.checks import require_one_of
 
 FOCALS = ("shared", "varying", "known")
 
-# Standard deviations of what is expected of K, in units of the typical focal length (Pollefeys et al. 2004,
-# §4.2): the focal length within a factor of three, the principal point within a tenth of the image; aspect
-# ratio and skew are taken to be better known than there.
+# Standard deviations of what is expected of K, in units of the typical focal length (Pollefeys et al. 2004):
+# the focal length within a factor of three, the principal point within a tenth of the image; aspect ratio and
+# skew are taken to be better known than there.
 _SIGMA_FOCAL, _SIGMA_ASPECT, _SIGMA_SKEW, _SIGMA_CENTRE = 9.0, 0.02, 0.01, 0.1
 # Focal lengths that are tried, in units of the typical one.
 _TRIED_FOCALS = np.geomspace(0.25, 6.0, 10)

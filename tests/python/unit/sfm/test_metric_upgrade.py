@@ -196,7 +196,7 @@ def test_the_dinosaur_turns_by_ten_degrees_about_one_axis(data_dir: Path) -> Non
         point_index,
         tracks[point_index, camera_index],
     )
-    result = metric_upgrade(start, (720, 576), threads=1)
+    result = metric_upgrade(start, (576, 720), threads=1)
     problem = upgraded(result)
     assert len(result.cameras) == 36
     # The first image is one turn after the last, though no track of the file tells.
