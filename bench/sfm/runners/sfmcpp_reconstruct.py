@@ -18,7 +18,7 @@ def run(job: dict[str, Any]) -> dict[str, Any]:
     """Reconstruct the images of `job`; the largest model goes to ``folder/model``. Nothing is cached."""
     import sfmcpp
     from sfmcpp.map.files import write_map
-    from sfmcpp.sfm.reconstruct import reconstruct
+    from sfmcpp.sfm import reconstruct
 
     watch = Stopwatch()
     camera = "auto" if job["matrix"] is None else np.array(job["matrix"])

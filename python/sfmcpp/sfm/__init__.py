@@ -1,6 +1,20 @@
 """Structure from motion: from photos or tracks to a model (thesis ch. 3)."""
 
+from sfmcpp.sfm.front_end import FrontEndSettings
+from sfmcpp.sfm.given_matches import match_graph_of_arrays
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import GpsOutcome, ImageOutcome, SfmRun
+from sfmcpp.sfm.run import reconstruct
+from sfmcpp.sfm.settings import IncrementalSettings
 
-__all__ = ["GpsOutcome", "ImageOutcome", "MatchGraph", "Pair", "SfmRun"]
+__all__ = [
+    "FrontEndSettings",
+    "GpsOutcome",
+    "ImageOutcome",
+    "IncrementalSettings",
+    "MatchGraph",
+    "Pair",
+    "SfmRun",
+    "match_graph_of_arrays",
+    "reconstruct",
+]
