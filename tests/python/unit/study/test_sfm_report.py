@@ -103,10 +103,13 @@ def test_reasons_that_differ_in_numbers_or_details_are_one_with_what_they_share(
         ("12 matches agree, 30 are needed", "c"),
         ("it matches no other image: at best 3, with x.jpg", "d"),
         ("it matches no other image: at best 3, with y.jpg", "e"),
+        ("8 inliers: must be at least 15", "f"),
+        ("9 inliers: must be at least 16", "g"),
     ]
     assert by_reason(entries) == {
         "… matches agree, … are needed": ["a", "c"],
         "it matches no other image": ["d", "e"],
+        "… inliers: must be at least …": ["f", "g"],
         "cannot be read: truncated": ["b"],
     }
 
