@@ -283,6 +283,18 @@ def test_further_models_are_written_beside_the_largest(tmp_path: Path) -> None:
     assert report.is_partial
 
 
+def test_a_model_of_tracks_alone_is_written_too(tmp_path: Path) -> None:
+    run = finished_run()
+    run.models[0].camera_sizes[:] = 0
+    run.models[0].point_colors[:] = 0
+    report = SfmReport(run)
+    assert sorted(path.name for path in report.write(tmp_path)) == FILES
+    assert "Mean residuals of camera 1" in (tmp_path / "report.html").read_text()
+    largest = np.ceil(run.models[0].keypoints[run.models[0].keypoint_points >= 0].max(axis=0))
+    width, height = sfmcpp.read(tmp_path / "model").metadata.image_sizes[0]
+    assert (width, height) == tuple(largest)
+
+
 def test_a_systematic_residual_shows_where_it_is() -> None:
     scene = shared_scene(12, 400, sigma_px=0.0)
     left_top = (scene.pixels < (320, 240)).all(axis=1)
