@@ -180,7 +180,8 @@ class SfmReport:
         Parameters
         ----------
         folder : path-like
-            Where to, made if missing; files of these names are replaced, others left alone.
+            Where to, made if missing; files of these names are replaced, and further models of an earlier run
+            removed. Others are left alone.
 
         Returns
         -------

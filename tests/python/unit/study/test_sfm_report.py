@@ -283,6 +283,22 @@ def test_further_models_are_written_beside_the_largest(tmp_path: Path) -> None:
     assert report.is_partial
 
 
+def test_further_models_of_an_earlier_run_do_not_stay_and_nothing_else_is_removed(tmp_path: Path) -> None:
+    several = finished_run()
+    several.models += [without_poses(map_of_problem(shared_scene()), [0, 1, 2]) for _ in range(3)]
+    SfmReport(several, thumbnail).write(tmp_path)
+    (tmp_path / "model_3/mine.txt").touch()
+    (tmp_path / "model_7").mkdir()
+    two = finished_run()
+    two.models.append(several.models[1])
+    SfmReport(two, thumbnail).write(tmp_path)
+    names = {path.name for path in tmp_path.iterdir() if path.is_dir()}
+    assert names == {"model", "model_1", "model_3", "model_7"}
+    assert [path.name for path in (tmp_path / "model_3").iterdir()] == ["mine.txt"]
+    SfmReport(run_without_model(), thumbnail).write(tmp_path)
+    assert sfmcpp.read(tmp_path / "model").num_cameras == 8  # the last that was found
+
+
 def test_a_model_of_tracks_alone_is_written_too(tmp_path: Path) -> None:
     run = finished_run()
     run.models[0].camera_sizes[:] = 0
