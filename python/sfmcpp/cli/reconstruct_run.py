@@ -7,11 +7,11 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sfmcpp import sfm
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
@@ -39,7 +39,6 @@ def run_reconstruction(
         raise DatasetError(source, "no such file or directory")
     if not resume:
         _forget(folder / CACHE)
-    room: Any = sfm
     with made(folder):
         with shown_stages(quiet=quiet) as show, ctrl_c_noted() as asked_to_stop:
 
@@ -48,7 +47,7 @@ def run_reconstruction(
                 return asked_to_stop()
 
             try:
-                run = room.reconstruct(source, cache=folder / CACHE, progress=progress, **options)
+                run = reconstruct(source, cache=folder / CACHE, progress=progress, **options)
             except ModuleNotFoundError as error:  # it says how to install what is missing
                 raise InvalidArgument(str(error)) from None
         code = _finish(SfmReport(run), source, folder, quiet)

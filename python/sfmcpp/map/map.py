@@ -290,3 +290,18 @@ class Map(Store):
         self.point_errors[:] = UNKNOWN_ERROR
         errors = mean_reprojection_errors_px(local.problem, local.problem.points)
         self.point_errors[local.points] = np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)
+
+    def update_colors(self) -> None:
+        """Give each point the mean colour of the keypoints of images with a pose that see it.
+
+        Points that none sees keep theirs, and all do where nothing is known of the colours of keypoints.
+        """
+        rows = np.flatnonzero((self.keypoint_points >= 0) & self.registered[self.keypoint_images])
+        if not self.keypoint_colors[rows].any():
+            return
+        points = self.keypoint_points[rows]
+        counts = np.bincount(points, minlength=len(self.points))
+        sums = [np.bincount(points, one, minlength=len(counts)) for one in self.keypoint_colors[rows].T]
+        seen = counts > 0
+        means = np.stack(sums, axis=1)[seen] / counts[seen, None]
+        self.point_colors[seen] = np.round(means).astype(np.uint8)

@@ -276,6 +276,7 @@ def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: boo
 def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:
     for world in grown.models:
         world.update_errors()
+        world.update_colors()
     name = str(source) if isinstance(source, (str, PathLike)) else "arrays"
     return SfmRun(
         name,

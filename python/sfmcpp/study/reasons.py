@@ -15,6 +15,11 @@ def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
 
     Reasons are the same if they differ in numbers, or behind a colon, alone; a group of such is named by what
     they share.
+
+    Parameters
+    ----------
+    entries : iterable of (str, member)
+        Reasons, and what was left out for them.
     """
     groups: dict[str, list[tuple[str, T]]] = {}
     for reason, member in entries:
@@ -22,6 +27,13 @@ def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
         groups.setdefault(shared, []).append((reason, member))
     named = {}
     for shared, group in sorted(groups.items(), key=lambda item: -len(item[1])):
-        same = len({reason for reason, _ in group}) == 1
-        named[group[0][0] if same else shared] = [member for _, member in group]
+        named[_name(shared, {reason for reason, _ in group})] = [member for _, member in group]
     return named
+
+
+def _name(shared: str, reasons: set[str]) -> str:
+    """What reasons have in common: all of it, all but the numbers, or what is in front of the colon."""
+    for told in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
+        if len(told) == 1:
+            return told.pop()
+    return shared

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,8 @@ from sfmcpp.map import problem_of_map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.api import write
-from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.colmap import binary, text
+from sfmcpp.sources.io.files import atomic_files, failures_named
 from sfmcpp.sources.io.transforms import write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, save_model_page
 from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
     from sfmcpp.study.sfm_report import SfmReport
 
+_MODEL_FILES = (*text.FILES, *binary.FILES)
 REPORT, PAGE = "report.json", "report.html"
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000
@@ -40,7 +43,21 @@ def write_files(report: SfmReport, folder: Path) -> list[Path]:
     DatasetError
         If any could not be written.
     """
-    return write_steps(_steps(report), folder)
+    written = write_steps(_steps(report), folder)
+    if report.run.models:
+        _remove_further_models(folder, len(report.run.models))
+    return written
+
+
+def _remove_further_models(folder: Path, number: int) -> None:
+    """Remove what an earlier run has written as model `number` and behind: they are no part of this one."""
+    while (old := folder / f"model_{number}").is_dir():
+        with failures_named(old):
+            for name in _MODEL_FILES:
+                (old / name).unlink(missing_ok=True)
+        with suppress(OSError):  # what else is in it is not ours
+            old.rmdir()
+        number += 1
 
 
 def _steps(report: SfmReport) -> Iterator[Step]:

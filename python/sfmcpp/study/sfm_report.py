@@ -180,7 +180,8 @@ class SfmReport:
         Parameters
         ----------
         folder : path-like
-            Where to, made if missing; files of these names are replaced, others left alone.
+            Where to, made if missing; files of these names are replaced, and further models of an earlier run
+            removed. Others are left alone.
 
         Returns
         -------
@@ -260,7 +261,8 @@ def camera_line(measures: ModelMeasures, camera: int) -> str:
     focal = f"focal length {facts['focal_px']:.2f} px" + (f" ± {sigma:.2g}" if sigma else "")
     distortion = "".join(f", {name} {value:.4g}" for name, value in facts["distortion"].items())
     count = facts["images"]
-    return f"{facts['model']}, {focal}{distortion}, {count:,} image{'s' * (count != 1)}"
+    aspect = f", aspect {facts['aspect']:.5g}" if facts["aspect"] != 1 else ""
+    return f"{facts['model']}, {focal}{aspect}{distortion}, {count:,} image{'s' * (count != 1)}"
 
 
 def _model_line(measures: ModelMeasures) -> str:

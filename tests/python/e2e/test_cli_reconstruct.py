@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-import sfmcpp.sfm
+import sfmcpp.cli.reconstruct_run
 from cli_helpers import strict_json
 from sfm_runs import NO_MATCH, finished_run, run_without_model
 from sfmcpp.cli.display import shown_stages
@@ -44,7 +44,7 @@ def ending(monkeypatch: pytest.MonkeyPatch, run: SfmRun | Ended) -> dict[str, An
         asked.update(options, source=source)
         return run if isinstance(run, SfmRun) else run(**options)
 
-    monkeypatch.setattr(sfmcpp.sfm, "reconstruct", reconstruct, raising=False)
+    monkeypatch.setattr(sfmcpp.cli.reconstruct_run, "reconstruct", reconstruct)
     return asked
 
 

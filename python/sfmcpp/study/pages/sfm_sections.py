@@ -113,7 +113,7 @@ def _camera_row(facts: dict[str, Any]) -> list[str]:
         f"{facts['width']} × {facts['height']}" if facts["width"] else "unknown",
         facts["model"],
         with_sigma("f", f"{facts['focal_px']:.2f}") + aspect,
-        f"{x:.1f}, {y:.1f}",
+        f"{with_sigma('cx', f'{x:.1f}')}, {with_sigma('cy', f'{y:.1f}')}",
         ", ".join(distortion) or "none",
     ]
 

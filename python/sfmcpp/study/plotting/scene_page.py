@@ -14,8 +14,7 @@ import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.sources.io.files import atomic_files
-from sfmcpp.study.pages import packed, script
-from sfmcpp.study.pages import template as part
+from sfmcpp.study.pages.parts import packed, script, template
 
 _TEMPLATE = "scene_page.html"
 # Directions that differ by less are the same: a camera that looks straight up or down.
@@ -83,8 +82,8 @@ def scene_page(scene: Scene) -> str:
         HTML with its style, script and data.
     """
     data = script(_data(scene))
-    template = files("sfmcpp.study.plotting").joinpath(_TEMPLATE).read_text(encoding="utf-8")
-    page = template.replace("{{orbit}}", part("orbit.js")).replace("{{title}}", html.escape(scene.title))
+    page = files("sfmcpp.study.plotting").joinpath(_TEMPLATE).read_text(encoding="utf-8")
+    page = page.replace("{{orbit}}", template("orbit.js")).replace("{{title}}", html.escape(scene.title))
     return page.replace("{{scene}}", data)
 
 

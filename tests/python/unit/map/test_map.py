@@ -322,6 +322,25 @@ def test_errors_of_points_are_means_over_the_images_they_are_in_front_of() -> No
     np.testing.assert_allclose(world.point_errors, [3.0, -1.0, -1.0])
 
 
+def test_points_have_the_mean_colour_of_who_sees_them_with_a_pose() -> None:
+    world = Map("perspective")
+    world.add_cameras([[500.0, 1, 320, 240, *[0] * 8]])
+    world.add_points(np.zeros((3, 3)), colors=[[9, 9, 9]] * 3)
+    poses = np.tile(np.eye(3, 4), (3, 1, 1))
+    poses[2] = np.nan
+    colors = [[10, 20, 30], [0, 0, 0], [20, 20, 31], [200, 0, 0], [255, 255, 255]]
+    names, pixels = ["a", "b", "c"], np.zeros((5, 2))
+    world.add_images(names, [0, 0, 0], [2, 1, 2], pixels, points=[0, -1, 0, 0, 1], poses=poses, colors=colors)
+    world.update_colors()
+    np.testing.assert_array_equal(world.point_colors, [[15, 20, 30], [9, 9, 9], [9, 9, 9]])
+    blind = Map("perspective")
+    blind.add_cameras(world.intrinsics)
+    blind.add_points(np.zeros((1, 3)), colors=[[1, 2, 3]])
+    blind.add_images(["a"], [0], [1], np.zeros((1, 2)), points=[0], poses=poses[:1])
+    blind.update_colors()
+    np.testing.assert_array_equal(blind.point_colors, [[1, 2, 3]])
+
+
 def test_ids_go_on_from_the_largest_given() -> None:
     world = Map("bal")
     assert world.add_cameras(np.ones((2, 3)), ids=[7, 3]).tolist() == [0, 1]

@@ -103,10 +103,13 @@ def test_reasons_that_differ_in_numbers_or_details_are_one_with_what_they_share(
         ("12 matches agree, 30 are needed", "c"),
         ("it matches no other image: at best 3, with x.jpg", "d"),
         ("it matches no other image: at best 3, with y.jpg", "e"),
+        ("8 inliers: must be at least 15", "f"),
+        ("9 inliers: must be at least 16", "g"),
     ]
     assert by_reason(entries) == {
         "… matches agree, … are needed": ["a", "c"],
         "it matches no other image": ["d", "e"],
+        "… inliers: must be at least …": ["f", "g"],
         "cannot be read: truncated": ["b"],
     }
 
@@ -278,6 +281,34 @@ def test_further_models_are_written_beside_the_largest(tmp_path: Path) -> None:
     assert content["images"]["set/photo 0000.jpg"]["observations"] > 0
     assert "in model 1, which nothing joins to the largest" in report.left_out()
     assert report.is_partial
+
+
+def test_further_models_of_an_earlier_run_do_not_stay_and_nothing_else_is_removed(tmp_path: Path) -> None:
+    several = finished_run()
+    several.models += [without_poses(map_of_problem(shared_scene()), [0, 1, 2]) for _ in range(3)]
+    SfmReport(several, thumbnail).write(tmp_path)
+    (tmp_path / "model_3/mine.txt").touch()
+    (tmp_path / "model_7").mkdir()
+    two = finished_run()
+    two.models.append(several.models[1])
+    SfmReport(two, thumbnail).write(tmp_path)
+    names = {path.name for path in tmp_path.iterdir() if path.is_dir()}
+    assert names == {"model", "model_1", "model_3", "model_7"}
+    assert [path.name for path in (tmp_path / "model_3").iterdir()] == ["mine.txt"]
+    SfmReport(run_without_model(), thumbnail).write(tmp_path)
+    assert sfmcpp.read(tmp_path / "model").num_cameras == 8  # the last that was found
+
+
+def test_a_model_of_tracks_alone_is_written_too(tmp_path: Path) -> None:
+    run = finished_run()
+    run.models[0].camera_sizes[:] = 0
+    run.models[0].point_colors[:] = 0
+    report = SfmReport(run)
+    assert sorted(path.name for path in report.write(tmp_path)) == FILES
+    assert "Mean residuals of camera 1" in (tmp_path / "report.html").read_text()
+    largest = np.ceil(run.models[0].keypoints[run.models[0].keypoint_points >= 0].max(axis=0))
+    width, height = sfmcpp.read(tmp_path / "model").metadata.image_sizes[0]
+    assert (width, height) == tuple(largest)
 
 
 def test_a_systematic_residual_shows_where_it_is() -> None:
