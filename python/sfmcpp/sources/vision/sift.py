@@ -31,7 +31,7 @@ _TILE_PX, _MARGIN_PX = 1024, 48
 # Octave −1 is the enlarged one. The next after those of tiles is the first of an image smaller by the step.
 _LAST_OCTAVE_OF_TILES, _COARSE_STEP = 0, 4
 # Candidates that are described, by those that are wanted: in all tiles together, and of coarse ones.
-_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 2.0, 0.25, 8192
+_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 1.5, 0.25, 8192
 
 
 class _Strip(NamedTuple):
