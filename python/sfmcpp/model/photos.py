@@ -31,7 +31,7 @@ class Photo:
         What tells that two photos come from one camera at one focal length: maker, model, focal length and
         size; empty where the file does not tell.
     position : tuple of float or None
-        Latitude, longitude [deg, WGS84] and height [m] that the file tells.
+        Latitude, longitude [deg, WGS84] and height [m, not a number if it is missing] that the file tells.
     taken_s : float or None
         When it was taken [s], counted from any origin that the set shares.
     digest : str

@@ -1,6 +1,7 @@
 """Structure from motion: from photos or tracks to a model (thesis ch. 3)."""
 
-from sfmcpp.sfm.front_end import FrontEndSettings
+from sfmcpp.sfm.cache import Cache
+from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.given_matches import match_graph_of_arrays
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import GpsOutcome, ImageOutcome, SfmRun
@@ -8,6 +9,7 @@ from sfmcpp.sfm.run import reconstruct
 from sfmcpp.sfm.settings import IncrementalSettings
 
 __all__ = [
+    "Cache",
     "FrontEndSettings",
     "GpsOutcome",
     "ImageOutcome",
@@ -15,6 +17,7 @@ __all__ = [
     "MatchGraph",
     "Pair",
     "SfmRun",
+    "build_match_graph",
     "match_graph_of_arrays",
     "reconstruct",
 ]

@@ -220,8 +220,8 @@ class _Work:
             return error.reason if error.path == str(photo.path) else str(error)
 
     def _matched(self, one: Features, other: Features, places_1: IndexArray, places_2: IndexArray) -> Matches:
-        options = {"ratio": self.settings.ratio, "mutual": self.settings.mutual}
-        found = match(one.descriptors, other.descriptors, **options, threads=1)
+        ratio, mutual = self.settings.ratio, self.settings.mutual
+        found = match(one.descriptors, other.descriptors, ratio=ratio, mutual=mutual, threads=1)
         return one_for_one(np.column_stack([places_1[found[:, 0]], places_2[found[:, 1]]]))
 
     def _estimated(

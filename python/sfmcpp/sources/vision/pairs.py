@@ -211,7 +211,8 @@ def _near(choice: _Choice) -> set[IndexPair]:
     placed = [k for k, photo in enumerate(choice.photos) if photo.position is not None]
     if len(placed) < 2:
         return set()
-    geodetic = np.array([choice.photos[k].position for k in placed], dtype=np.float64) * [1.0, 1.0, 0.0]
+    geodetic = np.array([choice.photos[k].position for k in placed], dtype=np.float64)
+    geodetic[:, 2] = 0  # not a number where a file tells none
     local = east_north_up(geodetic, geodetic[0])[:, :2]
     found: Any = cKDTree(local).query(local, min(choice.neighbours + 1, len(placed)))
     distances, others = found

@@ -31,7 +31,7 @@ _TILE_PX, _MARGIN_PX = 1024, 48
 # Octave −1 is the enlarged one. The next after those of tiles is the first of an image smaller by the step.
 _LAST_OCTAVE_OF_TILES, _COARSE_STEP = 0, 4
 # Candidates that are described, by those that are wanted: in all tiles together, and of coarse ones.
-_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 2.0, 0.25, 8192
+_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 1.5, 0.25, 8192
 
 
 class _Strip(NamedTuple):
@@ -51,14 +51,16 @@ def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float)
     """At most `count` blobs of a response from `contrast` on, spread over the image, strongest first."""
     rows, columns = (_strips(side) for side in image.shape)
     wanted = max(_CANDIDATES * count, _LEAST_CANDIDATES) / (len(rows) * len(columns))
-    # What is masked counts among the strongest of a tile, so all of them are described then; 0 is no limit.
-    each = math.ceil(wanted) if image.mask is None else 0
+    coarse = _COARSE_CANDIDATES * count
+    if image.mask is not None:
+        # What is masked would count among the strongest: all are described, as 0 is no limit.
+        wanted = coarse = 0
     parts = [
-        _fine_blobs(cv2, image.gray, row, column, _Settings(each, contrast))
+        _fine_blobs(cv2, image.gray, row, column, _Settings(math.ceil(wanted), contrast))
         for row in rows
         for column in columns
     ]
-    parts.append(_coarse_blobs(cv2, image.gray, _Settings(math.ceil(_COARSE_CANDIDATES * count), contrast)))
+    parts.append(_coarse_blobs(cv2, image.gray, _Settings(math.ceil(coarse), contrast)))
     found = Keypoints(*map(np.concatenate, zip(*parts, strict=True)))
     found = found.chosen(image.allows(found.pixels))
     # Of two blobs with equal responses the smaller one is placed more accurately.

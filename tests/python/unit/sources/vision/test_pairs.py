@@ -80,6 +80,11 @@ def test_spatial_pairs_photos_at_one_place_and_across_the_date_line() -> None:
     assert choose_pairs(same, [NOTHING] * 4, "spatial") == list(combinations(range(4), 2))
 
 
+def test_heights_that_are_not_told_do_no_harm() -> None:
+    photos = [Photo(str(k), position=(10.0, 10.0 + 1e-5 * k, float("nan"))) for k in range(3)]
+    assert choose_pairs(photos, [NOTHING] * 3, "spatial") == [(0, 1), (0, 2), (1, 2)]
+
+
 def test_spatial_without_positions_says_how_many_lack_one() -> None:
     photos = [*named(4), Photo("placed.jpg", position=(1.0, 2.0, 3.0))]
     with pytest.raises(InvalidArgument, match=r"spatial.*4 of 5 photos lack a position"):
