@@ -136,6 +136,12 @@ def absolute_camera(
     return _world_from_camera(pose)
 
 
+def cameras_of_four_points(points: FloatArray, images: FloatArray) -> list[tuple[FloatArray, float]]:
+    """``[R | c]`` (3, 4) and focal lengths that see four `points` at `images` from the principal point."""
+    poses, focals = _load().p4pf(images, points, True)
+    return [(_world_from_camera(pose), float(focal)) for pose, focal in zip(poses, focals, strict=True)]
+
+
 def _load() -> ModuleType:
     try:
         import poselib
