@@ -2,6 +2,7 @@
 
 from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
 from sfmcpp.geometry.focal_resection import FocalPoseEstimate, resection_with_focal
+from sfmcpp.geometry.optimal_triangulation import triangulate_optimal
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
@@ -49,6 +50,7 @@ __all__ = [
     "robust_triangulation",
     "triangulate_linear",
     "triangulate_midpoint",
+    "triangulate_optimal",
     "triangulation_angles_deg",
     "two_view_geometry",
 ]
