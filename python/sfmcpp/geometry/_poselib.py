@@ -163,8 +163,8 @@ def _with_unit_baseline(camera: FloatArray) -> FloatArray:
 
 
 def _of_norm_one(matrix: FloatArray) -> FloatArray:
-    scaled: FloatArray = matrix / np.linalg.norm(matrix)
-    return scaled
+    norm = np.linalg.norm(matrix)
+    return np.asarray(matrix / norm if norm > 0 else np.full((3, 3), np.nan))
 
 
 def _ideal_pixels(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:
