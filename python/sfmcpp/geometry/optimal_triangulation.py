@@ -44,8 +44,7 @@ def triangulate_optimal(problem: Problem) -> FloatArray:
     twice = np.flatnonzero((num_views(problem) == 2) & np.isfinite(points).all(axis=1))
     if len(twice):
         points[twice] = _of_two_views(problem, _observations_of(problem, twice))
-    is_minimum = len(twice) == problem.num_points and pinhole_rows(problem.intrinsics).shape[1] == PINHOLE
-    return points if is_minimum else refine_points(problem, points)
+    return refine_points(problem, points)
 
 
 def _observations_of(problem: Problem, points: NDArray[np.intp]) -> NDArray[np.intp]:
