@@ -118,7 +118,7 @@ def homography_by_ransac(pixels_1: FloatArray, pixels_2: FloatArray, options: Ra
 def cameras_of_homography(homography: FloatArray) -> FloatArray:
     """Second cameras ``[R | c]`` (K, 3, 4), ‖c‖ = 1, of ``x₂ ∝ H x₁`` of a plane, x at depth one."""
     poses, _ = _load().motion_from_homography(homography)
-    cameras = [_with_unit_baseline(_world_from_camera(pose)) for pose in poses]
+    cameras = [_with_unit_baseline(_world_from_camera(pose)) for pose in poses if np.any(pose.t)]
     return np.asarray(cameras).reshape(-1, 3, 4)
 
 

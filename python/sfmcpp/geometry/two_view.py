@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -173,7 +173,9 @@ def _of_known_cameras(matches: Matches, options: RansacOptions, min_inliers: int
     camera = relative_camera(*matches.arrays, limited(options, least / len(matches), _FIVE_POINTS))
     near = _near_lines(matches, camera, options.threshold_px)
     if _are_far_off(matches, near, options.threshold_px):
-        return _of_poor_guess(matches, camera, near, options, min_inliers)
+        free = _of_unknown_cameras(matches, options, min_inliers)
+        if free.kind != "none":
+            return _with_poor_guess(free, matches, camera, near)
     if np.count_nonzero(near) < least:
         plane = significant_homography(matches.pixels_1, matches.pixels_2, options, min_inliers)
         if plane.success:
@@ -213,25 +215,24 @@ def _flat(
         return _rotation(matches, turned, homography, rotation)
     camera, rivals = cameras_of_plane(matches, flat, homography, camera, options)
     inliers = _agreeing(matches, camera, options.threshold_px)
+    if np.count_nonzero(inliers) < _LEAST_PART_OF_POSE * np.count_nonzero(flat):
+        return _flat_without_camera(flat, homography)
     message = "one homography explains the matches: a plane, or too little depth to tell"
     if len(rivals):
         message += "; " + ambiguity_message(camera, rivals)
     return _with_camera("planar", matches, inliers, homography, camera, message)
 
 
-def _of_poor_guess(
-    matches: Matches, camera: FloatArray, explained: BoolArray, options: RansacOptions, min_inliers: int
+def _with_poor_guess(
+    free: TwoViewGeometry, matches: Matches, camera: FloatArray, explained: BoolArray
 ) -> TwoViewGeometry:
-    """Epipolar geometry without the intrinsics, which are far off; with the pose if it is of any use."""
-    found = _of_unknown_cameras(matches, options, min_inliers)
-    share = float((explained & found.inliers).sum() / max(found.inliers.sum(), 1))
-    if found.kind != "general" or share < _LEAST_PART_OF_POSE:
-        return found
-    angle = _median_angle_deg(matches, found.inliers, camera)
+    """What was found without the intrinsics, which are far off; with the pose if it is of any use."""
+    share = float((explained & free.inliers).sum() / free.inliers.sum())
+    if free.kind != "general" or share < _LEAST_PART_OF_POSE:
+        return free
+    angle = _median_angle_deg(matches, free.inliers, camera)
     message = f"intrinsics are far off: they explain {share:.0%} of what a fundamental matrix does"
-    return TwoViewGeometry(
-        found.kind, found.inliers, found.fundamental, found.homography, camera, angle, message
-    )
+    return replace(free, camera=camera, median_angle_deg=angle, message=message)
 
 
 def _are_far_off(matches: Matches, inliers: BoolArray, threshold_px: float) -> bool:
