@@ -1,6 +1,8 @@
 """Geometry of several views: relative pose, resection, triangulation, similarities."""
 
 from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
+from sfmcpp.geometry.focal_resection import FocalPoseEstimate, resection_with_focal
+from sfmcpp.geometry.optimal_triangulation import triangulate_optimal
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
@@ -24,6 +26,7 @@ from sfmcpp.geometry.two_view_matrices import (
 )
 
 __all__ = [
+    "FocalPoseEstimate",
     "MatrixEstimate",
     "PoseEstimate",
     "RelativePose",
@@ -43,9 +46,11 @@ __all__ = [
     "reliable_points",
     "reprojection_errors_px",
     "resection",
+    "resection_with_focal",
     "robust_triangulation",
     "triangulate_linear",
     "triangulate_midpoint",
+    "triangulate_optimal",
     "triangulation_angles_deg",
     "two_view_geometry",
 ]

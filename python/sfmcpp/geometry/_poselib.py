@@ -118,7 +118,7 @@ def homography_by_ransac(pixels_1: FloatArray, pixels_2: FloatArray, options: Ra
 def cameras_of_homography(homography: FloatArray) -> FloatArray:
     """Second cameras ``[R | c]`` (K, 3, 4), ‖c‖ = 1, of ``x₂ ∝ H x₁`` of a plane, x at depth one."""
     poses, _ = _load().motion_from_homography(homography)
-    cameras = [_with_unit_baseline(_world_from_camera(pose)) for pose in poses]
+    cameras = [_with_unit_baseline(_world_from_camera(pose)) for pose in poses if np.any(pose.t)]
     return np.asarray(cameras).reshape(-1, 3, 4)
 
 
@@ -134,6 +134,12 @@ def absolute_camera(
         _refinement(options),
     )
     return _world_from_camera(pose)
+
+
+def cameras_of_four_points(points: FloatArray, images: FloatArray) -> list[tuple[FloatArray, float]]:
+    """``[R | c]`` (3, 4) and focal lengths that see four `points` at `images` from the principal point."""
+    poses, focals = _load().p4pf(images, points, True)
+    return [(_world_from_camera(pose), float(focal)) for pose, focal in zip(poses, focals, strict=True)]
 
 
 def _load() -> ModuleType:
@@ -157,8 +163,8 @@ def _with_unit_baseline(camera: FloatArray) -> FloatArray:
 
 
 def _of_norm_one(matrix: FloatArray) -> FloatArray:
-    scaled: FloatArray = matrix / np.linalg.norm(matrix)
-    return scaled
+    norm = np.linalg.norm(matrix)
+    return np.asarray(matrix / norm if norm > 0 else np.full((3, 3), np.nan))
 
 
 def _ideal_pixels(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:

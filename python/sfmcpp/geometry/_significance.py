@@ -15,6 +15,7 @@ from sfmcpp.model.arrays import FloatArray
 
 # Sampson errors are lengths in the joint space of two images: √2 of that in one of them.
 _ONE_OF_TWO = math.sqrt(2.0)
+# Matches that cover an area so small that half of all would agree with anything mean nothing.
 _LARGEST_CHANCE = 0.5
 # So many models of chance are expected at most: one false pair in a thousand.
 _LOG_EXPECTED = math.log(1e-3)
@@ -40,13 +41,14 @@ def chance_near_line(pixels_1: FloatArray, pixels_2: FloatArray, threshold_px: f
     for pixels in (pixels_1, pixels_2):
         width, height = _extent(pixels)
         chances.append(2 * _ONE_OF_TWO * threshold_px * math.hypot(width, height) / (width * height))
-    return min(max(chances), _LARGEST_CHANCE)
+    return max(chances) if max(chances) < _LARGEST_CHANCE else 1.0
 
 
 def chance_near_point(pixels_1: FloatArray, pixels_2: FloatArray, threshold_px: float) -> float:
     """Probability that a random match has a Sampson error of a homography below the threshold."""
     areas = [math.prod(_extent(pixels)) for pixels in (pixels_1, pixels_2)]
-    return min(math.pi * (_ONE_OF_TWO * threshold_px) ** 2 / min(areas), _LARGEST_CHANCE)
+    chance = math.pi * (_ONE_OF_TWO * threshold_px) ** 2 / min(areas)
+    return chance if chance < _LARGEST_CHANCE else 1.0
 
 
 def samples_needed(ratio: float, sample_size: int, confidence: float, most: int) -> int:

@@ -38,7 +38,7 @@ def homography_errors_px(
     mapped = homogeneous(pixels_1) @ homography.T
     scale = mapped[:, 2]
     # The determinant of the slope is det H / scale³.
-    upright = scale * np.linalg.det(homography) > 0
+    upright = scale * (homography[0] @ np.cross(homography[1], homography[2])) > 0
     scale = np.where(upright, scale, 1.0)
     image = mapped[:, :2] / scale[:, None]
     slope = (homography[:2, :2] - image[:, :, None] * homography[2, :2]) / scale[:, None, None]

@@ -82,7 +82,7 @@ def resection(
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)
     if len(world) < min_inliers:
         return _failed(len(world), *too_few("matches", len(world), min_inliers))
-    if _are_collinear(world):
+    if are_collinear(world):
         reason = f"{len(world)} points on one line: the camera may turn round it"
         return _failed(len(world), "collinear points", reason)
     camera = absolute_camera(world, images, row, options)
@@ -126,6 +126,7 @@ def pose_inliers(
     return np.asarray(in_front & (np.linalg.norm(offset_px, axis=1) <= threshold_px))
 
 
-def _are_collinear(points: FloatArray) -> bool:
+def are_collinear(points: FloatArray) -> bool:
+    """Whether all world points (N, 3) lie on one line."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[1] <= _COLLINEAR_RATIO * spread[0])

@@ -16,6 +16,7 @@ from sfmcpp.geometry._tracks import normalised_pixels, num_views, observed_rays,
 from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import reprojection_errors_px, triangulation_angles_deg
+from sfmcpp.geometry.triangulation import midpoints
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative, require_positive
@@ -152,7 +153,7 @@ def _best_of_pairs(rays: FloatArray, centres: FloatArray, limits: FloatArray) ->
         Errors at which they are truncated [rad].
     """
     first, second = _pairs(rays.shape[1])
-    found = _midpoints(rays[:, first], centres[:, first], rays[:, second], centres[:, second])
+    found = midpoints(rays[:, first], centres[:, first], rays[:, second], centres[:, second])
     # Of v from the centre c to the point X: v·d and ‖v‖², without an array of all v.
     along = found @ np.swapaxes(rays, 1, 2) - (centres * rays).sum(axis=2)[:, None]
     squares = (found**2).sum(axis=2)[:, :, None] + (centres**2).sum(axis=2)[:, None]
@@ -162,17 +163,3 @@ def _best_of_pairs(rays: FloatArray, centres: FloatArray, limits: FloatArray) ->
     costs = np.where((along > 0) & (errors < 1), errors, 1.0).sum(axis=2)
     best = np.argmin(costs, axis=1)
     return np.asarray(found[np.arange(len(found)), best])
-
-
-def _midpoints(
-    rays_1: FloatArray, centres_1: FloatArray, rays_2: FloatArray, centres_2: FloatArray
-) -> FloatArray:
-    """Middle (..., 3) of the shortest connection of two lines; not a number for parallel ones."""
-    between = centres_2 - centres_1
-    cosine = (rays_1 * rays_2).sum(axis=-1)
-    along_1, along_2 = (between * rays_1).sum(axis=-1), (between * rays_2).sum(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth_1 = (along_1 - cosine * along_2) / (1 - cosine**2)
-        depth_2 = (cosine * along_1 - along_2) / (1 - cosine**2)
-        ends = centres_1 + depth_1[..., None] * rays_1 + centres_2 + depth_2[..., None] * rays_2
-    return np.asarray(ends / 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
 from sfmcpp.geometry.rotation_fit import angles_rad
-from sfmcpp.geometry.two_view_ambiguity import ambiguity_message
+from sfmcpp.geometry.two_view_ambiguity import ambiguity_message, best_and_rivals
 from sfmcpp.geometry.two_view_matrices import (
     fundamental_linear,
     limited,
@@ -42,6 +42,8 @@ _UNKNOWN_CAMERA = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 _FAR_OFF = 1.1
 # And the pose they lead to is worth nothing where they explain less than this part.
 _LEAST_PART_OF_POSE = 0.5
+# More inliers of a scene in depth than these leave no second pose.
+_FEW = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,8 @@ class TwoViewGeometry:
     median_angle_deg : float
         Median angle between the rays of the inliers [deg]; not a number without a camera.
     message : str
-        Why it is no better than it is; empty for ``"general"``.
+        Why it is no better than it is. Empty for ``"general"``, unless the intrinsics are far off, or the
+        matches so few that another pose fits nearly as well.
     """
 
     kind: str
@@ -168,20 +171,37 @@ def _of_known_cameras(matches: Matches, options: RansacOptions, min_inliers: int
     if len(matches) < least:
         return _nothing(len(matches), f"{len(matches)} matches: must be at least {least}")
     camera = relative_camera(*matches.arrays, limited(options, least / len(matches), _FIVE_POINTS))
-    inliers = _agreeing(matches, camera, options.threshold_px)
-    if _are_far_off(matches, inliers, options.threshold_px):
-        return _of_poor_guess(matches, camera, inliers, options, min_inliers)
-    if np.count_nonzero(inliers) < least:
+    near = _near_lines(matches, camera, options.threshold_px)
+    if _are_far_off(matches, near, options.threshold_px):
+        free = _of_unknown_cameras(matches, options, min_inliers)
+        if free.kind != "none":
+            return _with_poor_guess(free, matches, camera, near)
+    if np.count_nonzero(near) < least:
         plane = significant_homography(matches.pixels_1, matches.pixels_2, options, min_inliers)
         if plane.success:
             return _flat(matches, camera, plane.matrix, options)
-        reason = f"{np.count_nonzero(inliers)} inliers: must be at least {least}"
-        return _nothing(len(matches), reason)
-    homography = homography_of_inliers(matches, inliers, options)
+        return _nothing(len(matches), _too_few(near, least))
+    homography = homography_of_inliers(matches, near, options)
     flat = near_homography(matches, homography, options.threshold_px)
-    if adds_nothing(matches, inliers, flat, options.threshold_px):
+    if adds_nothing(matches, near, flat, options.threshold_px):
         return _flat(matches, camera, homography, options)
-    return _with_camera("general", matches, inliers, homography, camera, "")
+    inliers = _agreeing(matches, camera, options.threshold_px)
+    if np.count_nonzero(inliers) < least:
+        return _nothing(len(matches), _too_few(inliers, least))
+    return _in_depth(matches, camera, inliers, homography, options)
+
+
+def _in_depth(
+    matches: Matches, camera: FloatArray, inliers: BoolArray, homography: FloatArray, options: RansacOptions
+) -> TwoViewGeometry:
+    """A scene in depth, cameras known; of few matches with a word on other poses that fit as well."""
+    message = ""
+    if np.count_nonzero(inliers) < _FEW:
+        rotation = matches.select(inliers).fit_rotation(2 * options.threshold_px, options.seed)
+        camera, rivals = best_and_rivals(matches, camera, rotation, options)
+        inliers = _agreeing(matches, camera, options.threshold_px)
+        message = ambiguity_message(camera, rivals) if len(rivals) else ""
+    return _with_camera("general", matches, inliers, homography, camera, message)
 
 
 def _flat(
@@ -195,25 +215,24 @@ def _flat(
         return _rotation(matches, turned, homography, rotation)
     camera, rivals = cameras_of_plane(matches, flat, homography, camera, options)
     inliers = _agreeing(matches, camera, options.threshold_px)
+    if np.count_nonzero(inliers) < _LEAST_PART_OF_POSE * np.count_nonzero(flat):
+        return _flat_without_camera(flat, homography)
     message = "one homography explains the matches: a plane, or too little depth to tell"
     if len(rivals):
         message += "; " + ambiguity_message(camera, rivals)
     return _with_camera("planar", matches, inliers, homography, camera, message)
 
 
-def _of_poor_guess(
-    matches: Matches, camera: FloatArray, explained: BoolArray, options: RansacOptions, min_inliers: int
+def _with_poor_guess(
+    free: TwoViewGeometry, matches: Matches, camera: FloatArray, explained: BoolArray
 ) -> TwoViewGeometry:
-    """Epipolar geometry without the intrinsics, which are far off; with the pose if it is of any use."""
-    found = _of_unknown_cameras(matches, options, min_inliers)
-    share = float((explained & found.inliers).sum() / max(found.inliers.sum(), 1))
-    if found.kind != "general" or share < _LEAST_PART_OF_POSE:
-        return found
-    angle = _median_angle_deg(matches, found.inliers, camera)
+    """What was found without the intrinsics, which are far off; with the pose if it is of any use."""
+    share = float((explained & free.inliers).sum() / free.inliers.sum())
+    if free.kind != "general" or share < _LEAST_PART_OF_POSE:
+        return free
+    angle = _median_angle_deg(matches, free.inliers, camera)
     message = f"intrinsics are far off: they explain {share:.0%} of what a fundamental matrix does"
-    return TwoViewGeometry(
-        found.kind, found.inliers, found.fundamental, found.homography, camera, angle, message
-    )
+    return replace(free, camera=camera, median_angle_deg=angle, message=message)
 
 
 def _are_far_off(matches: Matches, inliers: BoolArray, threshold_px: float) -> bool:
@@ -226,11 +245,17 @@ def _are_far_off(matches: Matches, inliers: BoolArray, threshold_px: float) -> b
     return bool(np.count_nonzero(sampson_errors_px(free, first, second) <= threshold_px) > _FAR_OFF * count)
 
 
-def _agreeing(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
-    """Matches near their epipolar lines and in front of both cameras, or too far away to tell."""
+def _near_lines(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
+    """Matches near the epipolar lines of a second camera."""
     fundamental = fundamental_matrix(np.eye(3, 4), camera, matches.intrinsics_1, matches.intrinsics_2)
     lenses = matches.slopes_1, matches.slopes_2
-    near = sampson_errors_px(fundamental, matches.pixels_1, matches.pixels_2, *lenses) <= threshold_px
+    errors = sampson_errors_px(fundamental, matches.pixels_1, matches.pixels_2, *lenses)
+    return np.asarray(errors <= threshold_px)
+
+
+def _agreeing(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
+    """Matches near their epipolar lines and in front of both cameras, or too far away to tell."""
+    near = _near_lines(matches, camera, threshold_px)
     in_front = in_front_of_both(np.eye(3, 4), camera, *matches.normalised)
     far = matches.parallax_px(camera[:, :3]) <= threshold_px
     return np.asarray(near & (in_front | far))
@@ -276,6 +301,10 @@ def _nothing(count: int, message: str) -> TwoViewGeometry:
     inliers = np.zeros(count, dtype=np.bool_)
     unknown = _unknown_matrix()
     return TwoViewGeometry("none", inliers, unknown, unknown, unknown_camera(), np.nan, message)
+
+
+def _too_few(inliers: BoolArray, least: int) -> str:
+    return f"{np.count_nonzero(inliers)} inliers: must be at least {least}"
 
 
 def _unknown_matrix() -> FloatArray:

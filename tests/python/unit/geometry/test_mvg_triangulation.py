@@ -19,6 +19,7 @@ from sfmcpp.geometry import (
     reprojection_errors_px,
     triangulate_linear,
     triangulate_midpoint,
+    triangulate_optimal,
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -27,11 +28,11 @@ Triangulate = Callable[[Problem], Array]
 
 
 def triangulate_refined(problem: Problem) -> Array:
-    """Least squares on the pixels, for any number of views: for two the optimum of Hartley & Sturm 1997."""
+    """Least squares on the pixels from the linear solution, for any number of views."""
     return refine_points(problem, triangulate_linear(problem))
 
 
-ALL = [*MULTI_VIEW, triangulate_refined]
+ALL = [*MULTI_VIEW, triangulate_refined, triangulate_optimal]
 
 
 def two_view_problem(seed: int, sigma_px: float, num_points: int = 40) -> Problem:
@@ -68,7 +69,8 @@ def test_exact_ragged_tracks_give_the_true_points(triangulate: Triangulate, seed
 @given(seed=SEEDS)
 def test_exact_matches_give_the_true_points(seed: int) -> None:
     problem = two_view_problem(seed, 0.0)
-    np.testing.assert_allclose(triangulate_refined(problem), problem.points, rtol=1e-6, atol=1e-6)
+    for triangulate in (triangulate_refined, triangulate_optimal):
+        np.testing.assert_allclose(triangulate(problem), problem.points, rtol=1e-6, atol=1e-6)
 
 
 def test_linear_is_the_singular_vector_of_the_stacked_rows() -> None:
@@ -174,11 +176,14 @@ def test_parallel_rays_and_equal_centres_give_no_point(triangulate: Triangulate)
     np.testing.assert_allclose(triangulate(problem), [[np.nan] * 3, [np.nan] * 3, [0, 0, 5]], atol=1e-9)
 
 
+@pytest.mark.parametrize("triangulate", [triangulate_refined, triangulate_optimal])
 @settings(max_examples=10, deadline=None)
-@given(SEEDS, st.floats(0.3, 4.0))
-def test_no_point_on_any_epipolar_plane_is_better_than_the_refined_one(seed: int, sigma_px: float) -> None:
+@given(seed=SEEDS, sigma_px=st.floats(0.3, 4.0))
+def test_no_point_on_any_epipolar_plane_is_better(
+    triangulate: Triangulate, seed: int, sigma_px: float
+) -> None:
     problem = two_view_problem(seed, sigma_px, 8)
-    found = triangulate_refined(problem)
+    found = triangulate(problem)
     for point in range(problem.num_points):
         assert (
             cost(problem, point, found[point])
@@ -216,6 +221,7 @@ def test_refined_is_nowhere_worse_than_the_other_methods_and_better_than_the_tru
         name: np.array([cost(problem, point, x) for point, x in enumerate(points)])
         for name, points in {
             "refined": triangulate_refined(problem),
+            "optimal": triangulate_optimal(problem),
             "linear": triangulate_linear(problem),
             "midpoint": triangulate_midpoint(problem),
             "truth": problem.points,
@@ -228,6 +234,24 @@ def test_refined_is_nowhere_worse_than_the_other_methods_and_better_than_the_tru
     for other in ("linear", "midpoint", "truth"):
         assert (costs["refined"] <= costs[other] * (1 + 1e-9))[refined].all()
         assert costs["refined"].sum() < 0.999 * costs[other].sum()
+        # The global minimum may lie behind the cameras too.
+        assert (costs["optimal"] <= costs[other] * (1 + 1e-9)).all()
+    np.testing.assert_allclose(costs["optimal"][refined], costs["refined"][refined], rtol=1e-6)
+
+
+def test_optimal_weighs_observations_and_refines_longer_tracks_and_lenses() -> None:
+    pair, tracks = two_view_problem(7, 2.0), ragged_problem(8, sigma_px=1.0)
+    lens = np.array([0.1, -0.02, 0, 0, 0, 1e-3, -1e-3])
+    rows = np.concatenate([pair.intrinsics, np.tile(lens, (len(pair.intrinsics), 1))], axis=1)
+    for problem in (pair, tracks, dataclasses.replace(pair, camera_model="perspective", intrinsics=rows,
+                                                      fixed_intrinsics=None)):  # fmt: skip
+        problem.sigma_px = np.random.default_rng(7).uniform(0.3, 3.0, problem.num_observations)
+        found = triangulate_optimal(problem)
+        in_front = np.isfinite(reprojection_errors_px(problem, found))
+        best = refine_points(problem, found)
+        of_good = np.setdiff1d(np.arange(problem.num_points), problem.point_index[~in_front])
+        assert len(of_good) > 30
+        np.testing.assert_allclose(found[of_good], best[of_good], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("triangulate", MULTI_VIEW)
