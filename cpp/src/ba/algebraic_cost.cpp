@@ -95,15 +95,15 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
     const ImageNormalization& n = normalizations_[chunk.camera];
     residuals::ObservationBatch observations = images_.batch(state, chunk);
     observations.inverse_sigma = weights.data() + chunk.begin;
-    sums[c] =
-        kernel_.sums({.observations = observations,
-                      .matrix = line.matrix,
-                      .change = line.change,
-                      .point_steps = step.point.data(),
-                      .centre_u = n.centre_u,
-                      .centre_v = n.centre_v,
-                      .scale = n.scale,
-                      .weigh_by_depth = algebraic_weights == AlgebraicWeights::kInverseDepth});
+    sums[c] = kernel_.sums({.observations = observations,
+                            .matrix = line.matrix,
+                            .change = line.change,
+                            .point_steps = step.point.data(),
+                            .centre_u = n.centre_u,
+                            .centre_v = n.centre_v,
+                            .scale = n.scale,
+                            .weigh_by_depth = algebraic_weights == AlgebraicWeights::kInverseDepth,
+                            .shapes = images_.shapes(chunk)});
   });
   NineSums total{};
   for (const Biquadratic& sum : sums) {

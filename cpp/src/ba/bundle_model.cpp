@@ -80,10 +80,10 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
 ImageFit BundleModel::linearize_chunk(const State& state, int c) {
   const Chunk& chunk = graph_.chunks[c];
   ImageFit fit;
-  fit.behind_camera =
-      images_.kernels().linearize(images_.batch(state, chunk),
-                                  jacobian_output(normal_.camera_jacobian(chunk.begin),
-                                                  normal_.point_records_from(chunk.begin)));
+  fit.behind_camera = images_.linearize(state,
+                                        chunk,
+                                        jacobian_output(normal_.camera_jacobian(chunk.begin),
+                                                        normal_.point_records_from(chunk.begin)));
   for (int k = chunk.begin; k < chunk.end; ++k)
     fit.sum_of_squares += squared_residual(normal_.point_record(k));
   fit.cost = images_.is_robust() ? apply_loss(chunk) : fit.sum_of_squares;
@@ -210,8 +210,8 @@ double BundleModel::chunk_slope(const State& state, const linear::Step& step, in
   const int count = chunk.end - chunk.begin, size = map_.camera_size;
   std::vector<double> jacobians(2 * static_cast<std::size_t>(size) * count);
   std::vector<linear::PointRecord> records(count);
-  images_.kernels().linearize(images_.batch(state, chunk),
-                              jacobian_output(jacobians.data(), records.data()->row[0].by_point));
+  images_.linearize(
+      state, chunk, jacobian_output(jacobians.data(), records.data()->row[0].by_point));
   std::vector<double> camera_step(size);
   map_.expand(step.camera.data(), chunk.camera, camera_step.data());
   double sum = 0.0;

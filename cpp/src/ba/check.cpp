@@ -9,6 +9,7 @@
 
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -174,6 +175,7 @@ void check_arrays(const Problem& problem) {
   check_finite("pixels", problem.pixels, 2);
   check_finite("sigma_px", problem.sigma_px, 1);
   check_sigma(problem.sigma_px);
+  residuals::check_covariances(problem.sigma_px, problem.covariance_px2, observations);
   if (is_metric(problem.camera_model)) {
     check_rotations(problem);
   } else {

@@ -41,9 +41,7 @@ ImageResiduals::ImageResiduals(const Problem& problem,
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
       u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
       v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
-      inverse_sigma_(stored_order(graph, [&](std::size_t source) {
-        return problem.sigma_px.empty() ? 1.0 : 1.0 / problem.sigma_px[source];
-      })) {}
+      whiteners_(problem.sigma_px, problem.covariance_px2, graph.source, kReadAhead) {}
 
 residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chunk& chunk) const {
   return {.camera = state.cameras.data() + problem_.camera_offset(chunk.camera),
@@ -52,8 +50,29 @@ residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chun
           .point = graph_.point.data() + chunk.begin,
           .u = u_.data() + chunk.begin,
           .v = v_.data() + chunk.begin,
-          .inverse_sigma = inverse_sigma_.data() + chunk.begin,
+          .inverse_sigma = whiteners_.inverse_sigma.data() + chunk.begin,
           .count = chunk.end - chunk.begin};
+}
+
+residuals::WhitenerShapes ImageResiduals::shapes(const Chunk& chunk) const {
+  return whiteners_.shapes_from(chunk.begin);
+}
+
+int ImageResiduals::linearize(const State& state,
+                              const Chunk& chunk,
+                              const residuals::JacobianOutput& out) const {
+  const int behind = kernels_.linearize(batch(state, chunk), out);
+  residuals::whiten(shapes(chunk), chunk.end - chunk.begin, out);
+  return behind;
+}
+
+int ImageResiduals::residuals_of(const State& state,
+                                 const Chunk& chunk,
+                                 double* ru,
+                                 double* rv) const {
+  const int behind = kernels_.residuals(batch(state, chunk), ru, rv);
+  residuals::whiten(shapes(chunk), chunk.end - chunk.begin, ru, rv);
+  return behind;
 }
 
 std::vector<double> ImageResiduals::values(const State& state) const {
@@ -61,7 +80,7 @@ std::vector<double> ImageResiduals::values(const State& state) const {
   pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
     const Chunk& chunk = graph_.chunks[c];
     ChunkResiduals r;
-    kernels_.residuals(batch(state, chunk), r.u.data(), r.v.data());
+    residuals_of(state, chunk, r.u.data(), r.v.data());
     double* out = values.data() + 2L * chunk.begin;
     for (int k = 0; k < chunk.end - chunk.begin; ++k) {
       out[2 * k] = r.u[k];
@@ -78,7 +97,7 @@ ImageFit ImageResiduals::fit(const State& state) const {
 ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
   ChunkResiduals r;
   ImageFit fit;
-  fit.behind_camera = kernels_.residuals(batch(state, chunk), r.u.data(), r.v.data());
+  fit.behind_camera = residuals_of(state, chunk, r.u.data(), r.v.data());
   const int count = chunk.end - chunk.begin;
   for (int k = 0; k < count; ++k) fit.sum_of_squares += r.squared(k);
   fit.cost = fit.sum_of_squares;

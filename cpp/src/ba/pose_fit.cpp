@@ -70,7 +70,7 @@ residuals::PointViews frozen_points(const residuals::PoseConstraint& c) {
 PoseFit::PoseFit(const PoseView& view,
                  std::span<const WeightedConstraint> constraints,
                  int selected)
-    : storage_(view.points, view.pixels, view.sigma_px),
+    : storage_(view.points, view.pixels, view.sigma_px, view.covariance_px2),
       views_(storage_.arrays()),
       intrinsics_(view.intrinsics.data()),
       kernels_(residuals::resection_kernels(view.camera_model)),
@@ -192,7 +192,9 @@ double PoseFit::constraint_slope(double weight, const LinearizedPose& minimum) c
 }
 
 int PoseFit::inliers(double inlier_px, const LinearizedPose& at) {
-  kernels_.squared_errors(views_, intrinsics_, at.pose, errors_.data());
+  residuals::ViewArrays in_pixels = views_;
+  in_pixels.shapes = {};
+  kernels_.squared_errors(in_pixels, intrinsics_, at.pose, errors_.data());
   int inliers = 0;
   for (int j = 0; j < count(); ++j) {
     const double bound = inlier_px * views_.inverse_sigma[j];

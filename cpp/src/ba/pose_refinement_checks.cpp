@@ -4,6 +4,7 @@
 #include "sfmcpp/ba/pose_refinement.hpp"
 #include "sfmcpp/core/options_check.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -75,6 +76,7 @@ void check_pose_view(const PoseView& view) {
   require_finite(view.points, "points");
   require_finite(view.pixels, "pixels");
   require_positive(view.sigma_px, "sigma_px");
+  residuals::check_covariances(view.sigma_px, view.covariance_px2, n);
 }
 
 void check_constraints(std::span<const WeightedConstraint> constraints) {

@@ -31,6 +31,8 @@ PoseView view_of(const py::dict& arrays) {
   result.points = view<const double>(arrays, "points");
   result.pixels = view<const double>(arrays, "pixels");
   if (!arrays["sigma_px"].is_none()) result.sigma_px = view<const double>(arrays, "sigma_px");
+  if (!arrays["covariance_px2"].is_none())
+    result.covariance_px2 = view<const double>(arrays, "covariance_px2");
   return result;
 }
 

@@ -27,6 +27,8 @@ ba::Problem problem_of(const py::dict& arrays) {
   problem.point_index = view<const int>(arrays, "point_index");
   problem.pixels = view<const double>(arrays, "pixels");
   if (!arrays["sigma_px"].is_none()) problem.sigma_px = view<const double>(arrays, "sigma_px");
+  if (!arrays["covariance_px2"].is_none())
+    problem.covariance_px2 = view<const double>(arrays, "covariance_px2");
   problem.fixed_cameras = flags(arrays, "fixed_cameras");
   problem.fixed_points = flags(arrays, "fixed_points");
   problem.fixed_intrinsics = flags(arrays, "fixed_intrinsics");

@@ -53,8 +53,8 @@ struct Sums {
   }
 };
 
-template <class Camera>
-Biquadratic sums(const AlgebraicBatch& batch) {
+template <class Camera, bool kShaped>
+Biquadratic sums_of(const AlgebraicBatch& batch) {
   const ObservationBatch& seen = batch.observations;
   const double inverse_scale = 1.0 / batch.scale;
   Sums sums;
@@ -78,6 +78,10 @@ Biquadratic sums(const AlgebraicBatch& batch) {
     if (batch.weigh_by_depth) weight = weight / pq[2] * batch.scale;
     const Real mask = lanes_in_batch(seen, first);
     const auto masked = [&](Crossed c) {
+      if constexpr (kShaped) {
+        c.y = load<kLanes>(batch.shapes.shear + first) * c.x +
+              load<kLanes>(batch.shapes.stretch + first) * c.y;
+      }
       return Crossed{select_less(Real(0.0), mask, c.x * weight, Real(0.0)),
                      select_less(Real(0.0), mask, c.y * weight, Real(0.0))};
     };
@@ -87,6 +91,12 @@ Biquadratic sums(const AlgebraicBatch& batch) {
              masked(crossed(dpdq, qu, qv)));
   }
   return sums.total();
+}
+
+template <class Camera>
+Biquadratic sums(const AlgebraicBatch& batch) {
+  return batch.shapes.shear == nullptr ? sums_of<Camera, false>(batch)
+                                       : sums_of<Camera, true>(batch);
 }
 
 }  // namespace

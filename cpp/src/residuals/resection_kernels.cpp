@@ -41,7 +41,19 @@ SFMCPP_INLINE Row weighted(const Real (&j)[2][6], Real r_u, Real r_v, Real weigh
   return row;
 }
 
-template <class Camera>
+SFMCPP_INLINE bool is_shaped(const Views& views) { return views.shapes.shear != nullptr; }
+
+// What 1/σ_u leaves to whiten (whitening.hpp).
+template <bool kShaped>
+SFMCPP_INLINE void whiten_second([[maybe_unused]] const Views& views,
+                                 [[maybe_unused]] int first,
+                                 [[maybe_unused]] const Real& u,
+                                 [[maybe_unused]] Real& v) {
+  if constexpr (kShaped)
+    v = load_from(views.shapes.shear, first) * u + load_from(views.shapes.stretch, first) * v;
+}
+
+template <class Camera, bool kShaped>
 SFMCPP_INLINE Row observed_row(
     const Views& views, const double* intrinsics, const double* pose, int first, Real weight) {
   Real point[3];
@@ -49,7 +61,10 @@ SFMCPP_INLINE Row observed_row(
   Linearized<Camera> at;
   Camera::linearize(pose, intrinsics, point, at);
   const Real u = load_from(views.u, first), v = load_from(views.v, first);
-  return weighted(at.camera, u - at.image.u, v - at.image.v, weight);
+  Row row = weighted(at.camera, u - at.image.u, v - at.image.v, weight);
+  for (int k = 0; k < 6; ++k) whiten_second<kShaped>(views, first, row.j[0][k], row.j[1][k]);
+  whiten_second<kShaped>(views, first, row.r[0], row.r[1]);
+  return row;
 }
 
 template <class Camera>
@@ -110,18 +125,28 @@ struct LaneSums {
   }
 };
 
+template <class Camera, bool kShaped>
+void sums_of(const Views& views,
+             const double* intrinsics,
+             const double* pose,
+             const double* inverse_sigma,
+             PoseSums& out) {
+  LaneSums totals;
+  for (int first = 0; first < views.padded; first += kLanes) {
+    const Real weight = load_from(inverse_sigma, first);
+    totals.add(observed_row<Camera, kShaped>(views, intrinsics, pose, first, weight));
+  }
+  totals.totals(out);
+}
+
 template <class Camera>
 void sums(const Views& views,
           const double* intrinsics,
           const double* pose,
           const double* inverse_sigma,
           PoseSums& out) {
-  LaneSums totals;
-  for (int first = 0; first < views.padded; first += kLanes) {
-    const Real weight = load_from(inverse_sigma, first);
-    totals.add(observed_row<Camera>(views, intrinsics, pose, first, weight));
-  }
-  totals.totals(out);
+  if (is_shaped(views)) return sums_of<Camera, true>(views, intrinsics, pose, inverse_sigma, out);
+  sums_of<Camera, false>(views, intrinsics, pose, inverse_sigma, out);
 }
 
 template <class Camera>
@@ -137,28 +162,41 @@ void sums_between(const Views& views,
   totals.totals(out);
 }
 
-template <class Camera>
-void rows(const Views& views, const double* intrinsics, const double* pose, double* out) {
+template <class Camera, bool kShaped>
+void rows_of(const Views& views, const double* intrinsics, const double* pose, double* out) {
   for (int first = 0; first < views.padded; first += kLanes) {
     const Real weight = load_from(views.inverse_sigma, first);
-    const Row row = observed_row<Camera>(views, intrinsics, pose, first, weight);
+    const Row row = observed_row<Camera, kShaped>(views, intrinsics, pose, first, weight);
     for (int k = 0; k < 12; ++k) store(out + k * views.padded + first, row.j[k / 6][k % 6]);
     for (int k = 0; k < 2; ++k) store(out + (12 + k) * views.padded + first, row.r[k]);
   }
 }
 
 template <class Camera>
-void squared_errors(const Views& views, const double* intrinsics, const double* pose, double* out) {
+void rows(const Views& views, const double* intrinsics, const double* pose, double* out) {
+  if (is_shaped(views)) return rows_of<Camera, true>(views, intrinsics, pose, out);
+  rows_of<Camera, false>(views, intrinsics, pose, out);
+}
+
+template <class Camera, bool kShaped>
+void errors_of(const Views& views, const double* intrinsics, const double* pose, double* out) {
   for (int first = 0; first < views.padded; first += kLanes) {
     Real point[3];
     load_point(views, first, point);
     const ImagePoint<Real> image = Camera::project(pose, intrinsics, point);
     const Real weight = load_from(views.inverse_sigma, first);
     const Real u = (load_from(views.u, first) - image.u) * weight;
-    const Real v = (load_from(views.v, first) - image.v) * weight;
+    Real v = (load_from(views.v, first) - image.v) * weight;
+    whiten_second<kShaped>(views, first, u, v);
     const Real error = select_less(Real(0.0), image.depth, u * u + v * v, Real(kInfinity));
     store(out + first, error);
   }
+}
+
+template <class Camera>
+void squared_errors(const Views& views, const double* intrinsics, const double* pose, double* out) {
+  if (is_shaped(views)) return errors_of<Camera, true>(views, intrinsics, pose, out);
+  errors_of<Camera, false>(views, intrinsics, pose, out);
 }
 
 // W applied to both rows of J.

@@ -20,6 +20,7 @@ _ARRAYS = (
     "point_index",
     "pixels",
     "sigma_px",
+    "covariance_px2",
     "fixed_cameras",
     "fixed_points",
     "fixed_intrinsics",

@@ -20,6 +20,7 @@ def projective_problem(
     pixels: ArrayLike,
     *,
     sigma_px: ArrayLike | None = None,
+    covariance_px2: ArrayLike | None = None,
     metadata: Metadata | None = None,
 ) -> Problem:
     """Make the problem of uncalibrated cameras, each image in its normalised frame (thesis eq. 4.3).
@@ -36,6 +37,8 @@ def projective_problem(
         Observed image positions [px].
     sigma_px : (M,), optional
         Their standard deviations [px]; default 1.
+    covariance_px2 : (M, 2, 2), optional
+        Their covariances [px²], in place of standard deviations.
     metadata : Metadata, optional
         Names, colours and the like.
 
@@ -49,7 +52,8 @@ def projective_problem(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, an index is out of range, or a matrix or a point is zero or not finite.
+        If a shape is wrong, an index is out of range, a matrix or a point is zero or not finite, or both
+        `sigma_px` and `covariance_px2` are given.
     """
     matrices = np.asarray(projections, dtype=np.float64)
     if matrices.ndim != 3 or matrices.shape[1:] != (3, 4):
@@ -71,6 +75,7 @@ def projective_problem(
         np.asarray(point_index, dtype=np.int32),
         seen,
         sigma_px=None if sigma_px is None else np.asarray(sigma_px, dtype=np.float64),
+        covariance_px2=None if covariance_px2 is None else np.asarray(covariance_px2, dtype=np.float64),
         metadata=metadata or Metadata(),
     )
 
@@ -78,7 +83,8 @@ def projective_problem(
 def as_projective(problem: Problem) -> Problem:
     """Forget the calibration: the same cameras, points and observations with projection matrices.
 
-    Observations of cameras with distortion are freed of it, with the intrinsics of the present state.
+    Observations of cameras with distortion are freed of it, with the intrinsics of the present state; their
+    standard deviations or covariances stay.
 
     Parameters
     ----------
@@ -99,6 +105,7 @@ def as_projective(problem: Problem) -> Problem:
         problem.point_index,
         _core.undistorted_pixels(core_arrays(problem)),
         sigma_px=problem.sigma_px,
+        covariance_px2=problem.covariance_px2,
         metadata=problem.metadata,
     )
     result.fixed_cameras[:] = problem.fixed_cameras

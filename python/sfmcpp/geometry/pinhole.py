@@ -84,6 +84,7 @@ def undistorted_pixels(pixels: FloatArray, rows: FloatArray, index: NDArray[np.i
         "point_index": np.zeros(count, dtype=np.int32),
         "pixels": np.ascontiguousarray(pixels),
         "sigma_px": None,
+        "covariance_px2": None,
         "fixed_cameras": np.zeros(cameras, dtype=np.bool_),
         "fixed_points": np.zeros(1, dtype=np.bool_),
         "fixed_intrinsics": np.ones(rows.shape, dtype=np.bool_),

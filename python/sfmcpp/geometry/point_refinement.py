@@ -17,6 +17,7 @@ from sfmcpp.geometry.pinhole import image_slopes, to_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
+from sfmcpp.model.uncertainty import Whitener
 
 _FIRST_DAMPING = 1e-4
 # With less, the matrix of a point that runs away along its ray, of rank two, is singular to rounding.
@@ -35,7 +36,7 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
     Parameters
     ----------
     problem : Problem
-        Of any metric camera model; its observations are weighted by its standard deviations.
+        Of any metric camera model; its observations are weighted by its standard deviations or covariances.
     points : (N, 3) float64
         World points to start from. Those that are not finite, behind a camera that observes them, or observed
         less than twice, stay.
@@ -81,13 +82,14 @@ def _costs(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 def _residuals(problem: Problem, in_camera: FloatArray) -> FloatArray:
-    """(M, 2) ``(projected − observed) / σ``."""
+    """(M, 2) ``(projected − observed) / σ``, or whitened by covariances."""
     pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
-    return np.asarray((pixels - problem.pixels) / _sigma(problem))
+    whitener = _whitener(problem)
+    return whitener.finish(np.asarray((pixels - problem.pixels) / whitener.sigma_px[:, None]))
 
 
-def _sigma(problem: Problem) -> FloatArray:
-    return np.ones((1, 1)) if problem.sigma_px is None else problem.sigma_px[:, None]
+def _whitener(problem: Problem) -> Whitener:
+    return Whitener.of(problem.sigma_px, problem.covariance_px2)
 
 
 def _steps(
@@ -112,6 +114,7 @@ def _jacobians(problem: Problem, in_camera: FloatArray) -> FloatArray:
     slopes = image_slopes(in_camera[:, :2] / depth, intrinsics_of_observations(problem))
     towards = -(slopes[:, :, 0] * in_camera[:, :1] + slopes[:, :, 1] * in_camera[:, 1:2]) / depth
     by_camera_point = np.concatenate([slopes, towards[:, :, None]], axis=2)
-    by_camera_point /= (depth * _sigma(problem))[:, :, None]
+    whitener = _whitener(problem)
+    by_camera_point /= (depth * whitener.sigma_px[:, None])[:, :, None]
     camera_from_world = np.swapaxes(problem.rotations, 1, 2)[problem.camera_index]
-    return np.asarray(by_camera_point @ camera_from_world)
+    return np.asarray(whitener.finish(by_camera_point) @ camera_from_world)

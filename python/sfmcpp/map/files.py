@@ -9,6 +9,7 @@ import numpy as np
 from sfmcpp.map.map import Map
 from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -16,7 +17,7 @@ from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 def map_of_problem(problem: Problem) -> Map:
     """Make the map of a problem: its cameras become images, its rows of intrinsics cameras.
 
-    Masks of cameras and points and standard deviations of pixels have no place in a map.
+    Masks of cameras and points have no place in a map.
 
     Parameters
     ----------
@@ -57,8 +58,17 @@ def map_of_problem(problem: Problem) -> Map:
     )
     # In the order of the problem: a track keeps its order.
     result.observe(rows, problem.point_index)
+    result.keypoint_covariances[rows] = _covariances(problem)
     result.update_errors()
     return result
+
+
+def _covariances(problem: Problem) -> FloatArray:
+    """(M, 3) Σ_uu, Σ_uv, Σ_vv of the observations; not a number where nothing is said."""
+    if problem.covariance_px2 is not None:
+        return problem.covariance_px2.reshape(-1, 4)[:, [0, 1, 3]]
+    sigma = np.full(problem.num_observations, np.nan) if problem.sigma_px is None else problem.sigma_px
+    return np.asarray(sigma[:, None] ** 2 * [1.0, 0.0, 1.0])
 
 
 def problem_of_map(world: Map) -> Problem:
@@ -100,6 +110,7 @@ def problem_of_map(world: Map) -> Problem:
     }
     if world.camera_sizes.all():
         problem.metadata.extra["colmap_camera_sizes"] = world.camera_sizes.copy()
+    uncertainty = problem.uncertainty.of_some(tracks)
     return Problem(
         world.camera_model,
         problem.cameras,
@@ -108,6 +119,8 @@ def problem_of_map(world: Map) -> Problem:
         problem.camera_index[tracks],
         problem.point_index[tracks],
         problem.pixels[tracks],
+        sigma_px=uncertainty.sigma_px,
+        covariance_px2=uncertainty.covariance_px2,
         intrinsics_index=world.image_cameras[images],
         fixed_intrinsics=world.fixed_intrinsics.copy(),
         metadata=problem.metadata,

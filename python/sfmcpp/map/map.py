@@ -13,6 +13,8 @@ from sfmcpp.map.store import UNKNOWN_ERROR, Store
 from sfmcpp.map.tracks import NONE, Rows
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
+from sfmcpp.model.checks import require_positive
+from sfmcpp.model.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +24,8 @@ class LocalProblem:
     Attributes
     ----------
     problem : Problem
-        Its cameras are `images`, its rows of intrinsics `cameras`, its points `points`.
+        Its cameras are `images`, its rows of intrinsics `cameras`, its points `points`. Standard deviations
+        or covariances are those of the keypoints, where the map has them.
     images : (C,) int
         Numbers of images.
     cameras : (G,) int
@@ -152,10 +155,31 @@ class Map(Store):
             poses=place.apply_to_poses(other.poses),
             colors=other.keypoint_colors,
             scales=other.keypoint_scales,
+            covariances=other.keypoint_covariances,
         )
         rows, places = other._tracks.of(np.arange(len(other.points)))
         self.observe(begin + rows, numbers[places])
         return images, numbers
+
+    def set_sigmas_by_scale(self, sigma_per_scale: float) -> None:
+        """Let the standard deviation of each keypoint be proportional to its scale.
+
+        What is detected at a coarse scale is located no better than that scale allows. It replaces
+        :attr:`keypoint_covariances`; keypoints without a scale count as 1 px.
+
+        Parameters
+        ----------
+        sigma_per_scale : float
+            Standard deviation of each coordinate over the scale.
+
+        Raises
+        ------
+        InvalidArgument
+            If it is not finite and positive.
+        """
+        require_positive("sigma_per_scale", sigma_per_scale)
+        variances = (sigma_per_scale * self.keypoint_scales) ** 2
+        self.keypoint_covariances[:] = variances[:, None] * [1.0, 0.0, 1.0]
 
     def local_problem(self, images: ArrayLike, also: ArrayLike = ()) -> LocalProblem:
         """Make the problem of some images and their points, and of every image that sees these.
@@ -258,6 +282,7 @@ class Map(Store):
         cameras, camera_of_image = np.unique(self.image_cameras[images], return_inverse=True)
         place = np.empty(len(self.points), dtype=np.int32)
         place[points] = np.arange(len(points))
+        uncertainty = self._uncertainty(rows)
         problem = Problem(
             self.camera_model,
             self.poses[images],
@@ -268,8 +293,19 @@ class Map(Store):
             self.keypoints[rows],
             intrinsics_index=camera_of_image.astype(np.int32),
             fixed_intrinsics=self.fixed_intrinsics[cameras],
+            sigma_px=uncertainty.sigma_px,
+            covariance_px2=uncertainty.covariance_px2,
         )
         return LocalProblem(problem, images, cameras.astype(np.intp), points, rows)
+
+    def _uncertainty(self, rows: Rows) -> Uncertainty:
+        """What a problem takes of the covariances of some keypoints."""
+        upper = self.keypoint_covariances[rows]
+        unknown = np.isnan(upper).any(axis=1)
+        if unknown.all():
+            return Uncertainty()
+        upper[unknown] = [1.0, 0.0, 1.0]
+        return Uncertainty.of_covariances(upper[:, [0, 1, 1, 2]].reshape(-1, 2, 2))
 
     def take(self, local: LocalProblem) -> None:
         """Take over what has moved in `local`: poses, intrinsics and points."""

@@ -64,6 +64,7 @@ class Store:
             images=(np.int32, (), 0),
             colors=(np.uint8, (3,), 0),
             scales=(np.float64, (), np.nan),
+            covariances=(np.float64, (3,), np.nan),
         )
         self._points = Table(
             positions=(np.float64, (3,), np.nan),
@@ -149,6 +150,11 @@ class Store:
         return self._keypoints["scales"]
 
     @property
+    def keypoint_covariances(self) -> FloatArray:
+        """(K, 3) covariance of each keypoint, Σ_uu, Σ_uv, Σ_vv [px²]; not a number where 1 px is meant."""
+        return self._keypoints["covariances"]
+
+    @property
     def points(self) -> FloatArray:
         """(N, 3) position of each point; not a number without one."""
         return self._points["positions"]
@@ -231,6 +237,7 @@ class Store:
         ids: ArrayLike | None = None,
         colors: ArrayLike | None = None,
         scales: ArrayLike | None = None,
+        covariances: ArrayLike | None = None,
     ) -> Rows:
         """Add images with their keypoints.
 
@@ -254,6 +261,8 @@ class Store:
             Red, green, blue at each keypoint.
         scales : (k,) float64, optional
             Size of what was detected at each [px].
+        covariances : (k, 3) float64, optional
+            Σ_uu, Σ_uv, Σ_vv of each [px²]; not a number where 1 px is meant, which is the default.
 
         Returns
         -------
@@ -281,7 +290,8 @@ class Store:
         ids = _ids(self._images, len(names), ids)
         of_images = {"poses": poses, "cameras": cameras, "begin": begin, "counts": counts, "ids": ids}
         self._images.check(len(names), **of_images)
-        self._keypoints.grow(total, keypoints=keypoints, images=images, colors=colors, scales=scales)
+        of_keypoints = {"colors": colors, "scales": scales, "covariances": covariances}
+        self._keypoints.grow(total, keypoints=keypoints, images=images, **of_keypoints)
         new = self._images.grow(len(names), **of_images)
         self._tracks.link(self._tracks.grow_keypoints(total)[sees], seen[sees])
         self.image_names += names

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import camera_model
+from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
 
 @dataclass(repr=False)
@@ -71,6 +72,9 @@ class Problem:
         Row of `intrinsics` that each camera uses. Default: camera i uses row i (then G = C).
     sigma_px : (M,) float64, optional
         Standard deviation of each observation [px]. Default: 1 px everywhere.
+    covariance_px2 : (M, 2, 2) float64, optional
+        Covariance of each observation [px²], in place of `sigma_px`. Residuals are then
+        ``L (observed − projected)`` with ``LᵀL = Σ⁻¹``, L lower triangular (thesis eq. 1.18).
     fixed_cameras : (C,) bool, optional
         Cameras whose pose stays as it is. Default: none.
     fixed_points : (N,) bool, optional
@@ -83,8 +87,8 @@ class Problem:
     Raises
     ------
     InvalidArgument
-        If a shape or a dtype is wrong. Values (indices in range, finite numbers, rotations) are checked
-        by :meth:`check` and by every solve.
+        If a shape or a dtype is wrong, or both `sigma_px` and `covariance_px2` are given. Values (indices in
+        range, finite numbers, rotations) are checked by :meth:`check` and by every solve.
     """
 
     camera_model: str
@@ -96,6 +100,7 @@ class Problem:
     pixels: FloatArray
     intrinsics_index: IndexArray = None  # type: ignore[assignment]
     sigma_px: FloatArray | None = None
+    covariance_px2: FloatArray | None = None
     fixed_cameras: BoolArray = None  # type: ignore[assignment]
     fixed_points: BoolArray = None  # type: ignore[assignment]
     fixed_intrinsics: BoolArray = None  # type: ignore[assignment]
@@ -112,6 +117,9 @@ class Problem:
         self.pixels = _array("pixels", self.pixels, np.float64, (count, 2))
         if self.sigma_px is not None:
             self.sigma_px = _array("sigma_px", self.sigma_px, np.float64, (count,))
+        if self.covariance_px2 is not None:
+            self.covariance_px2 = _array("covariance_px2", self.covariance_px2, np.float64, (count, 2, 2))
+            require_one_uncertainty(self.sigma_px, self.covariance_px2)
         self._set_defaults(model.intrinsics, model.free_by_default)
 
     def _set_defaults(self, names: Sequence[str], free: Iterable[str]) -> None:
@@ -159,6 +167,11 @@ class Problem:
         return self.cameras[:, :, 3]
 
     @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations or covariances of the observations, or neither."""
+        return Uncertainty(self.sigma_px, self.covariance_px2)
+
+    @property
     def intrinsic_names(self) -> tuple[str, ...]:
         """Names of the columns of `intrinsics`."""
         return camera_model(self.camera_model).intrinsics
@@ -198,7 +211,8 @@ class Problem:
     def __repr__(self) -> str:
         return (
             f"Problem({self.camera_model!r}: {self.num_cameras} cameras, {self.num_points} points, "
-            f"{self.num_observations} observations)"
+            f"{self.num_observations} observations"
+            f"{' with covariances' if self.covariance_px2 is not None else ''})"
         )
 
 

@@ -146,8 +146,8 @@ class WeightFits:
         """
         state = start.copy()
         observed = {name: getattr(state, name)[keep] for name in ("camera_index", "point_index", "pixels")}
-        sigma = None if state.sigma_px is None else state.sigma_px[keep]
-        subset = replace(state, **observed, sigma_px=sigma)
+        kept = state.uncertainty.of_some(keep)
+        subset = replace(state, **observed, sigma_px=kept.sigma_px, covariance_px2=kept.covariance_px2)
         self._adjust(subset, weights, self._changed(max_iterations=steps, initial_damping=_SUBSET_DAMPING))
         return replace(state, cameras=subset.cameras, intrinsics=subset.intrinsics, points=subset.points)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.uncertainty import require_one_uncertainty
 
 # No image is measured better: perfect synthetic ones have no variance to compare with.
 LEAST_SIGMA = 1e-3
@@ -30,11 +31,14 @@ class PoseView:
         ``"calibrated"``, ``"perspective"`` or ``"bal"``.
     sigma_px : (n,) float64, optional
         Standard deviation of each image [px]; None: 1 px. Errors of images are in units of it.
+    covariance_px2 : (n, 2, 2) float64, optional
+        Covariance of each image [px²], in place of `sigma_px`; errors of images are then whitened by it.
 
     Raises
     ------
     InvalidArgument
-        If an array has the wrong shape or is not finite. Values are checked when the pose is fitted.
+        If an array has the wrong shape or is not finite, or both `sigma_px` and `covariance_px2` are given.
+        Values are checked when the pose is fitted.
     """
 
     points: FloatArray
@@ -42,6 +46,7 @@ class PoseView:
     intrinsics: FloatArray
     camera_model: str = "calibrated"
     sigma_px: FloatArray | None = None
+    covariance_px2: FloatArray | None = None
 
     def __post_init__(self) -> None:
         points = finite_array("points", self.points, (ANY, 3))
@@ -50,6 +55,10 @@ class PoseView:
         object.__setattr__(self, "intrinsics", finite_array("intrinsics", self.intrinsics, (ANY,)))
         if self.sigma_px is not None:
             object.__setattr__(self, "sigma_px", finite_array("sigma_px", self.sigma_px, (len(points),)))
+        if self.covariance_px2 is not None:
+            covariances = finite_array("covariance_px2", self.covariance_px2, (len(points), 2, 2))
+            object.__setattr__(self, "covariance_px2", covariances)
+        require_one_uncertainty(self.sigma_px, self.covariance_px2)
 
     @property
     def count(self) -> int:
@@ -79,4 +88,5 @@ class PoseView:
             "points": self.points,
             "pixels": self.pixels,
             "sigma_px": self.sigma_px,
+            "covariance_px2": self.covariance_px2,
         }

@@ -1,5 +1,7 @@
 #include "sfmcpp/ba/check.hpp"
 
+#include <algorithm>
+#include <array>
 #include <functional>
 #include <limits>
 #include <ostream>
@@ -97,6 +99,15 @@ const std::vector<Violation>& size_violations() {
   return violations;
 }
 
+// Covariances in place of σ, of which the k-th is `values`.
+std::vector<double>& covariance(OwnedProblem& scene, int k, std::array<double, 4> values) {
+  scene.sigma_px.clear();
+  for (int i = 0; i < 240; ++i)
+    scene.covariance_px2.insert(scene.covariance_px2.end(), {2.0, 0.5, 0.5, 1.0});
+  std::copy(values.begin(), values.end(), scene.covariance_px2.begin() + 4 * k);
+  return scene.covariance_px2;
+}
+
 const std::vector<Violation>& value_violations() {
   static const std::vector<Violation> violations{
       {"IntrinsicsIndexTooLarge",
@@ -131,7 +142,40 @@ const std::vector<Violation>& value_violations() {
        "sigma_px[5] = 0: must be positive"},
       {"SigmaNegative",
        [](OwnedProblem& s) { s.sigma_px[239] = -2.5; },
-       "sigma_px[239] = -2.5: must be positive"}};
+       "sigma_px[239] = -2.5: must be positive"},
+      {"CovarianceBesideSigma",
+       [](OwnedProblem& s) { s.covariance_px2.assign(960, 1.0); },
+       "covariance_px2: given beside sigma_px, must be one of them"},
+      {"CovarianceShort",
+       [](OwnedProblem& s) {
+         covariance(s, 7, {1, 0, 0, 1}).pop_back();
+       },
+       "covariance_px2: 959 values, must be 960"},
+      {"CovarianceNaN",
+       [](OwnedProblem& s) {
+         covariance(s, 7, {1, kNaN, 0, 1});
+       },
+       "covariance_px2[7] = [[1, nan], [0, 1]]: must be finite"},
+      {"CovarianceNotSymmetric",
+       [](OwnedProblem& s) {
+         covariance(s, 7, {1, 0.5, 0.4, 1});
+       },
+       "covariance_px2[7] = [[1, 0.5], [0.4, 1]]: must be symmetric"},
+      {"CovarianceOfCorrelationOne",
+       [](OwnedProblem& s) {
+         covariance(s, 7, {0.01, 0.03, 0.03, 0.09});
+       },
+       "covariance_px2[7] = [[0.01, 0.03], [0.03, 0.09]]: must be positive definite"},
+      {"CovarianceNegative",
+       [](OwnedProblem& s) {
+         covariance(s, 239, {-1, 0, 0, -1});
+       },
+       "covariance_px2[239] = [[-1, 0], [0, -1]]: must be positive definite"},
+      {"CovarianceZero",
+       [](OwnedProblem& s) {
+         covariance(s, 0, {0, 0, 0, 0});
+       },
+       "covariance_px2[0] = [[0, 0], [0, 0]]: must be positive definite"}};
   return violations;
 }
 

@@ -211,6 +211,13 @@ OwnedProblem constrained_scene() {
   return scene;
 }
 
+OwnedProblem scene_with_covariances() {
+  support::SceneOptions options = support::perturbed(CameraModelId::kPerspective);
+  options.num_points = 41;
+  options.covariances = true;
+  return make_circle_scene(options);
+}
+
 std::vector<Case> solvers_and_structures() {
   std::vector<Case> cases;
   for (LinearSolverKind solver :
@@ -218,6 +225,7 @@ std::vector<Case> solvers_and_structures() {
     cases.push_back(with_solver("Shared", scene_of(CameraModelId::kBal, 2), solver));
     cases.push_back(with_solver("Constrained", constrained_scene(), solver));
     cases.push_back(with_solver("Projective", scene_of(CameraModelId::kProjective), solver));
+    cases.push_back(with_solver("Covariances", scene_with_covariances(), solver));
     support::SceneOptions chain = support::perturbed(CameraModelId::kCalibrated);
     chain.num_cameras = 12;
     chain.num_points = 121;

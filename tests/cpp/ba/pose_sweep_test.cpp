@@ -45,6 +45,36 @@ TEST(PoseSweep, OtherConstraintsKeepTheirWeight) {
   EXPECT_NEAR(refined.constraints[0], sweep.constraint[3], 1e-9);
 }
 
+TEST(PoseSweep, CovariancesWeighImagesAsADenseFitDoes) {
+  Scene s(Kind::kDisplacementRotation, 0.5, 12);
+  s.give_covariances();
+  const PoseSweep sweep = s.sweep(kWeights);
+  for (std::size_t k = 0; k < kWeights.size(); ++k) {
+    const Pose expected = dense_fit(s, {kWeights[k]}, s.start);
+    EXPECT_LT(distance(sweep.poses.data() + 12 * k, expected.data()), 2e-8) << kWeights[k];
+    const double score = support::refitted_score(s, kWeights[k], expected);
+    EXPECT_NEAR(sweep.leave_one_out[k], score, 1e-5 * score);
+    EXPECT_NEAR(sweep.approximate_leave_one_out[k], score, 0.1 * score);
+    int near = 0;
+    for (int j = 0; j < s.view().count(); ++j) {
+      Scene in_pixels = s;
+      in_pixels.covariances.clear();
+      near += prediction_error(in_pixels, j, expected) * s.sigma[j] * s.sigma[j] <= 4.0;
+    }
+    EXPECT_EQ(sweep.inliers[k], near);
+  }
+}
+
+TEST(PoseSweep, RoundCovariancesHaveTheBitsOfStandardDeviations) {
+  Scene s(Kind::kPosition);
+  const PoseSweep by_sigma = s.sweep(kWeights);
+  for (double sigma : s.sigma)
+    for (double x : {sigma * sigma, 0.0, 0.0, sigma * sigma}) s.covariances.push_back(x);
+  const PoseSweep by_covariance = s.sweep(kWeights);
+  EXPECT_EQ(by_covariance.poses, by_sigma.poses);
+  EXPECT_EQ(by_covariance.leave_one_out, by_sigma.leave_one_out);
+}
+
 TEST(PoseSweep, CountsPointsWithinTwoPixelsWhateverTheirSigma) {
   const Scene s(Kind::kPosition, 1.5);
   const PoseSweep sweep = s.sweep(kWeights);

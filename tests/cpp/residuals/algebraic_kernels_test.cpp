@@ -49,6 +49,12 @@ struct Scene {
       batch.v[k] = 240.0 + 100.0 * normal();
       ideal.push_back(undistorted(model, batch.intrinsics, {batch.u[k], batch.v[k]}));
     }
+    shear.assign(count + kReadAhead, kNaN);
+    stretch = shear;
+    for (int k = 0; k < count; ++k) {
+      shear[k] = normal();
+      stretch[k] = 0.5 + std::abs(normal());
+    }
     for (int k = count; k < count + kReadAhead; ++k)
       batch.u[k] = batch.v[k] = batch.inverse_sigma[k] = kNaN;
   }
@@ -63,12 +69,15 @@ struct Scene {
             .centre_u = 310.0,
             .centre_v = 255.0,
             .scale = 130.0,
-            .weigh_by_depth = weigh_by_depth};
+            .weigh_by_depth = weigh_by_depth,
+            .shapes = shaped ? residuals::WhitenerShapes{shear.data(), stretch.data()}
+                             : residuals::WhitenerShapes{}};
   }
 
   RandomBatch batch;
   std::array<double, 12> matrix, change;
-  std::vector<double> point_steps;
+  std::vector<double> point_steps, shear, stretch;
+  bool shaped = false;
   std::vector<Vector2d> ideal;
   std::mt19937 random;
   std::normal_distribution<double> normal_distribution;
@@ -96,6 +105,11 @@ Biquadratic plain_sums(const Scene& scene, bool weigh_by_depth) {
     const double y = (scene.ideal[k].y() - view.centre_v) / view.scale;
     Eigen::Matrix<double, 2, 3> s;
     s << 0.0, -1.0, y, 1.0, 0.0, -x;
+    // Of covariances: the rows that give the errors in u and v, and L of whitening.hpp.
+    if (scene.shaped) {
+      const double shear = scene.shear[k], stretch = scene.stretch[k];
+      s << 1.0, 0.0, -x, shear, stretch, -shear * x - stretch * y;
+    }
     s *= scene.batch.inverse_sigma[k];
     if (weigh_by_depth) s *= view.scale / (p * q)[2];
     const Vector2d a = s * p * q, bp = s * dp * q, bq = s * p * dq, c = s * dp * dq;
@@ -151,10 +165,13 @@ class AlgebraicKernelOf : public testing::TestWithParam<Case> {
 // Beyond the batch there is nothing but NaN.
 TEST_P(AlgebraicKernelOf, SumsAreThoseOfAPlainLoopOverTheBatchAndNothingBeyondIt) {
   for (int count = 1; count <= kMaxCount; ++count) {
-    const Scene scene(GetParam().model, count, 100 + count);
-    for (bool weigh_by_depth : {false, true}) {
-      SCOPED_TRACE(testing::Message() << count << (weigh_by_depth ? " by depth" : " alike"));
-      expect_close(sums(scene.view(weigh_by_depth)), plain_sums(scene, weigh_by_depth));
+    Scene scene(GetParam().model, count, 100 + count);
+    for (bool shaped : {false, true}) {
+      scene.shaped = shaped;
+      for (bool weigh_by_depth : {false, true}) {
+        SCOPED_TRACE(testing::Message() << count << (weigh_by_depth ? " by depth" : " alike"));
+        expect_close(sums(scene.view(weigh_by_depth)), plain_sums(scene, weigh_by_depth));
+      }
     }
   }
 }

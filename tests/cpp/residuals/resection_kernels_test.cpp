@@ -11,6 +11,7 @@
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/resection.hpp"
 #include "support/instruction_sets.hpp"
+#include "support/whitening_factor.hpp"
 
 namespace sfmcpp {
 namespace {
@@ -209,6 +210,41 @@ TEST_P(ResectionKernelsOf, PredictedErrorsAreThoseOfLinearFitsToTheOthers) {
       const Vector6 step = others.ldlt().solve(b - jj.transpose() * rj);
       const double expected = (rj - jj * step).squaredNorm();
       EXPECT_NEAR(errors[left_out], expected, 1e-9 * expected);
+    }
+  });
+}
+
+// Sums, rows and errors with Σ in place of σ.
+TEST_P(ResectionKernelsOf, CovariancesWhitenBothRowsOfAnObservation) {
+  for_every_case([](auto kernels, Scene s, const ViewArrays&) {
+    const auto count = static_cast<Eigen::Index>(s.sigma.size());
+    std::vector<double> covariances;
+    MatrixXd whitening = MatrixXd::Zero(2 * count, 2 * count);
+    for (Eigen::Index j = 0; j < count; ++j) {
+      const double uu = 0.5 + std::abs(s.normal()), vv = 0.5 + std::abs(s.normal());
+      const double uv = 0.8 * std::tanh(s.normal()) * std::sqrt(uu * vv);
+      covariances.insert(covariances.end(), {uu, uv, uv, vv});
+      whitening.block<2, 2>(2 * j, 2 * j) = support::whitening_factor(covariances.data() + 4 * j);
+    }
+    const PointViews owner(s.points, s.pixels, {}, covariances);
+    const ViewArrays views = owner.arrays();
+    const Images at = images_of(s, s.pose);
+    const MatrixXd jacobian = whitening * at.jacobian;
+    const VectorXd r = whitening * (VectorXd::Map(s.pixels.data(), 2 * count) - at.pixels);
+    PoseSums got;
+    kernels.sums(views, s.intrinsics.data(), s.pose.data(), views.inverse_sigma, got);
+    expect_sums(got, jacobian, r);
+    std::vector<double> rows(residuals::kViewRows * views.padded), errors(views.padded);
+    kernels.rows(views, s.intrinsics.data(), s.pose.data(), rows.data());
+    kernels.squared_errors(views, s.intrinsics.data(), s.pose.data(), errors.data());
+    for (int j = 0; j < views.count; ++j) {
+      for (int k = 0; k < 14; ++k) {
+        const int row = 2 * j + (k < 12 ? k / 6 : k - 12);
+        const double expected = k < 12 ? jacobian(row, k % 6) : r[row];
+        const double scale = k < 12 ? jacobian.cwiseAbs().maxCoeff() : r.cwiseAbs().maxCoeff();
+        EXPECT_NEAR(rows[k * views.padded + j], expected, 1e-12 * scale);
+      }
+      if (at.depth[j] > 0.0) EXPECT_NEAR(errors[j] / r.segment<2>(2 * j).squaredNorm(), 1.0, 1e-11);
     }
   });
 }

@@ -8,6 +8,7 @@
 
 #include "sfmcpp/math/so3.hpp"
 #include "support/camera_dispatch.hpp"
+#include "support/whitening_factor.hpp"
 
 namespace sfmcpp::support {
 namespace {
@@ -123,16 +124,16 @@ std::pair<Vector4d, Vector4d> point_and_change(const LinearizedProblem& work,
   return {q, Vector4d(product.w(), product.x(), product.y(), product.z())};
 }
 
-double residual_weight(const LinearizedProblem& work, const Loss& loss, int k) {
+Eigen::Matrix2d residual_weight(const LinearizedProblem& work, const Loss& loss, int k) {
   const ba::Problem& problem = work.problem;
   const double* point = work.state.points.data() +
                         static_cast<long>(problem.point_storage()) * problem.point_index[k];
   const auto image =
       project(problem.camera_model, stored_camera(work, k), intrinsics_of(work, k).data(), point);
-  const double sigma = problem.sigma_px.empty() ? 1.0 : problem.sigma_px[k];
-  const double r2 = std::pow((problem.pixels[2 * k] - image.u) / sigma, 2) +
-                    std::pow((problem.pixels[2 * k + 1] - image.v) / sigma, 2);
-  return std::sqrt(loss.derivative(r2)) / sigma;
+  const Eigen::Matrix2d factor = whitening_factor(problem, k);
+  const Vector2d r =
+      factor * Vector2d(problem.pixels[2 * k] - image.u, problem.pixels[2 * k + 1] - image.v);
+  return std::sqrt(loss.derivative(r.squaredNorm())) * factor;
 }
 
 }  // namespace
@@ -166,7 +167,11 @@ AlgebraicReference::AlgebraicReference(const LinearizedProblem& work,
     o.dp = n * change_to_pixels(work, camera_step(work, step, k), k);
     std::tie(o.q, o.dq) = point_and_change(work, step, k);
     const Vector3d seen = n * undistorted_pixel(work, k).homogeneous();
-    o.s = residual_weight(work, loss, k) * skew(seen).topRows<2>();
+    // Rows of [q̂]× that give (projected − observed) in u and in v, times the depth.
+    const Matrix3d cross = skew(seen);
+    Eigen::Matrix<double, 2, 3> error;
+    error << cross.row(1), -cross.row(0);
+    o.s = residual_weight(work, loss, k) * error;
     if (weights == ba::AlgebraicWeights::kInverseDepth) o.s /= n(0, 0) * (o.p * o.q)[2];
     observations_.push_back(o);
   }

@@ -10,12 +10,17 @@ template <class F>
 OwnedProblem observed_where(const OwnedProblem& scene, const F& keep) {
   OwnedProblem kept = scene;
   for (std::vector<int>* index : {&kept.camera_index, &kept.point_index}) index->clear();
-  for (std::vector<double>* values : {&kept.pixels, &kept.sigma_px}) values->clear();
+  for (std::vector<double>* values : {&kept.pixels, &kept.sigma_px, &kept.covariance_px2})
+    values->clear();
   for (std::size_t k = 0; k < scene.camera_index.size(); ++k) {
     const int camera = scene.camera_index[k], point = scene.point_index[k];
     if (!keep(camera, point)) continue;
     kept.observe(camera, point, scene.pixels[2 * k], scene.pixels[2 * k + 1]);
     if (!scene.sigma_px.empty()) kept.sigma_px.push_back(scene.sigma_px[k]);
+    if (!scene.covariance_px2.empty()) {
+      const auto first = scene.covariance_px2.begin() + 4 * static_cast<std::ptrdiff_t>(k);
+      kept.covariance_px2.insert(kept.covariance_px2.end(), first, first + 4);
+    }
   }
   return kept;
 }

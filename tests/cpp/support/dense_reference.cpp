@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "support/camera_dispatch.hpp"
+#include "support/whitening_factor.hpp"
 
 namespace sfmcpp::support {
 namespace {
@@ -43,13 +44,14 @@ class DenseAssembler {
                       in_.state.intrinsics.data() + group,
                       in_.state.points.data() + static_cast<long>(Camera::kPointStorage) * p,
                       lin);
-    const double over_sigma = problem.sigma_px.empty() ? 1.0 : 1.0 / problem.sigma_px[k];
-    const double ru = (problem.pixels[2 * k] - lin.image.u) * over_sigma;
-    const double rv = (problem.pixels[2 * k + 1] - lin.image.v) * over_sigma;
-    const double weight = std::sqrt(loss_.derivative(ru * ru + rv * rv));
-    out_.residual.segment<2>(2 * k) = weight * Eigen::Vector2d(ru, rv);
-    for (int row = 0; row < 2; ++row)
-      add_row<Camera>(lin, row, 2 * k + row, i, p, weight * over_sigma);
+    const Eigen::Matrix2d factor = whitening_factor(problem, k);
+    const Eigen::Vector2d r = factor * Eigen::Vector2d(problem.pixels[2 * k] - lin.image.u,
+                                                       problem.pixels[2 * k + 1] - lin.image.v);
+    const double weight = std::sqrt(loss_.derivative(r.squaredNorm()));
+    out_.residual.segment<2>(2 * k) = weight * r;
+    for (int row = 0; row < 2; ++row) add_row<Camera>(lin, row, 2 * k + row, i, p, 1.0);
+    out_.jacobian.middleRows<2>(2 * k) =
+        (weight * factor * out_.jacobian.middleRows<2>(2 * k)).eval();
   }
 
   template <class Camera, class Linearized>

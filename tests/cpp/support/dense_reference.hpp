@@ -8,7 +8,7 @@
 
 namespace sfmcpp::support {
 
-// Rows: two per observation in the caller's order, over σ.
+// Rows: two per observation in the caller's order, over σ or whitened.
 DenseSystem make_dense_system(const LinearizedProblem& linearized, const Loss& loss = {});
 
 }  // namespace sfmcpp::support

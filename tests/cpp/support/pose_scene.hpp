@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include <Eigen/Geometry>
 #include <Eigen/QR>
 
 #include "sfmcpp/ba/pose_refinement.hpp"
@@ -13,6 +14,7 @@
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "support/whitening_factor.hpp"
 
 namespace sfmcpp::support {
 
@@ -58,6 +60,8 @@ struct PoseScene {
   }
 
   ba::PoseView view() const {
+    if (!covariances.empty())
+      return {CameraModelId::kCalibrated, intrinsics, points, pixels, {}, covariances};
     return {CameraModelId::kCalibrated, intrinsics, points, pixels, sigma};
   }
   ba::PoseSweep sweep(const std::vector<double>& weights,
@@ -72,12 +76,27 @@ struct PoseScene {
     drop(fewer.points, 3);
     drop(fewer.pixels, 2);
     drop(fewer.sigma, 1);
+    if (!covariances.empty()) drop(fewer.covariances, 4);
     return fewer;
+  }
+  // Ellipses of all directions, in place of σ.
+  void give_covariances() {
+    for (double s : sigma) {
+      const double turn = 3.0 * s * s;
+      const Eigen::Matrix2d axes = Eigen::Rotation2Dd(turn).toRotationMatrix();
+      const Eigen::Matrix2d c =
+          axes * Eigen::Vector2d(s * s, 0.1 * s).asDiagonal() * axes.transpose();
+      covariances.insert(covariances.end(), {c(0, 0), c(0, 1), c(0, 1), c(1, 1)});
+    }
+  }
+  Eigen::Matrix2d whitening(int j) const {
+    if (covariances.empty()) return Eigen::Matrix2d::Identity() / sigma[j];
+    return whitening_factor(covariances.data() + 4L * j);
   }
 
   std::mt19937 random;
   std::array<double, 5> intrinsics{600.0, 1.05, 310.0, 250.0, 2.0};
-  std::vector<double> points, pixels, sigma;
+  std::vector<double> points, pixels, sigma, covariances;
   std::vector<ba::WeightedConstraint> constraints;
   Pose start;
 };
@@ -91,9 +110,8 @@ inline Eigen::VectorXd stacked(const PoseScene& s,
   for (int j = 0; j < n; ++j) {
     const auto image =
         CalibratedCamera::project(pose.data(), s.intrinsics.data(), s.points.data() + 3L * j);
-    const double share = 1.0 / (s.sigma[j] * std::sqrt(n));
-    all.push_back(share * (s.pixels[2L * j] - image.u));
-    all.push_back(share * (s.pixels[2L * j + 1] - image.v));
+    const Eigen::Vector2d off(s.pixels[2L * j] - image.u, s.pixels[2L * j + 1] - image.v);
+    for (double r : Eigen::Vector2d(s.whitening(j) * off)) all.push_back(r / std::sqrt(n));
   }
   for (std::size_t k = 0; k < s.constraints.size(); ++k) {
     const ba::WeightedConstraint& c = s.constraints[k];
@@ -133,9 +151,9 @@ inline Pose dense_fit(const PoseScene& s, const std::vector<double>& weights, Po
 inline double prediction_error(const PoseScene& s, int observation, const Pose& pose) {
   const auto image = CalibratedCamera::project(
       pose.data(), s.intrinsics.data(), s.points.data() + 3L * observation);
-  const double du = s.pixels[2L * observation] - image.u;
-  const double dv = s.pixels[2L * observation + 1] - image.v;
-  return (du * du + dv * dv) / (s.sigma[observation] * s.sigma[observation]);
+  const Eigen::Vector2d off(s.pixels[2L * observation] - image.u,
+                            s.pixels[2L * observation + 1] - image.v);
+  return (s.whitening(observation) * off).squaredNorm();
 }
 
 inline double refitted_score(const PoseScene& s, double weight, const Pose& from) {

@@ -7,6 +7,7 @@
 #include <random>
 #include <span>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
 #include "sfmcpp/math/so3.hpp"
@@ -19,6 +20,8 @@ namespace {
 constexpr double kRadius = 10.0;
 constexpr double kHalfCube = 3.0;
 constexpr std::array<double, 3> kSigmas{0.5, 1.0, 2.0};
+constexpr std::array<std::array<double, 4>, 3> kCovariances{
+    {{4.0, 1.8, 1.8, 1.0}, {0.25, 0.0, 0.0, 0.25}, {0.3, -0.5, -0.5, 2.5}}};
 
 std::vector<double> true_intrinsics(CameraModelId model) {
   switch (model) {
@@ -117,8 +120,13 @@ class CircleScene {
       scene_.sigma_px.push_back(kSigmas[scene_.sigma_px.size() % kSigmas.size()]);
       noise *= scene_.sigma_px.back();
     }
-    const double du = noise * normal();
-    scene_.observe(camera, p, image.u + du, image.v + noise * normal());
+    const double du = noise * normal(), dv = noise * normal();
+    if (!options_.covariances) return scene_.observe(camera, p, image.u + du, image.v + dv);
+    const auto& sigma = kCovariances[scene_.camera_index.size() % kCovariances.size()];
+    scene_.covariance_px2.insert(scene_.covariance_px2.end(), sigma.begin(), sigma.end());
+    const Eigen::Vector2d off =
+        Eigen::Matrix2d(sigma.data()).llt().matrixL() * Eigen::Vector2d(du, dv);
+    scene_.observe(camera, p, image.u + off.x(), image.v + off.y());
   }
 
   void perturb() {
@@ -185,6 +193,7 @@ ba::Problem OwnedProblem::view() const {
           .point_index = point_index,
           .pixels = pixels,
           .sigma_px = sigma_px,
+          .covariance_px2 = covariance_px2,
           .fixed_cameras = fixed_cameras,
           .fixed_points = fixed_points,
           .fixed_intrinsics = fixed_intrinsics,

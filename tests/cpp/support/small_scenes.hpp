@@ -20,7 +20,8 @@ struct SceneOptions {
       0;  // rows of intrinsics that the cameras share in turn; 0: a row for each camera
   std::optional<std::vector<int>> free_intrinsics{};  // none: those a user gets by default
   double noise_px = 0.0;                              // of the pixels, where sigma_px is 1
-  bool varied_sigma = false;        // sigma_px of 0.5, 1 and 2 px in turn, the noise with it
+  bool varied_sigma = false;  // sigma_px of 0.5, 1 and 2 px in turn, the noise with it
+  bool covariances = false;  // three covariance_px2 in turn, one of them σ²I, the noise with them
   double rotation_error_rad = 0.0;  // of the start, standard deviation per coordinate
   double centre_error_m = 0.0;
   double point_error_m = 0.0;
@@ -31,7 +32,7 @@ struct SceneOptions {
 // The arrays that a ba::Problem views. They hold the start; `truth` what made the pixels.
 struct OwnedProblem {
   CameraModelId camera_model = CameraModelId::kCalibrated;
-  std::vector<double> cameras, intrinsics, points, pixels, sigma_px;
+  std::vector<double> cameras, intrinsics, points, pixels, sigma_px, covariance_px2;
   std::vector<int> intrinsics_index, camera_index, point_index;
   std::vector<std::uint8_t> fixed_cameras, fixed_points, fixed_intrinsics;
   residuals::ConstraintSet constraints;

@@ -74,7 +74,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   ThreadPool& pool_;
   Exchange& exchange_;
   ImageResiduals images_;
-  std::vector<double> weights_;  // 1/σ √ρ′ where linearised last, of a robust loss
+  std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;
   ImageFit fit_;

@@ -12,7 +12,7 @@ namespace sfmcpp::ba {
 
 // Throws InvalidArgument naming array, position, value and rule: sizes that do not match, indices
 // out of range, numbers that are not finite, matrices that are no rotations, σ that are not
-// positive.
+// positive, Σ that are no covariances.
 void check_arrays(const Problem& problem);
 
 // Throws InvalidArgument if a camera observes a point twice.

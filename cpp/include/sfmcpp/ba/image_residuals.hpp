@@ -1,4 +1,5 @@
-// The residuals of all observations, r = (observed − projected) / σ, and what they cost: in stored
+// The residuals of all observations, r = (observed − projected) / σ or whitened by a covariance
+// (residuals/whitening.hpp), and what they cost: in stored
 // order (linear/observation_graph.hpp), in parallel over its chunks. Of the observations of this
 // rank; sums are over all ranks (core/exchange.hpp).
 #pragma once
@@ -9,6 +10,7 @@
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/residuals/loss.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::ba {
 
@@ -45,13 +47,17 @@ class ImageResiduals {
     return total(fits);
   }
 
-  // A chunk of observations as the kernels take it.
+  // A chunk of observations as the kernels take it, what 1/σ leaves to whiten in it, and its
+  // residuals with their Jacobian; how many points are not in front of the camera.
   residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
-  const residuals::ReprojectionKernels& kernels() const { return kernels_; }
+  residuals::WhitenerShapes shapes(const linear::Chunk& chunk) const;
+  int linearize(const optim::State& state,
+                const linear::Chunk& chunk,
+                const residuals::JacobianOutput& out) const;
   // In stored order, readable beyond the end: observed pixels, and 1/σ.
   const std::vector<double>& u() const { return u_; }
   const std::vector<double>& v() const { return v_; }
-  const std::vector<double>& inverse_sigma() const { return inverse_sigma_; }
+  const std::vector<double>& inverse_sigma() const { return whiteners_.inverse_sigma; }
 
   const Problem& problem() const { return problem_; }
   const linear::ObservationGraph& graph() const { return graph_; }
@@ -59,6 +65,11 @@ class ImageResiduals {
   Exchange& exchange() const { return exchange_; }
 
  private:
+  // Two arrays with room for a chunk and kReadAhead numbers; as linearize().
+  int residuals_of(const optim::State& state,
+                   const linear::Chunk& chunk,
+                   double* ru,
+                   double* rv) const;
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
   ImageFit total(const std::vector<ImageFit>& fits) const;
 
@@ -68,7 +79,8 @@ class ImageResiduals {
   Exchange& exchange_;
   residuals::ReprojectionKernels kernels_;
   Loss loss_;
-  std::vector<double> u_, v_, inverse_sigma_;
+  std::vector<double> u_, v_;
+  residuals::Whiteners whiteners_;
 };
 
 }  // namespace sfmcpp::ba

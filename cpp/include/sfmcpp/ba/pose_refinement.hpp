@@ -3,8 +3,9 @@
 //
 //   F(R, t) = 1/n Σ_j ‖r_j‖² + Σ_k λ_k² ε_k        (thesis eqs 5.1, 5.15)
 //
-// r_j = (observed − projected) / σ_j, in units of σ; ε_k the mean squared error of constraint k
-// (residuals/pose_constraints.hpp). Constraints that are not selected keep their weight.
+// r_j = (observed − projected) / σ_j, in units of σ, or whitened by a covariance; ε_k the mean
+// squared error of constraint k (residuals/pose_constraints.hpp). Constraints that are not selected
+// keep their weight.
 //
 // Leave-one-out (thesis eqs 5.8–5.9): the fit to the other n − 1 observations, with 1/(n − 1) in
 // front, predicts the one left out; the score is the mean of ‖r‖² so found. Exact: a few steps of
@@ -35,10 +36,11 @@ namespace sfmcpp::ba {
 // What one camera sees; views of the caller's arrays.
 struct PoseView {
   CameraModelId camera_model = CameraModelId::kCalibrated;
-  std::span<const double> intrinsics;  // K
-  std::span<const double> points;      // n × 3, world, fixed
-  std::span<const double> pixels;      // n × 2
-  std::span<const double> sigma_px;    // n, or empty for 1 px
+  std::span<const double> intrinsics;        // K
+  std::span<const double> points;            // n × 3, world, fixed
+  std::span<const double> pixels;            // n × 2
+  std::span<const double> sigma_px;          // n, or empty for 1 px
+  std::span<const double> covariance_px2{};  // n × 2 × 2 instead of σ, or empty
 
   int count() const { return static_cast<int>(pixels.size()) / 2; }
 };

@@ -20,14 +20,15 @@ namespace sfmcpp::ba {
 // they are the start that state_of() copies.
 struct Problem {
   CameraModelId camera_model = CameraModelId::kCalibrated;
-  std::span<const double> cameras;        // C × 12, row-major: [R | c] world_from_camera, or P
-  std::span<const double> intrinsics;     // G × K
-  std::span<const double> points;         // N × 3, or N × 4 homogeneous
-  std::span<const int> intrinsics_index;  // C: row of intrinsics of each camera
-  std::span<const int> camera_index;      // M
-  std::span<const int> point_index;       // M
-  std::span<const double> pixels;         // M × 2
-  std::span<const double> sigma_px;       // M, or empty for 1 px
+  std::span<const double> cameras;           // C × 12, row-major: [R | c] world_from_camera, or P
+  std::span<const double> intrinsics;        // G × K
+  std::span<const double> points;            // N × 3, or N × 4 homogeneous
+  std::span<const int> intrinsics_index;     // C: row of intrinsics of each camera
+  std::span<const int> camera_index;         // M
+  std::span<const int> point_index;          // M
+  std::span<const double> pixels;            // M × 2
+  std::span<const double> sigma_px;          // M, or empty for 1 px
+  std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
   std::span<const std::uint8_t> fixed_cameras;            // C
   std::span<const std::uint8_t> fixed_points;             // N
   std::span<const std::uint8_t> fixed_intrinsics;         // G × K

@@ -6,10 +6,12 @@
 // and the error at camera length x and point length y is A + x B_P + y B_Q + x y C. Thesis eqs 4.10
 // and 4.14 weigh all observations alike. Its length is w times the distance in the image, w =
 // (PQ)₃: weights 1/w² at the current state make the algebraic cost start as the geometric one.
+// Divided by w, it is in the axes of the image: what whitens a residual whitens it.
 #pragma once
 
 #include "sfmcpp/math/biquadratic.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::residuals {
 
@@ -24,6 +26,7 @@ struct AlgebraicBatch {
   const double* point_steps;         // N × 3, in the tangents of all points
   double centre_u, centre_v, scale;  // of the normalisation: (u − centre_u) / scale
   bool weigh_by_depth;
+  WhitenerShapes shapes{};  // beside the weights
 };
 
 struct AlgebraicKernel {

@@ -1,11 +1,13 @@
-// Fixed points seen by one metric camera whose pose is sought: r = (observed − projected) / σ and
-// the sums of the 6×6 normal equations of the pose, for any lens and instruction set.
+// Fixed points seen by one metric camera whose pose is sought: r = (observed − projected) / σ, or
+// whitened by a covariance (whitening.hpp), and the sums of the 6×6 normal equations of the pose,
+// for any lens and instruction set.
 #pragma once
 
 #include <span>
 
 #include "sfmcpp/cameras/camera_model.hpp"
 #include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::residuals {
 
@@ -15,15 +17,18 @@ struct ViewArrays {
   const double *u, *v;      // pixels
   const double* inverse_sigma;
   int count, padded;
+  WhitenerShapes shapes{};
 };
 
 // Owns them: padded to whole packs with copies of the first observation of weight zero.
 class PointViews {
  public:
-  // `points` n × 3 in the world, `pixels` n × 2, `sigma_px` n or empty for 1 px; n at least 1.
+  // `points` n × 3 in the world, `pixels` n × 2, `sigma_px` n or `covariance_px2` n × 2 × 2, or
+  // neither for 1 px; n at least 1.
   PointViews(std::span<const double> points,
              std::span<const double> pixels,
-             std::span<const double> sigma_px);
+             std::span<const double> sigma_px,
+             std::span<const double> covariance_px2 = {});
 
   ViewArrays arrays() const;
 
@@ -31,9 +36,11 @@ class PointViews {
   int count_;
   int padded_;
   AlignedVector<double> values_;  // 6 × padded
+  Whiteners whiteners_;           // padded; with the weights of the padding
 };
 
-// Σ JᵀJ (lower triangle, row by row), Σ Jᵀr with J = ∂projected/∂(δR, δt) / σ, and Σ ‖r‖².
+// Σ JᵀJ (lower triangle, row by row), Σ Jᵀr with J = ∂projected/∂(δR, δt) / σ, whitened like r, and
+// Σ ‖r‖².
 struct PoseSums {
   static constexpr int kNormal = 21, kGradient = 6;
   double normal[kNormal];
@@ -61,6 +68,7 @@ struct ResectionKernels {
                        PoseSums&);
   void (*rows)(const ViewArrays&, const double* intrinsics, const double* pose, double* rows);
   // ‖r‖² of each observation, `padded` numbers; infinite for points not in front of the camera.
+  // With views that lack shapes, the squared distance in the image over σ_u².
   void (*squared_errors)(const ViewArrays&,
                          const double* intrinsics,
                          const double* pose,

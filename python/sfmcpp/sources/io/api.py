@@ -66,7 +66,7 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
     """Write a problem; the file appears complete or not at all.
 
-    Masks are kept by ``.npz`` alone, standard deviations by ``.npz`` and sba's format.
+    Masks are kept by ``.npz`` alone, standard deviations and covariances by ``.npz`` and sba's format.
 
     Parameters
     ----------

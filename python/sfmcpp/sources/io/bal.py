@@ -57,9 +57,10 @@ def read_bal(path: Path) -> Problem:
 
 
 def write_bal(problem: Problem, path: Path) -> None:
-    """Write a BAL file, compressed as its suffix says; masks and standard deviations are not kept.
+    """Write a BAL file, compressed as its suffix says.
 
-    Cameras with a principal point have it subtracted from their pixels.
+    Masks, standard deviations and covariances are not kept. Cameras with a principal point have it
+    subtracted from their pixels.
 
     Raises
     ------

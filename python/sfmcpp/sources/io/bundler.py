@@ -88,7 +88,7 @@ def read_bundler(path: Path) -> Problem:
 
 
 def write_bundler(problem: Problem, path: Path) -> None:
-    """Write a Bundler file; masks and standard deviations are not kept.
+    """Write a Bundler file; masks, standard deviations and covariances are not kept.
 
     Without key numbers in the metadata the observations of each image are numbered from 0; without colours
     points are black. Cameras with a principal point have it subtracted from their pixels. Cameras that were

@@ -12,6 +12,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import is_rotation
 from sfmcpp.model.problem import Problem
+from sfmcpp.model.uncertainty import first_bad_covariance
 
 LARGEST_MAGNITUDE = 1e150
 LARGEST_COUNT = int(np.iinfo(np.int32).max)
@@ -37,7 +38,7 @@ def require_valid(problem: Problem, path: Path) -> None:
 
     That is: a value that is not finite, or so large that converting it would overflow; an index out of
     range; a camera whose first three columns are no rotation; a standard deviation that is not positive;
-    a point observed twice by one camera.
+    a covariance that is none, or beside standard deviations; a point observed twice by one camera.
     """
     for name in ("cameras", "intrinsics", "points", "pixels"):
         _require_finite(name, getattr(problem, name), path)
@@ -46,6 +47,7 @@ def require_valid(problem: Problem, path: Path) -> None:
     _require_in_range("intrinsics_index", problem.intrinsics_index, len(problem.intrinsics), path)
     _require_rotations(problem, path)
     _require_positive_sigma(problem, path)
+    _require_covariances(problem, path)
     duplicate = first_duplicate(problem.camera_index, problem.point_index, problem.num_cameras)
     if duplicate is not None:
         raise DatasetError(path, "observations {} and {} are of the same camera and point".format(*duplicate))
@@ -107,3 +109,16 @@ def _require_positive_sigma(problem: Problem, path: Path) -> None:
         worst = int(np.argmin(good))
         rule = f"must be positive, from {lowest:g} to {highest:g}"
         raise DatasetError(path, f"sigma_px[{worst}] is {problem.sigma_px[worst]}: {rule}")
+
+
+def _require_covariances(problem: Problem, path: Path) -> None:
+    if problem.covariance_px2 is None:
+        return
+    if problem.sigma_px is not None:
+        raise DatasetError(path, "covariance_px2 stands beside sigma_px: must be one of them")
+    _require_finite("covariance_px2", problem.covariance_px2, path)
+    bad = first_bad_covariance(problem.covariance_px2)
+    if bad is not None:
+        worst, rule = bad
+        found = problem.covariance_px2[worst].tolist()
+        raise DatasetError(path, f"covariance_px2[{worst}] is {found}: must be {rule}")

@@ -30,7 +30,7 @@ _OLDEST_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 METADATA, _EXTRA = "metadata", "extra."
 _NOT_ARRAYS = ("camera_model", METADATA)
 _ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
-_OPTIONAL = ("sigma_px",)
+_OPTIONAL = ("sigma_px", "covariance_px2")
 _METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
     "image_sizes": np.dtype(np.int64),
     "point_colors": np.dtype(np.uint8),

@@ -20,6 +20,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
 from sfmcpp.sources.io.files import atomic_files, read_bytes
 from sfmcpp.sources.io.format import Format
@@ -53,7 +54,8 @@ def read_sba(
     """Read sba's cameras file, points file and, for cameras without intrinsics, calibration file.
 
     Fixed intrinsics give camera model ``"calibrated"``; intrinsics on each line ``"perspective"`` with
-    f, cx, cy free, and k1, k2 too if there is distortion. Covariances σ² I become `sigma_px`.
+    f, cx, cy free, and k1, k2 too if there is distortion. If all covariances are σ² I they become `sigma_px`,
+    else `covariance_px2`.
 
     Parameters
     ----------
@@ -91,7 +93,8 @@ def read_sba(
         tracks.point_index,
         tracks.pixels,
         intrinsics_index=intrinsics_index,
-        sigma_px=tracks.sigma_px,
+        sigma_px=tracks.uncertainty.sigma_px,
+        covariance_px2=tracks.uncertainty.covariance_px2,
         fixed_intrinsics=fixed,  # type: ignore[arg-type]
         metadata=Metadata(source_format="sba"),
     )
@@ -103,7 +106,7 @@ class _Tracks:
     camera_index: IndexArray
     point_index: IndexArray
     pixels: FloatArray
-    sigma_px: FloatArray | None
+    uncertainty: Uncertainty
 
 
 def _table(path: Path) -> NumberText:
@@ -182,7 +185,7 @@ def _read_tracks(text: NumberText, num_cameras: int) -> _Tracks:
         camera_index.astype(np.int32),
         point_index.astype(np.int32),
         text.values[views[:, None] + np.array([1, 2])],
-        None if width == _VIEW_WIDTHS[0] else _sigma(text, views, width),
+        Uncertainty() if width == _VIEW_WIDTHS[0] else _uncertainty(text, views, width),
     )
 
 
@@ -202,14 +205,15 @@ def _leading(good: BoolArray) -> int:
     return len(good) if good.all() else int(np.argmin(good))
 
 
-def _sigma(text: NumberText, views: NDArray[np.int64], width: int) -> FloatArray:
-    covariances = text.values[views[:, None] + np.arange(3, width)]
-    variance, cross = covariances[:, 0], covariances[:, 1:-1]
-    good = (variance > 0) & (variance == covariances[:, -1]) & (cross == 0).all(axis=1)
-    if not good.all():
-        row = int(np.argmin(good))
-        raise text.error(f"covariance {covariances[row]} is not σ² times the identity", int(views[row]))
-    return np.asarray(np.sqrt(variance))
+def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Uncertainty:
+    """What the covariances of observations say; three numbers are the upper triangle."""
+    places = [3, 4, 4, 5] if width == _VIEW_WIDTHS[1] else [3, 4, 5, 6]
+    covariances = text.values[views[:, None] + np.array(places)].reshape(-1, 2, 2)
+    bad = first_bad_covariance(covariances)
+    if bad is not None:
+        row, rule = bad
+        raise text.error(f"covariance {covariances[row].tolist()} must be {rule}", int(views[row]))
+    return Uncertainty.of_covariances(covariances)
 
 
 def _read_beside(cameras: Path) -> Problem:
@@ -235,7 +239,8 @@ def _starts_like_bal(path: Path) -> bool:
 def write_sba(problem: Problem, path: Path) -> None:
     """Write ``…cams….txt``, ``…pts.txt`` beside it, and ``…calib.txt`` if all cameras share fixed intrinsics.
 
-    Standard deviations are written as covariances σ² I; masks are not kept.
+    Standard deviations are written as covariances σ² I, covariances by their upper triangle; masks are not
+    kept.
 
     Raises
     ------
@@ -280,6 +285,9 @@ def _points_text(problem: Problem) -> str:
     template, columns = " %d %r %r", [problem.camera_index, *problem.pixels.T]
     if problem.sigma_px is not None:
         template, columns = template + " %r 0 %r", [*columns, *[problem.sigma_px**2] * 2]
+    if problem.covariance_px2 is not None:
+        upper = problem.covariance_px2.reshape(-1, 4)[:, [0, 1, 3]]
+        template, columns = template + " %r %r %r", [*columns, *upper.T]
     heads = format_strings("\n%r %r %r  %d ", *problem.points.T, counts)
     items = format_strings(template, *(column[order] for column in columns))
     return "# X Y Z  frames  frame x y ..." + ragged_text(heads, items, counts) + "\n"

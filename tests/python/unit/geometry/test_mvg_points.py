@@ -56,6 +56,36 @@ def test_refined_points_are_those_of_an_independent_optimiser(seed: int, weighte
         np.testing.assert_allclose(refined[n], best.x, atol=1e-3, rtol=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_points_refined_with_covariances_are_those_of_an_independent_optimiser(seed: int) -> None:
+    problem = ragged_problem(seed, 25, sigma_px=2.0)
+    rng = np.random.default_rng(seed)
+    factors = rng.normal(0, 1, (problem.num_observations, 2, 2)) + 2 * np.eye(2)
+    problem.covariance_px2 = factors @ np.swapaxes(factors, 1, 2)
+    refined = refine_points(problem, triangulate_midpoint(problem))
+    for n in range(problem.num_points):
+        views = views_of(problem, n)
+        inverses = np.linalg.inv(problem.covariance_px2[problem.point_index == n])
+        roots = np.swapaxes(np.linalg.cholesky(inverses), 1, 2)
+
+        def whitened(x: Array, views: Any = views, roots: Array = roots) -> Array:
+            return np.einsum("mij,mj->mi", roots, residuals_of(views, x).reshape(-1, 2)).ravel()
+
+        best = least_squares(whitened, problem.points[n], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        assert np.sum(whitened(refined[n]) ** 2) <= 2 * best.cost * (1 + 1e-8)
+        np.testing.assert_allclose(refined[n], best.x, atol=1e-3, rtol=1e-3)
+
+
+def test_points_refined_with_round_covariances_have_the_bits_of_standard_deviations() -> None:
+    problem = ragged_problem(4, 25, sigma_px=2.0)
+    problem.sigma_px = np.random.default_rng(4).uniform(0.5, 4.0, problem.num_observations)
+    by_covariance = problem.copy()
+    by_covariance.sigma_px = None
+    by_covariance.covariance_px2 = problem.sigma_px[:, None, None] ** 2 * np.eye(2)
+    start = triangulate_midpoint(problem)
+    np.testing.assert_array_equal(refine_points(by_covariance, start), refine_points(problem, start))
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 3.0))
 @example(859, 1.0)  # one point runs away until its matrix has rank two

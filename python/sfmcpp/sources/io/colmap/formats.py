@@ -53,8 +53,8 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     """Write cameras.bin, images.bin and points3D.bin into `folder`, which is made if it does not exist.
 
     The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
-    Masks and standard deviations are not kept. Pixels stay as they are: COLMAP counts them from the top
-    left corner of the image, data sets with the origin elsewhere keep theirs.
+    Masks, standard deviations and covariances are not kept. Pixels stay as they are: COLMAP counts them from
+    the top left corner of the image, data sets with the origin elsewhere keep theirs.
 
     Raises
     ------

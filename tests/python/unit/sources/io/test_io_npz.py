@@ -29,8 +29,8 @@ from sfmcpp import CAMERA_MODELS, DatasetError, Problem
 from sfmcpp.sources.io import read, write
 
 
-def full_problem(seed: int, model: str = "perspective") -> Problem:
-    """Random problem with every optional array and all kinds of metadata set."""
+def full_problem(seed: int, model: str = "perspective", covariances: bool = False) -> Problem:
+    """Random problem with all kinds of metadata and every optional array; one of σ and Σ."""
     rng = np.random.default_rng(seed)
     varying = dict.fromkeys(CAMERA_MODELS[model].intrinsics, 0.5)
     problem = random_problem(seed, model, varying, least=2, shared=True)
@@ -38,6 +38,9 @@ def full_problem(seed: int, model: str = "perspective") -> Problem:
         mask = getattr(problem, name)
         setattr(problem, name, rng.random(mask.shape) < 0.5)
     problem.sigma_px = rng.uniform(0.1, 9, problem.num_observations)
+    if covariances:
+        problem.covariance_px2 = problem.sigma_px[:, None, None] * np.array([[2, -0.3], [-0.3, 0.5]])
+        problem.sigma_px = None
     metadata = problem.metadata
     metadata.source_format = "elsewhere"
     metadata.image_names = [f"bild ä {i}" for i in range(problem.num_cameras)]
@@ -47,14 +50,14 @@ def full_problem(seed: int, model: str = "perspective") -> Problem:
 
 
 @PROPERTY
-@given(st.integers(0, 2**32), st.sampled_from(sorted(CAMERA_MODELS)))
-def test_every_bit_survives_writing_and_reading(seed: int, model: str) -> None:
-    problem = full_problem(seed, model)
+@given(st.integers(0, 2**32), st.sampled_from(sorted(CAMERA_MODELS)), st.booleans())
+def test_every_bit_survives_writing_and_reading(seed: int, model: str, covariances: bool) -> None:
+    problem = full_problem(seed, model, covariances)
     with tempfile.TemporaryDirectory() as folder, no_warnings():
         write(problem, Path(folder) / "x.npz")
         again = read(Path(folder) / "x.npz")
     assert_same_problem(again, problem)
-    for name in ("cameras", "fixed_cameras", "fixed_points", "sigma_px"):
+    for name in ("cameras", "fixed_cameras", "fixed_points", "sigma_px", "covariance_px2"):
         np.testing.assert_array_equal(getattr(again, name), getattr(problem, name))
     assert_same_metadata(again, problem)
 

@@ -81,6 +81,15 @@ def test_isotropic_covariances_become_standard_deviations(tmp_path: Path, covari
     np.testing.assert_array_equal(read(path).sigma_px, [2.0])
 
 
+@pytest.mark.parametrize("covariance", ["4 1 5", "4 1 1 5"])
+def test_other_covariances_stay_what_they_are(tmp_path: Path, covariance: str) -> None:
+    problem = read(sba_files(tmp_path, {}, {2: f"1 2 3 1 0 10 20 {covariance}"}, {}))
+    np.testing.assert_array_equal(problem.covariance_px2, [[[4.0, 1.0], [1.0, 5.0]]])
+    assert problem.sigma_px is None
+    write(problem, tmp_path / "newcams.txt")
+    np.testing.assert_array_equal(read(tmp_path / "newcams.txt").covariance_px2, problem.covariance_px2)
+
+
 def test_files_can_be_named_one_by_one(tmp_path: Path) -> None:
     path = sba_files(tmp_path, {}, {}, {})
     renamed = [path.rename(tmp_path / "a"), (tmp_path / "3pts.txt").rename(tmp_path / "b")]
@@ -100,8 +109,8 @@ DAMAGE = [
     ("3pts.txt", {2: f"1 2 3 {'9' * 30} 0 10 20"}, 2, "number of frames"),
     ("3pts.txt", {2: "1 2 3 1 2 10 20"}, 2, "frame 2: must be an integer from 0 to 1"),
     ("3pts.txt", {2: "1 2 3 2 0 10 20 0 30 40"}, 2, "frame 0 observes this point twice"),
-    ("3pts.txt", {2: "1 2 3 1 0 10 20 4 0 5"}, 2, "not σ² times the identity"),
-    ("3pts.txt", {2: "1 2 3 1 0 10 20 4 1 1 4"}, 2, "not σ² times the identity"),
+    ("3pts.txt", {2: "1 2 3 1 0 10 20 4 5 5"}, 2, "must be positive definite"),
+    ("3pts.txt", {2: "1 2 3 1 0 10 20 4 1 2 4"}, 2, "must be symmetric"),
     ("3pts.txt", {4: "4 5 nan 0"}, 4, "nan is not a finite number"),
     ("calib.txt", {1: "800 1"}, 1, "holds 2 numbers: must be 3"),
     ("calib.txt", {2: "0.5 840 240"}, 1, "the calibration matrix must be"),
