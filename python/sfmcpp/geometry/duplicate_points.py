@@ -157,6 +157,7 @@ def _worst(problem: Problem, points: FloatArray, pairs: Pairs) -> FloatArray:
         point_index=pairs[owner, 0].astype(np.int32),
         pixels=problem.pixels[rows],
         sigma_px=None,
+        covariance_px2=None,
     )
     worst = np.zeros(len(pairs))
     np.maximum.at(worst, owner, reprojection_errors_px(swapped, points))

@@ -7,7 +7,6 @@ rays, then moved to the least squared errors of those that agree.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,9 +70,9 @@ def robust_triangulation(
     points = _best_midpoints(problem, max_error_px)
     inliers = _inliers(problem, points, _FIRST_THRESHOLD * max_error_px)
     for _ in range(_NUM_REFITS):
-        points = refine_points(_observed(problem, inliers), points, max_steps=_STEPS_EACH)
+        points = refine_points(problem.with_observations(inliers), points, max_steps=_STEPS_EACH)
         inliers = _inliers(problem, points, max_error_px)
-    angles = triangulation_angles_deg(_observed(problem, inliers), points)
+    angles = triangulation_angles_deg(problem.with_observations(inliers), points)
     good = (_num_inliers(problem, inliers) >= min_views) & (angles >= min_angle_deg)
     return np.where(good[:, None], points, np.nan), inliers & good[problem.point_index]
 
@@ -84,17 +83,6 @@ def _inliers(problem: Problem, points: FloatArray, max_error_px: float) -> BoolA
 
 def _num_inliers(problem: Problem, inliers: BoolArray) -> NDArray[np.int64]:
     return np.bincount(problem.point_index[inliers], minlength=problem.num_points)
-
-
-def _observed(problem: Problem, chosen: BoolArray) -> Problem:
-    """`problem` with some of its observations."""
-    return replace(
-        problem,
-        camera_index=problem.camera_index[chosen],
-        point_index=problem.point_index[chosen],
-        pixels=problem.pixels[chosen],
-        sigma_px=None if problem.sigma_px is None else problem.sigma_px[chosen],
-    )
 
 
 def _best_midpoints(problem: Problem, max_error_px: float) -> FloatArray:

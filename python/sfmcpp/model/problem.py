@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -202,6 +202,30 @@ class Problem:
             )
         self.fixed_intrinsics[:] = [name not in names for name in known]
         return self
+
+    def with_observations(self, chosen: ArrayLike) -> Problem:
+        """The same cameras, intrinsics and points with some of the observations.
+
+        Parameters
+        ----------
+        chosen : (m,) int or (M,) bool
+            Which observations, by number or as a mask.
+
+        Returns
+        -------
+        Problem
+            Standard deviations or covariances are theirs; other arrays are shared.
+        """
+        rows = np.asarray(chosen)
+        uncertainty = self.uncertainty.of_some(rows)
+        return replace(
+            self,
+            camera_index=self.camera_index[rows],
+            point_index=self.point_index[rows],
+            pixels=self.pixels[rows],
+            sigma_px=uncertainty.sigma_px,
+            covariance_px2=uncertainty.covariance_px2,
+        )
 
     def copy(self) -> Problem:
         """An independent copy; the metadata is shared."""

@@ -145,9 +145,7 @@ class WeightFits:
             The start with the fitted cameras, intrinsics and points, and all its observations.
         """
         state = start.copy()
-        observed = {name: getattr(state, name)[keep] for name in ("camera_index", "point_index", "pixels")}
-        kept = state.uncertainty.of_some(keep)
-        subset = replace(state, **observed, sigma_px=kept.sigma_px, covariance_px2=kept.covariance_px2)
+        subset = state.with_observations(keep)
         self._adjust(subset, weights, self._changed(max_iterations=steps, initial_damping=_SUBSET_DAMPING))
         return replace(state, cameras=subset.cameras, intrinsics=subset.intrinsics, points=subset.points)
 

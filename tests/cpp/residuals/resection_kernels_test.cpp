@@ -244,7 +244,9 @@ TEST_P(ResectionKernelsOf, CovariancesWhitenBothRowsOfAnObservation) {
         const double scale = k < 12 ? jacobian.cwiseAbs().maxCoeff() : r.cwiseAbs().maxCoeff();
         EXPECT_NEAR(rows[k * views.padded + j], expected, 1e-12 * scale);
       }
-      if (at.depth[j] > 0.0) EXPECT_NEAR(errors[j] / r.segment<2>(2 * j).squaredNorm(), 1.0, 1e-11);
+      if (at.depth[j] > 0.0) {
+        EXPECT_NEAR(errors[j] / r.segment<2>(2 * j).squaredNorm(), 1.0, 1e-11);
+      }
     }
   });
 }

@@ -201,6 +201,16 @@ def test_copies_pickles_and_prints_have_them() -> None:
     assert repr(problem) == "Problem('calibrated': 6 cameras, 30 points, 180 observations with covariances)"
 
 
+@pytest.mark.parametrize("as_mask", [False, True])
+def test_a_part_of_the_observations_takes_its_accuracy_along(as_mask: bool) -> None:
+    problem = scene()
+    mask = np.random.default_rng(1).random(180) < 0.8
+    part = problem.with_observations(mask if as_mask else np.flatnonzero(mask))
+    np.testing.assert_array_equal(sfmcpp.residuals(part), sfmcpp.residuals(problem)[mask])
+    by_sigma = replace(problem, covariance_px2=None, sigma_px=np.arange(1.0, 181.0))
+    np.testing.assert_array_equal(by_sigma.with_observations(mask).sigma_px, np.arange(1.0, 181.0)[mask])
+
+
 def test_projective_problems_keep_them() -> None:
     problem = scene()
     projective = sfmcpp.as_projective(problem)

@@ -174,12 +174,9 @@ class MetricModel:
         points, index = np.unique(whole.point_index[rows], return_inverse=True)
         colors = whole.metadata.point_colors
         part = replace(
-            whole.copy(),
+            whole.copy().with_observations(rows),
             points=whole.points[points],
-            camera_index=whole.camera_index[rows],
             point_index=index.astype(np.int32),
-            pixels=whole.pixels[rows],
-            sigma_px=None if whole.sigma_px is None else whole.sigma_px[rows],
             fixed_points=whole.fixed_points[points],
             metadata=replace(whole.metadata, point_colors=None if colors is None else colors[points]),
         )
@@ -269,6 +266,7 @@ def model_in_frame(
         problem.point_index.copy(),
         problem.pixels.copy(),
         sigma_px=problem.sigma_px,
+        covariance_px2=problem.covariance_px2,
         metadata=_plain_metadata(problem.metadata),
     )
     model = MetricModel(metric, np.ones(problem.num_observations, dtype=np.bool_))

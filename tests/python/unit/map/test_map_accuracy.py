@@ -10,6 +10,8 @@ import pytest
 
 import sfmcpp
 from sfmcpp import InvalidArgument, Problem
+from sfmcpp.geometry import robust_triangulation
+from sfmcpp.geometry.duplicate_points import duplicate_points
 from sfmcpp.map import Map, map_of_problem, problem_of_map, read_map, write_map
 
 
@@ -53,6 +55,16 @@ def test_one_keypoint_that_is_not_round_makes_covariances_of_all() -> None:
     expected[local.rows == 12] = np.eye(2)
     np.testing.assert_array_equal(local.problem.covariance_px2, expected)
     assert sfmcpp.solve(local.problem).final_cost < 1e-6
+
+
+def test_triangulation_and_duplicates_take_the_problems_of_such_maps() -> None:
+    world, truth = world_with_scales()
+    world.keypoint_covariances[:] = [4.0, 1.0, 2.0]
+    local = world.whole_problem()
+    points, inliers = robust_triangulation(local.problem)
+    assert inliers.all()
+    np.testing.assert_allclose(points, truth.points, atol=1e-6)
+    assert not len(duplicate_points(local.problem, points, tolerance_px=0.5))
 
 
 def test_maps_that_join_bring_them_along() -> None:
