@@ -23,7 +23,7 @@ struct Covariance {
   double variance_of_v_given_u() const { return vv - uv / uu * uv; }
 };
 
-// w of a record's second row: shear of the first, stretch of the second.
+// Of two rows of a record, the second turns into what L gives.
 void whiten_rows(double shear, double stretch, int width, double* rows) {
   for (int k = 0; k < width; ++k) rows[width + k] = shear * rows[k] + stretch * rows[width + k];
 }
@@ -116,11 +116,12 @@ void whiten(const WhitenerShapes& shapes, int count, const double* ru, double* r
 
 void whiten(const WhitenerShapes& shapes, int count, const JacobianOutput& records) {
   if (shapes.shear == nullptr) return;
-  const long camera_width = records.camera_size, point_width = 4;
+  constexpr int kPointWidth = 4;
   for (long k = 0; k < count; ++k) {
     const double shear = shapes.shear[k], stretch = shapes.stretch[k];
-    whiten_rows(shear, stretch, records.camera_size, records.camera + 2 * camera_width * k);
-    whiten_rows(shear, stretch, 4, records.point + 2 * point_width * k);
+    const int width = records.camera_size;
+    whiten_rows(shear, stretch, width, records.camera + 2 * width * k);
+    whiten_rows(shear, stretch, kPointWidth, records.point + 2 * kPointWidth * k);
   }
 }
 

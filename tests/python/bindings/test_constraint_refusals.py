@@ -125,8 +125,9 @@ def test_points_of_three_numbers_each_are_wanted_by_the_solve() -> None:
 
 def test_a_constraint_on_intrinsics_is_none_on_one_pose() -> None:
     arrays = PoseConstraint("position").arrays(1.0) | {"kind": "focal"}
-    view = {"camera_model": "calibrated", "intrinsics": np.array([1.0, 1, 0, 0, 0]), "sigma_px": None}
+    view = {"camera_model": "calibrated", "intrinsics": np.array([1.0, 1, 0, 0, 0])}
     view |= {"points": np.tile([0.0, 0, 5], (4, 1)), "pixels": np.zeros((4, 2))}
+    view |= {"sigma_px": None, "covariance_px2": None}
     with pytest.raises(InvalidArgument, match=r"kind = 'focal': must be a constraint on poses"):
         _core.refine_pose(view, [arrays], np.eye(3, 4), _core.PoseSweepOptions())
 

@@ -1,7 +1,7 @@
 // The residuals of all observations, r = (observed − projected) / σ or whitened by a covariance
-// (residuals/whitening.hpp), and what they cost: in stored
-// order (linear/observation_graph.hpp), in parallel over its chunks. Of the observations of this
-// rank; sums are over all ranks (core/exchange.hpp).
+// (residuals/whitening.hpp), and what they cost: in stored order (linear/observation_graph.hpp), in
+// parallel over its chunks. Of the observations of this rank; sums are over all ranks
+// (core/exchange.hpp).
 #pragma once
 
 #include <vector>
@@ -47,14 +47,14 @@ class ImageResiduals {
     return total(fits);
   }
 
-  // A chunk of observations as the kernels take it, what 1/σ leaves to whiten in it, and its
+  // A chunk of observations as the kernels take it, what 1/σ_u leaves to whiten in it, and its
   // residuals with their Jacobian; how many points are not in front of the camera.
   residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
   residuals::WhitenerShapes shapes(const linear::Chunk& chunk) const;
   int linearize(const optim::State& state,
                 const linear::Chunk& chunk,
                 const residuals::JacobianOutput& out) const;
-  // In stored order, readable beyond the end: observed pixels, and 1/σ.
+  // In stored order, readable beyond the end: observed pixels, and 1/σ_u.
   const std::vector<double>& u() const { return u_; }
   const std::vector<double>& v() const { return v_; }
   const std::vector<double>& inverse_sigma() const { return whiteners_.inverse_sigma; }
