@@ -13,7 +13,7 @@ from sfmcpp.map.store import UNKNOWN_ERROR, Store
 from sfmcpp.map.tracks import NONE, Rows
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.uncertainty import Uncertainty
 
 
@@ -161,8 +161,8 @@ class Map(Store):
         self.observe(begin + rows, numbers[places])
         return images, numbers
 
-    def set_sigmas_by_scale(self, sigma_per_scale: float) -> None:
-        """Let the standard deviation of each keypoint be proportional to its scale.
+    def set_sigmas_by_scale(self, sigma_per_scale: float, least_px: float = 0.0) -> None:
+        """Let the standard deviation of each keypoint grow with its scale s: ``σ² = least² + (factor s)²``.
 
         What is detected at a coarse scale is located no better than that scale allows. It replaces
         :attr:`keypoint_covariances`; keypoints without a scale count as 1 px.
@@ -170,15 +170,19 @@ class Map(Store):
         Parameters
         ----------
         sigma_per_scale : float
-            Standard deviation of each coordinate over the scale.
+            Standard deviation of each coordinate over the scale, where the scale is large.
+        least_px : float
+            What it is where the scale is small [px]. Residuals of SIFT on two sets of photos had some
+            0.15 px, and 0.08 over the scale.
 
         Raises
         ------
         InvalidArgument
-            If it is not finite and positive.
+            If `sigma_per_scale` is not finite and positive, or `least_px` not finite or negative.
         """
         require_positive("sigma_per_scale", sigma_per_scale)
-        variances = (sigma_per_scale * self.keypoint_scales) ** 2
+        require_not_negative("least_px", least_px)
+        variances = least_px**2 + (sigma_per_scale * self.keypoint_scales) ** 2
         self.keypoint_covariances[:] = variances[:, None] * [1.0, 0.0, 1.0]
 
     def local_problem(self, images: ArrayLike, also: ArrayLike = ()) -> LocalProblem:

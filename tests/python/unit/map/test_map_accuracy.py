@@ -100,3 +100,13 @@ def test_a_factor_that_is_none_is_refused(factor: float) -> None:
     world, _ = world_with_scales()
     with pytest.raises(InvalidArgument, match="sigma_per_scale"):
         world.set_sigmas_by_scale(factor)
+
+
+def test_a_least_standard_deviation_is_reached_by_no_keypoint_and_neared_by_fine_ones() -> None:
+    world, _ = world_with_scales()
+    world.set_sigmas_by_scale(0.1, least_px=0.3)
+    expected = np.hypot(0.3, 0.1 * world.keypoint_scales)
+    local = world.whole_problem()
+    np.testing.assert_allclose(local.problem.sigma_px, expected[local.rows], rtol=1e-15)
+    with pytest.raises(InvalidArgument, match="least_px"):
+        world.set_sigmas_by_scale(0.1, least_px=-1.0)
