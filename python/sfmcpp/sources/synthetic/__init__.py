@@ -10,6 +10,7 @@ from sfmcpp.sources.synthetic.around import circle_scene, sphere_scene
 from sfmcpp.sources.synthetic.body_motion import BodySensors, SyntheticDrive
 from sfmcpp.sources.synthetic.city_blocks import city_blocks_scene
 from sfmcpp.sources.synthetic.corridor import corridor_scene
+from sfmcpp.sources.synthetic.missing import hide_observations
 from sfmcpp.sources.synthetic.noise import add_outliers, perturb
 from sfmcpp.sources.synthetic.street_loop import street_loop_scene
 from sfmcpp.sources.synthetic.table_walk import table_walk
@@ -26,6 +27,7 @@ __all__ = [
     "circle_scene",
     "city_blocks_scene",
     "corridor_scene",
+    "hide_observations",
     "perturb",
     "sphere_scene",
     "street_loop_scene",
