@@ -20,7 +20,9 @@ _MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
 # What an image must see to stay: so many kept observations, and that share of the plausible ones.
 _LEAST_SEEN, _LEAST_SHARE = 10, 0.3
 _MOST_ROUNDS, _SETTLED = 10, 1e-3
-_FIRST_LIMIT = 5.0
+_FIRST_LIMIT = 8.0
+# From bent starts, long chains above all, Levenberg–Marquardt steps creep where those of the dog-leg do not.
+_MOST_STEPS = 100
 
 
 @dataclass(frozen=True)
@@ -85,17 +87,22 @@ def first_world(
 
 
 def settled(measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan) -> World:
-    """Adjust, drop and take up observations and images in turn, until nothing changes any more."""
-    trusted = plausible
-    for number in range(_MOST_ROUNDS):
-        world = _without_poor_images(measured, world, trusted)
+    """Adjust, drop and take up observations and images in turn, until nothing changes any more.
+
+    The limit of what agrees comes down to the plan's by halves: what hangs on a part that is still bent must
+    not be dropped before the adjustment has straightened it.
+    """
+    factor = _FIRST_LIMIT
+    for _ in range(_MOST_ROUNDS):
+        world = _without_poor_images(measured, world, plausible)
         world = _with_resected_images(measured, world, plausible, plan)
         if not world.kept.any():
             return world
-        before = world.kept
+        before, last = world.kept, factor <= 1
         world = _adjusted(measured, world, plan)
-        world = _chosen_anew(measured, world, plausible, plan)
-        if number and np.count_nonzero(before != world.kept) <= _SETTLED * len(before):
+        factor = factor / 2
+        world = _chosen_anew(measured, world, plausible, plan, factor)
+        if last and np.count_nonzero(before != world.kept) <= _SETTLED * len(before):
             break
     return _adjusted(measured, world, plan)
 
@@ -116,7 +123,12 @@ def _adjusted(measured: Measurements, world: World, plan: AdjustmentPlan) -> Wor
     problem, images, tracks, _ = problem_of(measured, world)
     scale = min(max(2 * world.sigma_px, 0.1), plan.max_error_px)
     options = SolveOptions(
-        loss="huber", loss_scale_px=scale, line_search="t-als", max_iterations=40, threads=plan.threads
+        method="dog-leg",
+        line_search="t-als",
+        loss="huber",
+        loss_scale_px=scale,
+        max_iterations=_MOST_STEPS,
+        threads=plan.threads,
     )
     adjust(problem, [], options)
     cameras, points = world.cameras.copy(), np.full_like(world.points, np.nan)
@@ -126,16 +138,16 @@ def _adjusted(measured: Measurements, world: World, plan: AdjustmentPlan) -> Wor
     return replace(world, cameras=cameras, points=points)
 
 
-def _chosen_anew(measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan) -> World:
-    """Choose the observations that agree from all, those left out before too, by the noise as it is now."""
+def _chosen_anew(
+    measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan, factor: float
+) -> World:
+    """Choose the observations that agree by the noise as it is now, those left out before among them."""
     sigma = _sigma_px(measured, world)
-    limit = float(np.clip(OUTLIER_SIGMAS * sigma, plan.min_limit_px, plan.max_error_px))
+    final = np.clip(OUTLIER_SIGMAS * sigma, plan.min_limit_px, plan.max_error_px)
+    limit = max(float(final), factor * plan.max_error_px if factor > 1 else 0.0)
     error = reprojection_errors_px(measured, world.cameras, world.points)
-    seen = _seen_by_known(measured, world.cameras)
-    pointless = ~np.isfinite(world.points[measured.track, 0])
-    candidates = seen & ((error < 2 * limit) | world.kept | (pointless & plausible))
+    candidates = _seen_by_known(measured, world.cameras) & ((error < 2 * limit) | plausible)
     points, kept = without_worst(measured, world.cameras, candidates, limit)
-    kept &= np.bincount(measured.track[kept], minlength=measured.num_tracks)[measured.track] >= 2
     return World(world.cameras, points, kept, sigma)
 
 

@@ -35,12 +35,16 @@ def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, roun
 
 
 def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: FloatArray) -> FloatArray:
-    """(M,) distance of every observation from its projection; infinite where there is none."""
+    """(M,) distance of every observation from its projection; infinite where there is none or behind the camera.
+
+    Cameras and points have signs in which depths are positive: any scene in front of its cameras has, whatever
+    the frame of the world (Hartley & Zisserman 2003, §21.1).
+    """
     projected = np.einsum("mij,mj->mi", cameras[measured.image], points[measured.track])
     with np.errstate(all="ignore"):
         off = projected[:, :2] / projected[:, 2:] - measured.rays[:, :2]
-    error = np.linalg.norm(off, axis=1) * measured.frames[measured.image, 0]
-    return np.asarray(np.where(np.isfinite(error), error, np.inf))
+        error = np.linalg.norm(off, axis=1) * measured.frames[measured.image, 0]
+        return np.asarray(np.where(np.isfinite(error) & (projected[:, 2] > 0), error, np.inf))
 
 
 def without_worst(
@@ -51,6 +55,7 @@ def without_worst(
     points = np.empty((0, 4))
     for number in range(rounds):
         points = triangulate(measured, cameras, np.flatnonzero(current))
+        points = _turned_to_front(measured, cameras, points, current)
         error = np.where(current, reprojection_errors_px(measured, cameras, points), -1.0)
         worst = np.zeros(measured.num_tracks)
         np.maximum.at(worst, measured.track, error)
@@ -58,4 +63,16 @@ def without_worst(
         if not bad.any() or number == rounds - 1:
             break
         current = current & ~bad
-    return points, current & (error <= limit_px)
+    current = current & (error <= limit_px)
+    seen = np.bincount(measured.track[current], minlength=measured.num_tracks)
+    return points, current & (seen[measured.track] >= 2)
+
+
+def _turned_to_front(
+    measured: Measurements, cameras: FloatArray, points: FloatArray, kept: BoolArray
+) -> FloatArray:
+    """The points (N, 4) with the sign that puts them in front of most of the cameras that see them."""
+    image, track = measured.image[kept], measured.track[kept]
+    side = np.sign(np.einsum("mj,mj->m", cameras[image, 2], points[track]))
+    total = np.bincount(track, np.nan_to_num(side), measured.num_tracks)
+    return np.where(total[:, None] < 0, -points, points)
