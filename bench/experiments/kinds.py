@@ -9,6 +9,7 @@ from experiments.basin import basin_of_convergence
 from experiments.convergence import mean_convergence
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
+from experiments.factorisation import share_of_success
 from experiments.keyframe_weights import criteria_over_weights, weights_at_keyframes
 from experiments.lengths import proposed_lengths
 from experiments.orientations import constant_weights_of_orientations, methods_with_orientations
@@ -29,6 +30,7 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "convergence": mean_convergence,
     "criteria": criteria_over_weights,
     "drives": sensors_on_drives,
+    "factorisation": share_of_success,
     "keyframe-weights": weights_at_keyframes,
     "lengths": proposed_lengths,
     "orientations": methods_with_orientations,

@@ -26,7 +26,7 @@ _MOST_STEPS = 100
 
 
 @dataclass(frozen=True)
-class AdjustmentPlan:
+class ProjectivePlan:
     """How a projective world is adjusted.
 
     Attributes
@@ -75,7 +75,7 @@ class World:
 
 
 def first_world(
-    measured: Measurements, cameras: FloatArray, plausible: BoolArray, plan: AdjustmentPlan
+    measured: Measurements, cameras: FloatArray, plausible: BoolArray, plan: ProjectivePlan
 ) -> World:
     """Triangulate all tracks with the cameras of the factorisation; wide limits."""
     points = triangulate(measured, cameras, np.flatnonzero(plausible & _seen_by_known(measured, cameras)))
@@ -86,18 +86,18 @@ def first_world(
     return World(cameras, points, kept, usual / _MEDIAN_LENGTH)
 
 
-def settled(measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan) -> World:
+def settled(measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan) -> World:
     """Adjust, drop and take up observations and images in turn, until nothing changes any more.
 
-    The limit of what agrees comes down to the plan's by halves: what hangs on a part that is still bent must
+    Nothing is kept if too little agrees. The limit of what agrees comes down to the plan's by halves: what hangs on a part that is still bent must
     not be dropped before the adjustment has straightened it.
     """
     factor = _FIRST_LIMIT
     for _ in range(_MOST_ROUNDS):
         world = _without_poor_images(measured, world, plausible)
         world = _with_resected_images(measured, world, plausible, plan)
-        if not world.kept.any():
-            return world
+        if not _is_determined(measured, world):
+            return replace(world, kept=np.zeros_like(world.kept))
         before, last = world.kept, factor <= 1
         world = _adjusted(measured, world, plan)
         factor = factor / 2
@@ -119,7 +119,7 @@ def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, 
     return problem, images, tracks, rows
 
 
-def _adjusted(measured: Measurements, world: World, plan: AdjustmentPlan) -> World:
+def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan) -> World:
     problem, images, tracks, _ = problem_of(measured, world)
     scale = min(max(2 * world.sigma_px, 0.1), plan.max_error_px)
     options = SolveOptions(
@@ -139,7 +139,7 @@ def _adjusted(measured: Measurements, world: World, plan: AdjustmentPlan) -> Wor
 
 
 def _chosen_anew(
-    measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan, factor: float
+    measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan, factor: float
 ) -> World:
     """Choose the observations that agree by the noise as it is now, those left out before among them."""
     sigma = _sigma_px(measured, world)
@@ -149,6 +149,12 @@ def _chosen_anew(
     candidates = _seen_by_known(measured, world.cameras) & ((error < 2 * limit) | plausible)
     points, kept = without_worst(measured, world.cameras, candidates, limit)
     return World(world.cameras, points, kept, sigma)
+
+
+def _is_determined(measured: Measurements, world: World) -> bool:
+    """Whether observations are as many as unknowns; a camera has twelve, its scale among them."""
+    images, tracks = (np.unique(of[world.kept]) for of in (measured.image, measured.track))
+    return bool(0 < 12 * len(images) + 3 * len(tracks) <= 2 * np.count_nonzero(world.kept))
 
 
 def _sigma_px(measured: Measurements, world: World) -> float:
@@ -178,7 +184,7 @@ def _without_poor_images(measured: Measurements, world: World, trusted: BoolArra
 
 
 def _with_resected_images(
-    measured: Measurements, world: World, plausible: BoolArray, plan: AdjustmentPlan
+    measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan
 ) -> World:
     """Give a camera to every image without one that sees enough known points."""
     cameras, kept = world.cameras.copy(), world.kept.copy()

@@ -76,7 +76,8 @@ def _seen_by(measured: Measurements, kept: BoolArray) -> BoolArray:
 
 def _grown(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> list[tuple[int, ...]]:
     """Nested sets: always add the image that leaves the most tracks."""
-    images, common, found = [image], seen[image], []
+    images, common = [image], seen[image]
+    found: list[tuple[int, ...]] = []
     while True:
         candidates = sorted({other for member in images for other in neighbours[member]} - set(images))
         if not candidates:

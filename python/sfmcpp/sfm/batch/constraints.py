@@ -1,8 +1,8 @@
 """All cameras at once from overlapping blocks: closure constraints (Triggs 1997; Tardif et al. 2007).
 
-The cameras of a block span a known space: ``(I − B Bᵀ) D P = 0``, with B (3s, 4) the basis of the block;
-D has the scales of its cameras against those of the whole, and P (3C, 4) are all cameras. Scales come first, from
-the depths of tracks that blocks share; P is then what all constraints together leave open.
+The cameras of a block span a known space: ``(I − B Bᵀ) D P = 0``, with B (3s, 4) the basis of the block; D
+has the scales of its cameras against those of the whole, and P (3C, 4) are all cameras. Scales come first,
+from the depths of tracks that blocks share; P is then what all constraints together leave open.
 """
 
 from __future__ import annotations

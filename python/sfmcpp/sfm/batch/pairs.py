@@ -12,8 +12,8 @@ from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
 LEAST_SHARED, _LEAST_INLIERS = 12, 10
 _MOST_PAIRS = 12
-# Share of the comparisons of a right observation that agree, where a third of the tracks' observations is wrong:
-# 0.7 on average, of few comparisons.
+# Share of its comparisons in which a right observation agrees at least; where a third of all is wrong, it is
+# two thirds on average, of few comparisons.
 _LEAST_AGREEMENT = 0.25
 _CONFIDENCE, _MOST_SAMPLES = 0.99, 4000
 
@@ -73,10 +73,10 @@ def candidate_pairs(shared: Indices) -> list[tuple[int, int]]:
 
 
 def plausible_observations(measured: Measurements, pairs: list[PairGeometry]) -> BoolArray:
-    """Whether each observation (M,) agrees with others of its track, by the epipolar geometry of their images.
+    """Whether each observation (M,) agrees with others of its track, by the epipolar geometry of pairs.
 
-    It must belong to the largest part of its track that agreements hold together, and agree with a quarter of
-    what it was compared with: a right one does with all that are right, a wrong one with few.
+    It must belong to the largest part of its track that agreements hold together, and agree with a quarter
+    of what it was compared with: a right one does with all that are right, a wrong one with few.
     """
     count = len(measured.image)
     linked = np.concatenate([np.empty((2, 0), np.int64), *(p.rows[:, p.inliers] for p in pairs)], axis=1)

@@ -11,7 +11,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
-from sfmcpp.sfm.batch.adjustment import AdjustmentPlan, World, first_world, problem_of, settled
+from sfmcpp.sfm.batch.adjustment import ProjectivePlan, World, first_world, problem_of, settled
 from sfmcpp.sfm.batch.blocks import factorised_blocks
 from sfmcpp.sfm.batch.constraints import connected_blocks, joint_cameras
 from sfmcpp.sfm.batch.measurements import Measurements, measure
@@ -97,7 +97,7 @@ def reconstruct_projective(
     require_positive("min_limit_px", min_limit_px)
     require_seed(seed)
     require_count("threads", threads, 0)
-    plan = AdjustmentPlan(max_error_px, min(min_limit_px, max_error_px), seed, threads)
+    plan = ProjectivePlan(max_error_px, min(min_limit_px, max_error_px), seed, threads)
     measured, order = measure(tracks.image_index, tracks.track_index, tracks.pixels, tracks.num_images)
     pairs = pair_geometries(measured, max_error_px / 2, seed)
     if not pairs:

@@ -11,8 +11,8 @@ from sfmcpp.sfm.batch.measurements import Indices, Measurements
 def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, rounds: int = 3) -> FloatArray:
     """Unit points (N, 4) from the observations `rows`; nan for tracks with fewer than two of them.
 
-    Linear least squares of ``x p₃X − p₁X`` and ``y p₃X − p₂X`` (Hartley & Zisserman 2003, §12.2), divided by the
-    depths found before, which makes them errors of reprojection.
+    Linear least squares of ``x p₃X − p₁X`` and ``y p₃X − p₂X`` (Hartley & Zisserman 2003, §12.2), divided
+    by the depths found before, which makes them errors of reprojection.
     """
     order = rows[np.argsort(measured.track[rows], kind="stable")]
     track = measured.track[order]
@@ -35,10 +35,10 @@ def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, roun
 
 
 def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: FloatArray) -> FloatArray:
-    """(M,) distance of every observation from its projection; infinite where there is none or behind the camera.
+    """(M,) distance of each observation from its projection; infinite where that is behind or nowhere.
 
-    Cameras and points have signs in which depths are positive: any scene in front of its cameras has, whatever
-    the frame of the world (Hartley & Zisserman 2003, §21.1).
+    Cameras and points have signs in which depths are positive: a scene in front of its cameras has some,
+    whatever the frame of the world (Hartley & Zisserman 2003, §21.1).
     """
     projected = np.einsum("mij,mj->mi", cameras[measured.image], points[measured.track])
     with np.errstate(all="ignore"):

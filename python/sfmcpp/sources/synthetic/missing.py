@@ -25,8 +25,8 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
         Share of all pairs of a camera and a point, between 0 and 1; pairs without an observation from the
         start are not reckoned with.
     pattern : str
-        ``"scattered"``: any, each with this probability. ``"runs"``: each point is seen by cameras that follow each
-        other, the first after the last, as if hidden behind itself from elsewhere.
+        ``"scattered"``: any, each with this probability. ``"runs"``: each point is seen by cameras that
+        follow each other, the first after the last, as if hidden behind itself from elsewhere.
     seed : int
         Same seed, same observations.
 

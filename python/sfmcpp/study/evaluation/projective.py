@@ -86,7 +86,7 @@ def _across(design: FloatArray, directions: FloatArray) -> FloatArray:
 
 
 def _refined(start: FloatArray, cameras: FloatArray, points: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Minimise the sum of the lengths of the errors, each step by least squares with weights from the last."""
+    """Minimise the sum of the lengths of the errors by steps of weighted least squares."""
     homography, damping = start, 1e-4
     cost = np.linalg.norm(_projected(cameras, points @ homography.T) - wanted, axis=1).sum()
     for _ in range(_STEPS):
