@@ -28,9 +28,9 @@ _DEVIATE = 1.96
 NOTES = (
     "missing: share of all pairs of an image and a point without an observation.",
     "share: of the runs that succeed, low to high its 95 % interval (Wilson). A run succeeds with cameras",
-    f"  for {LEAST_IMAGES:.0%} of the images, {LEAST_RECALL:.0%} of the right observations kept, and an error",
-    f"  of at most {LARGEST_RATIO:g} times that of the adjustment of the same observations that starts from",
-    "  the truth, both after the best homography.",
+    f"  for {LEAST_IMAGES:.0%} of the images, {LEAST_RECALL:.0%} of the right observations kept, and an",
+    f"  error of at most {LARGEST_RATIO:g} times that of the adjustment of the same observations that starts",
+    "  from the truth, both after the best homography.",
     "error_ratio: the median of it. images, recall, wrong: means of the shares of images with a camera,",
     "  of right observations kept, of wrong ones among those kept.",
 )

@@ -89,8 +89,8 @@ def first_world(
 def settled(measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan) -> World:
     """Adjust, drop and take up observations and images in turn, until nothing changes any more.
 
-    Nothing is kept if too little agrees. The limit of what agrees comes down to the plan's by halves: what hangs on a part that is still bent must
-    not be dropped before the adjustment has straightened it.
+    Nothing is kept if too little agrees. The limit of what agrees comes down to the plan's by halves: what
+    hangs on a part that is still bent must not be dropped before the adjustment has straightened it.
     """
     factor = _FIRST_LIMIT
     for _ in range(_MOST_ROUNDS):

@@ -7,12 +7,18 @@ import numpy as np
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
+_LINEAR_ROUNDS, _ROBUST_ROUNDS = 3, 6
+_LEAST_DEPTH_RATIO = 1e-3
 
-def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, rounds: int = 3) -> FloatArray:
+
+def triangulate(
+    measured: Measurements, cameras: FloatArray, rows: Indices, usual_px: float | None = None
+) -> FloatArray:
     """Unit points (N, 4) from the observations `rows`; nan for tracks with fewer than two of them.
 
     Linear least squares of ``x p₃X − p₁X`` and ``y p₃X − p₂X`` (Hartley & Zisserman 2003, §12.2), divided
-    by the depths found before, which makes them errors of reprojection.
+    by the depths found before, which makes them errors of reprojection. With `usual_px`, those above it
+    count by their length and not by its square.
     """
     order = rows[np.argsort(measured.track[rows], kind="stable")]
     track = measured.track[order]
@@ -23,12 +29,17 @@ def triangulate(measured: Measurements, cameras: FloatArray, rows: Indices, roun
     equations = (rays[:, :2, None] * matrices[:, None, 2] - matrices[:, :2]) * scale[:, None, None]
     weight = 1 / np.linalg.norm(matrices[:, 2], axis=1)
     points = np.zeros((len(tracks), 4))
-    for _ in range(rounds):
+    for number in range(_LINEAR_ROUNDS + (_ROBUST_ROUNDS if usual_px else 0)):
         weighted = equations * weight[:, None, None]
         squares = np.add.reduceat(np.einsum("mki,mkj->mij", weighted, weighted), starts, axis=0)
         points = np.linalg.eigh(squares)[1][:, :, 0]
-        depth = np.abs(np.einsum("mi,mi->m", matrices[:, 2], np.repeat(points, counts, axis=0)))
-        weight = 1 / np.maximum(depth, 1e-3 * np.repeat(np.maximum.reduceat(depth, starts), counts))
+        spread = np.repeat(points, counts, axis=0)
+        depth = np.abs(np.einsum("mi,mi->m", matrices[:, 2], spread))
+        floor = _LEAST_DEPTH_RATIO * np.repeat(np.maximum.reduceat(depth, starts), counts)
+        weight = 1 / np.maximum(depth, floor)
+        if usual_px and number >= _LINEAR_ROUNDS - 1:
+            error = np.linalg.norm(np.einsum("mki,mi->mk", equations, spread), axis=1) * weight
+            weight = weight / np.sqrt(np.maximum(1.0, error / usual_px))
     result = np.full((measured.num_tracks, 4), np.nan)
     result[tracks[counts >= 2]] = points[counts >= 2]
     return result
@@ -50,11 +61,14 @@ def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: 
 def without_worst(
     measured: Measurements, cameras: FloatArray, kept: BoolArray, limit_px: float, rounds: int = 5
 ) -> tuple[FloatArray, BoolArray]:
-    """Triangulate, and leave out the observation of each track that is off most, until none is by more."""
+    """Triangulate, and leave out the observation of each track that is off most, until none is by more.
+
+    The points are those of the observations that are kept.
+    """
     current = kept & np.isfinite(cameras[measured.image, 0, 0])
     points = np.empty((0, 4))
     for number in range(rounds):
-        points = triangulate(measured, cameras, np.flatnonzero(current))
+        points = triangulate(measured, cameras, np.flatnonzero(current), limit_px / 2)
         points = _turned_to_front(measured, cameras, points, current)
         error = np.where(current, reprojection_errors_px(measured, cameras, points), -1.0)
         worst = np.zeros(measured.num_tracks)
@@ -65,7 +79,9 @@ def without_worst(
         current = current & ~bad
     current = current & (error <= limit_px)
     seen = np.bincount(measured.track[current], minlength=measured.num_tracks)
-    return points, current & (seen[measured.track] >= 2)
+    current = current & (seen[measured.track] >= 2)
+    points = triangulate(measured, cameras, np.flatnonzero(current))
+    return _turned_to_front(measured, cameras, points, current), current
 
 
 def _turned_to_front(
