@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.ba import linearize, projection_matrices
+from sfmcpp.ba import LinearModel, SolveOptions, projection_matrices
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.autocalibration import FOCALS, MetricFrame, metric_frames
 from sfmcpp.model import Problem
@@ -31,6 +31,9 @@ _MOST_FRAMES, _COST_RANGE = 4, 30.0
 _LEAST_IN_FRONT, _LEAST_KEPT = 0.6, 0.5
 # Models whose costs differ by less than this share fit as well as each other.
 _AS_GOOD = 0.02
+# Noise in standard deviations of the observations that is reckoned with at least, and the share of the normal
+# matrix that is added to it: of a critical motion without noise both tell, not chance.
+_LEAST_NOISE, _RIDGE = 0.05, 1e-12
 # Relative standard deviation from which on the images do not tell the focal length.
 _UNTOLD = 0.1
 # Cameras from which on those of few observations do not help to calibrate.
@@ -81,6 +84,7 @@ def metric_upgrade(
     max_error_px: float = 4.0,
     min_views: int = 2,
     merge_tracks: bool = True,
+    adjusted: bool = True,
     threads: int = 0,
 ) -> MetricUpgrade:
     """Make a metric problem of a projective one (thesis §3.3.1.2), and adjust it.
@@ -113,6 +117,9 @@ def metric_upgrade(
     merge_tracks : bool
         Whether points that prove to be one are merged: a corner lost and found again, also where the cameras
         come back to their start. This is what keeps a turntable from drifting.
+    adjusted : bool
+        False: the metric frame of the least cost as it is found, with all observations whose point is in
+        front of the camera, as an adjustment finds it.
     threads : int
         0: as many as the machine has. The same bits for any.
 
@@ -151,6 +158,9 @@ def metric_upgrade(
     models = _models(problem, projections, good, frames, rows, focal)
     if not models:
         return MetricUpgrade(None, _nothing_found(focal))
+    if not adjusted:
+        kept = kept_of(models[0], names)
+        return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations)
     for model in models:
         model.adjust(plan, loss="cauchy", max_iterations=40)
     return _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
@@ -245,9 +255,9 @@ def _finished(
     best.adjust(plan)
     best.normalise()
     kept = kept_of(best, plan.free)
-    sigma = 0.0 if focal == "known" else _focal_sigma(kept.problem, plan.threads)
-    if sigma > _UNTOLD or any(_differ(m, best) for m in rivals):
-        return MetricUpgrade(None, _critical(sigma), focal_sigma=sigma)
+    sigma, cautious = (0.0, 0.0) if focal == "known" else _focal_sigmas(kept.problem, plan.threads)
+    if not cautious < _UNTOLD or any(_differ(m, best) for m in rivals):
+        return MetricUpgrade(None, _critical(cautious), focal_sigma=cautious)
     warnings = _left_out(best.problem, kept.cameras)
     return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations, sigma, warnings)
 
@@ -272,18 +282,15 @@ def _differ(model: MetricModel, best: MetricModel) -> bool:
     return bool(np.abs(np.log(focals[0] / focals[1])).max() > _UNTOLD)
 
 
-def _focal_sigma(problem: Problem, threads: int) -> float:
-    """Largest standard deviation of a focal length over itself, by the spread of the residuals."""
-    model = linearize(problem, threads=threads)
-    try:
-        covariances = model.covariance(cameras="all").cameras
-    except InvalidArgument:
-        return np.inf
+def _focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
+    """Largest standard deviation of a focal length over itself: as observed, and with no noise too little."""
+    model = LinearModel(problem, (), SolveOptions(threads=threads), _RIDGE)
     column = model.parameter_names.index("f")
+    of_unit_noise = np.sqrt(np.maximum(model.covariance(cameras="all").cameras[:, column, column], 0.0))
     redundancy = max(2 * problem.num_observations - model.num_columns, 1)
-    variance = covariances[:, column, column] * float((model.residuals**2).sum()) / redundancy
-    focals = problem.intrinsics[problem.intrinsics_index, 0]
-    return float(np.sqrt(np.maximum(variance, 0.0)).max() / np.abs(focals).min())
+    noise = np.sqrt(float((model.residuals**2).sum()) / redundancy)
+    relative = float((of_unit_noise / problem.intrinsics[problem.intrinsics_index, 0]).max())
+    return relative * noise, relative * max(noise, _LEAST_NOISE)
 
 
 def _nothing_found(focal: str) -> str:

@@ -11,7 +11,7 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from projective_scenes import FOCAL, SIZE, metric_scene, projective_scene, turns_deg
-from sfmcpp import InvalidArgument, Problem, add_outliers, projective_problem, residuals
+from sfmcpp import InvalidArgument, Problem, add_outliers, projective_problem, residuals, solve
 from sfmcpp.geometry import depths, fit_similarity
 from sfmcpp.map.files import map_of_problem
 from sfmcpp.sfm.batch.upgrade import MetricUpgrade, metric_upgrade
@@ -121,6 +121,19 @@ def test_the_start_is_left_alone_and_threads_change_no_bit() -> None:
     for name in ("cameras", "points", "pixels", "point_index", "camera_index"):
         np.testing.assert_array_equal(getattr(start, name), getattr(copy, name))
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+def test_an_upgrade_without_adjustment_is_where_one_starts() -> None:
+    truth = metric_scene("turntable", 11, sigma_px=1.0)
+    start = projective_scene(truth, 11)
+    found = metric_upgrade(start, SIZE, adjusted=False, threads=1)
+    problem = upgraded(found)
+    assert len(found.observations) == problem.num_observations == truth.num_observations
+    before = np.sqrt(np.mean(residuals(problem) ** 2))
+    solve(problem, threads=1)
+    after = np.sqrt(np.mean(residuals(problem) ** 2))
+    assert after < 0.97 * before < 20
+    assert centre_error(problem, truth) < 0.5
 
 
 def test_the_result_becomes_a_map() -> None:
