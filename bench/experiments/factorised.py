@@ -23,11 +23,11 @@ def factorised_starts(experiment: Experiment) -> Iterator[Start]:
 
     A set has a `name`, a `file`, the `size` of its images, and, as it needs them, how many consecutive
     `images` (those that see most), the `first` of them and the `step` between them, known `intrinsics`, and
-    the `principal_point`.
+    the `principal_point`. With `settled` the projective reconstruction is adjusted, the metric one is not.
     """
     for item in experiment.settings.get("factorised", []):
         tracks = _tracks(item)
-        found = reconstruct_projective(tracks, adjusted=False, threads=1)
+        found = reconstruct_projective(tracks, adjusted=item.get("settled", False), threads=1)
         if found.problem is None:
             raise ExperimentError(f"{item['name']}: {found.message}")
         for model in experiment.camera_models:

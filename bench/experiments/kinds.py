@@ -12,6 +12,7 @@ from experiments.drives import sensors_on_drives
 from experiments.keyframe_weights import criteria_over_weights, weights_at_keyframes
 from experiments.lengths import proposed_lengths
 from experiments.orientations import constant_weights_of_orientations, methods_with_orientations
+from experiments.real_curves import rms_from_real_starts
 from experiments.real_data import real_problems
 from experiments.report import Report
 from experiments.rms_curves import mean_rms
@@ -33,6 +34,7 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "lengths": proposed_lengths,
     "orientations": methods_with_orientations,
     "real": real_problems,
+    "real-curves": rms_from_real_starts,
     "rms-curves": mean_rms,
     "roots": number_of_roots,
     "scale": searches_at_scale,
