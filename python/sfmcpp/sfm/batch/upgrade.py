@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.ba import LinearModel, SolveOptions, projection_matrices
+from sfmcpp.ba import projection_matrices
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.autocalibration import FOCALS, MetricFrame, metric_frames
 from sfmcpp.model import Problem
@@ -23,6 +23,14 @@ from sfmcpp.sfm.batch.metric_model import (
     share_intrinsics,
 )
 from sfmcpp.sfm.batch.refining import close_gaps, refine
+from sfmcpp.sfm.batch.verdict import (
+    contradiction,
+    critical_motion,
+    focal_sigmas,
+    left_out_warnings,
+    misfit_warnings,
+    nothing_found,
+)
 
 # Metric frames that are adjusted at most, and how far the cost of the worst may lie above that of the best.
 _MOST_FRAMES, _COST_RANGE = 4, 30.0
@@ -31,9 +39,6 @@ _MOST_FRAMES, _COST_RANGE = 4, 30.0
 _LEAST_IN_FRONT, _LEAST_KEPT = 0.6, 0.5
 # Models whose costs differ by less than this share fit as well as each other.
 _AS_GOOD = 0.02
-# Noise in standard deviations of the observations that is reckoned with at least, and the share of the normal
-# matrix that is added to it: of a critical motion without noise both tell, not chance.
-_LEAST_NOISE, _RIDGE = 0.05, 1e-12
 # Relative standard deviation from which on the images do not tell the focal length.
 _UNTOLD = 0.1
 # Cameras from which on those of few observations do not help to calibrate.
@@ -157,13 +162,16 @@ def metric_upgrade(
         return MetricUpgrade(None, "all projection matrices share one centre: no depth is seen")
     models = _models(problem, projections, good, frames, rows, focal)
     if not models:
-        return MetricUpgrade(None, _nothing_found(focal))
+        return MetricUpgrade(None, nothing_found(focal))
     if not adjusted:
         kept = kept_of(models[0], names)
         return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations)
     for model in models:
         model.adjust(plan, loss="cauchy", max_iterations=40)
-    return _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
+    result = _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
+    if result.problem is not None:
+        result.warnings.extend(misfit_warnings(problem, result.problem, result.observations, max_error_px))
+    return result
 
 
 def _well_seen(problem: Problem) -> NDArray[np.intp]:
@@ -251,25 +259,15 @@ def _finished(
         close_gaps(best, plan)
     kept_share = float(np.mean(best.counts))
     if kept_share < _LEAST_KEPT:
-        return MetricUpgrade(None, _contradiction(kept_share, focal))
+        return MetricUpgrade(None, contradiction(kept_share, focal))
     best.adjust(plan)
     best.normalise()
     kept = kept_of(best, plan.free)
-    sigma, cautious = (0.0, 0.0) if focal == "known" else _focal_sigmas(kept.problem, plan.threads)
+    sigma, cautious = (0.0, 0.0) if focal == "known" else focal_sigmas(kept.problem, plan.threads)
     if not cautious < _UNTOLD or any(_differ(m, best) for m in rivals):
-        return MetricUpgrade(None, _critical(cautious), focal_sigma=cautious)
-    warnings = _left_out(best.problem, kept.cameras)
+        return MetricUpgrade(None, critical_motion(cautious), focal_sigma=cautious)
+    warnings = left_out_warnings(best.problem, kept.cameras)
     return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations, sigma, warnings)
-
-
-def _left_out(problem: Problem, cameras: NDArray[np.intp]) -> list[str]:
-    """A warning where cameras were left out."""
-    gone = np.setdiff1d(np.arange(problem.num_cameras), cameras)
-    if not len(gone):
-        return []
-    names = problem.metadata.image_names
-    listed = ", ".join(names[i] if names else str(i) for i in gone.tolist())
-    return [f"cameras with less than {LEAST_OBSERVATIONS} observations that agree were left out: {listed}"]
 
 
 def _as_good(model: MetricModel, best: MetricModel, limit_px: float) -> bool:
@@ -280,40 +278,3 @@ def _differ(model: MetricModel, best: MetricModel) -> bool:
     """Whether two models have other focal lengths."""
     focals = [m.problem.intrinsics[m.problem.intrinsics_index, 0] for m in (model, best)]
     return bool(np.abs(np.log(focals[0] / focals[1])).max() > _UNTOLD)
-
-
-def _focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
-    """Largest standard deviation of a focal length over itself: as observed, and with no noise too little."""
-    model = LinearModel(problem, (), SolveOptions(threads=threads), _RIDGE)
-    column = model.parameter_names.index("f")
-    of_unit_noise = np.sqrt(np.maximum(model.covariance(cameras="all").cameras[:, column, column], 0.0))
-    redundancy = max(2 * problem.num_observations - model.num_columns, 1)
-    noise = np.sqrt(float((model.residuals**2).sum()) / redundancy)
-    relative = float((of_unit_noise / problem.intrinsics[problem.intrinsics_index, 0]).max())
-    return relative * noise, relative * max(noise, _LEAST_NOISE)
-
-
-def _nothing_found(focal: str) -> str:
-    return (
-        f"no calibration with {_words(focal)} has the points in front of the cameras: what was taken as "
-        "known is wrong, the projective reconstruction is, or the motion does not tell the calibration"
-    )
-
-
-def _contradiction(kept: float, focal: str) -> str:
-    return f"only {100 * kept:.0f} % of the observations agree with a metric model with {_words(focal)}"
-
-
-def _critical(sigma: float) -> str:
-    return (
-        f"the motion does not tell the focal length (relative standard deviation {sigma:.2g}): cameras that "
-        "only move along a line, or turn about parallel axes along which they look, leave it open"
-    )
-
-
-def _words(focal: str) -> str:
-    return {
-        "shared": "one focal length for all cameras",
-        "varying": "a focal length for each camera",
-        "known": "the known intrinsics",
-    }[focal]

@@ -79,6 +79,20 @@ def test_a_wrong_calibration_is_noticed() -> None:
     assert result.problem is None and "known" in result.reason
 
 
+def test_cameras_that_zoom_are_not_taken_silently_for_one() -> None:
+    truth = metric_scene("general", 12, sigma_px=0.3)
+    zoom = np.linspace(0.8, 1.25, 12)[truth.camera_index, None]
+    centre = np.array(SIZE) / 2
+    zoomed = replace(truth, pixels=centre + zoom * (truth.pixels - centre))
+    start = projective_scene(zoomed, 12)
+    shared = metric_upgrade(start, SIZE, focal="shared", threads=1)
+    assert shared.problem is None or any("times worse" in warning for warning in shared.warnings)
+    varying = metric_upgrade(start, SIZE, focal="varying", threads=1)
+    focals = upgraded(varying).intrinsics[:, 0]
+    np.testing.assert_allclose(focals, FOCAL * np.linspace(0.8, 1.25, 12), rtol=5 * varying.focal_sigma)
+    assert not varying.warnings
+
+
 def test_outliers_are_left_out_and_what_is_kept_is_told() -> None:
     truth = metric_scene("general", 6, sigma_px=0.5)
     start = projective_scene(truth, 6)
