@@ -32,7 +32,7 @@ COLUMNS = (
 CLOSE = 0.05
 
 
-def share_of_success(experiment: Experiment) -> Report:
+def share_of_metric_success(experiment: Experiment) -> Report:
     """Reconstruct every scene with every share of missing and of wrong observations."""
     settings = experiment.settings
     rows = [

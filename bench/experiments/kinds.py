@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
-from experiments.batch_success import share_of_success
+from experiments.batch_success import share_of_metric_success
 from experiments.convergence import mean_convergence
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
@@ -27,7 +27,7 @@ from experiments.whole_weights import whole_weights
 KINDS: dict[str, Callable[[Experiment], Report]] = {
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
-    "batch-success": share_of_success,
+    "batch-success": share_of_metric_success,
     "constant-orientations": constant_weights_of_orientations,
     "convergence": mean_convergence,
     "criteria": criteria_over_weights,
