@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
+from experiments.batch_success import share_of_metric_success
 from experiments.convergence import mean_convergence
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
@@ -13,6 +14,7 @@ from experiments.factorisation import share_of_success
 from experiments.keyframe_weights import criteria_over_weights, weights_at_keyframes
 from experiments.lengths import proposed_lengths
 from experiments.orientations import constant_weights_of_orientations, methods_with_orientations
+from experiments.real_curves import rms_from_real_starts
 from experiments.real_data import real_problems
 from experiments.report import Report
 from experiments.rms_curves import mean_rms
@@ -26,6 +28,7 @@ from experiments.whole_weights import whole_weights
 KINDS: dict[str, Callable[[Experiment], Report]] = {
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
+    "batch-success": share_of_metric_success,
     "constant-orientations": constant_weights_of_orientations,
     "convergence": mean_convergence,
     "criteria": criteria_over_weights,
@@ -35,6 +38,7 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "lengths": proposed_lengths,
     "orientations": methods_with_orientations,
     "real": real_problems,
+    "real-curves": rms_from_real_starts,
     "rms-curves": mean_rms,
     "roots": number_of_roots,
     "scale": searches_at_scale,

@@ -1,4 +1,4 @@
-"""Which lengths an algebraic line search proposes, iteration by iteration (thesis table 4.4)."""
+"""Which lengths an algebraic line search proposes, iteration by iteration (thesis tables 4.4–4.6)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from experiments.acceptance import length_is_taken
 from experiments.description import Experiment, Row
+from experiments.factorised import factorised_starts
 from experiments.pictures import figure_legend, line_style
 from experiments.report import Report
 from experiments.runs import Run, camera_models, solve_in_turn
@@ -24,7 +25,8 @@ COLUMNS = ("camera_model", "label", "iteration", "proposed", "taken", "cost")
 
 def proposed_lengths(experiment: Experiment) -> Report:
     """Run the algebraic searches from one start and list what they propose."""
-    runs = solve_in_turn(synthetic_starts(experiment), experiment.solve_options())
+    starts = [*synthetic_starts(experiment), *factorised_starts(experiment)]
+    runs = solve_in_turn(starts, experiment.solve_options())
     runs.sort(key=lambda run: (run.camera_model, run.label))
     rows = [_row(run, iteration) for run in runs for iteration in run.summary.iterations[1:]]
     return Report(NOTES, ("label", "camera_model", "iteration"), COLUMNS, rows, _picture(runs))

@@ -52,10 +52,11 @@ def noisy_scene(experiment: Experiment, noise: Row, seed: int) -> Problem:
     return sfmcpp.perturb(true_scene(experiment, seed), **noise, seed=seed)
 
 
-def true_scene(experiment: Experiment, seed: int) -> Problem:
-    """Make the scene of the experiment with the true cameras and points."""
+def true_scene(experiment: Experiment, seed: int, kind: str | None = None) -> Problem:
+    """Make the scene of the experiment with the true cameras and points, of another `kind` if given."""
     arguments = dict(experiment.scene)
-    return sfmcpp.SCENES[arguments.pop("kind")](**arguments, seed=seed)
+    own = arguments.pop("kind", None)
+    return sfmcpp.SCENES[kind or own](**arguments, seed=seed)
 
 
 def in_model(problem: Problem, camera_model: str) -> Problem:

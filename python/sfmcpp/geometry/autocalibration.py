@@ -93,7 +93,7 @@ def metric_frames(
         raise InvalidArgument(
             f"projections: {len(matrices)}, must be at least {fewest} with focal = {focal!r}"
         )
-    cameras, world = _balanced(np.linalg.solve(kernels, matrices))
+    cameras, world = _balanced(np.asarray(np.linalg.solve(kernels, matrices), dtype=np.float64))
     search = _Search(cameras, focal)
     found = [search.refine(start) for start in search.starts()]
     frames = [search.frame(x, cost, world) for cost, x in sorted(found, key=lambda pair: pair[0])]
@@ -283,7 +283,7 @@ def _products(cameras: FloatArray, a: int, b: int) -> FloatArray:
 def _symmetric(upper: FloatArray) -> FloatArray:
     matrix = np.zeros((4, 4))
     matrix[_UPPER] = upper
-    return matrix + matrix.T - np.diag(np.diag(matrix))
+    return np.asarray(matrix + matrix.T - np.diag(np.diag(matrix)))
 
 
 def _planes(quadrics: tuple[FloatArray, FloatArray]) -> list[FloatArray]:

@@ -104,7 +104,8 @@ class MetricModel:
     def _closeness(self, points: FloatArray) -> FloatArray:
         """(N,) sums of squared errors, none counting more than a wrong observation may."""
         errors = np.minimum(_errors_px(self.problem, points), _FAR_PX)
-        return np.bincount(self.problem.point_index, errors**2, self.problem.num_points)
+        squares = np.bincount(self.problem.point_index, errors**2, self.problem.num_points)
+        return squares.astype(np.float64)
 
     def triangulate_robustly(self, max_error_px: float, min_views: int) -> None:
         """Find every point anew from what most of its observations agree on; these count."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.ba import linearize, projection_matrices
+from sfmcpp.ba import projection_matrices
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.autocalibration import FOCALS, MetricFrame, metric_frames
 from sfmcpp.model import Problem
@@ -23,6 +23,14 @@ from sfmcpp.sfm.batch.metric_model import (
     share_intrinsics,
 )
 from sfmcpp.sfm.batch.refining import close_gaps, refine
+from sfmcpp.sfm.batch.verdict import (
+    contradiction,
+    critical_motion,
+    focal_sigmas,
+    left_out_warnings,
+    misfit_warnings,
+    nothing_found,
+)
 
 # Metric frames that are adjusted at most, and how far the cost of the worst may lie above that of the best.
 _MOST_FRAMES, _COST_RANGE = 4, 30.0
@@ -81,6 +89,7 @@ def metric_upgrade(
     max_error_px: float = 4.0,
     min_views: int = 2,
     merge_tracks: bool = True,
+    adjusted: bool = True,
     threads: int = 0,
 ) -> MetricUpgrade:
     """Make a metric problem of a projective one (thesis §3.3.1.2), and adjust it.
@@ -113,6 +122,9 @@ def metric_upgrade(
     merge_tracks : bool
         Whether points that prove to be one are merged: a corner lost and found again, also where the cameras
         come back to their start. This is what keeps a turntable from drifting.
+    adjusted : bool
+        False: the metric frame of the least cost as it is found, with all observations whose point is in
+        front of the camera, as an adjustment finds it.
     threads : int
         0: as many as the machine has. The same bits for any.
 
@@ -150,10 +162,16 @@ def metric_upgrade(
         return MetricUpgrade(None, "all projection matrices share one centre: no depth is seen")
     models = _models(problem, projections, good, frames, rows, focal)
     if not models:
-        return MetricUpgrade(None, _nothing_found(focal))
+        return MetricUpgrade(None, nothing_found(focal))
+    if not adjusted:
+        kept = kept_of(models[0], names)
+        return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations)
     for model in models:
         model.adjust(plan, loss="cauchy", max_iterations=40)
-    return _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
+    result = _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
+    if result.problem is not None:
+        result.warnings.extend(misfit_warnings(problem, result.problem, result.observations, max_error_px))
+    return result
 
 
 def _well_seen(problem: Problem) -> NDArray[np.intp]:
@@ -241,25 +259,15 @@ def _finished(
         close_gaps(best, plan)
     kept_share = float(np.mean(best.counts))
     if kept_share < _LEAST_KEPT:
-        return MetricUpgrade(None, _contradiction(kept_share, focal))
+        return MetricUpgrade(None, contradiction(kept_share, focal))
     best.adjust(plan)
     best.normalise()
     kept = kept_of(best, plan.free)
-    sigma = 0.0 if focal == "known" else _focal_sigma(kept.problem, plan.threads)
-    if sigma > _UNTOLD or any(_differ(m, best) for m in rivals):
-        return MetricUpgrade(None, _critical(sigma), focal_sigma=sigma)
-    warnings = _left_out(best.problem, kept.cameras)
+    sigma, cautious = (0.0, 0.0) if focal == "known" else focal_sigmas(kept.problem, plan.threads)
+    if not cautious < _UNTOLD or any(_differ(m, best) for m in rivals):
+        return MetricUpgrade(None, critical_motion(cautious), focal_sigma=cautious)
+    warnings = left_out_warnings(best.problem, kept.cameras)
     return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations, sigma, warnings)
-
-
-def _left_out(problem: Problem, cameras: NDArray[np.intp]) -> list[str]:
-    """A warning where cameras were left out."""
-    gone = np.setdiff1d(np.arange(problem.num_cameras), cameras)
-    if not len(gone):
-        return []
-    names = problem.metadata.image_names
-    listed = ", ".join(names[i] if names else str(i) for i in gone.tolist())
-    return [f"cameras with less than {LEAST_OBSERVATIONS} observations that agree were left out: {listed}"]
 
 
 def _as_good(model: MetricModel, best: MetricModel, limit_px: float) -> bool:
@@ -270,43 +278,3 @@ def _differ(model: MetricModel, best: MetricModel) -> bool:
     """Whether two models have other focal lengths."""
     focals = [m.problem.intrinsics[m.problem.intrinsics_index, 0] for m in (model, best)]
     return bool(np.abs(np.log(focals[0] / focals[1])).max() > _UNTOLD)
-
-
-def _focal_sigma(problem: Problem, threads: int) -> float:
-    """Largest standard deviation of a focal length over itself, by the spread of the residuals."""
-    model = linearize(problem, threads=threads)
-    try:
-        covariances = model.covariance(cameras="all").cameras
-    except InvalidArgument:
-        return np.inf
-    column = model.parameter_names.index("f")
-    redundancy = max(2 * problem.num_observations - model.num_columns, 1)
-    variance = covariances[:, column, column] * float((model.residuals**2).sum()) / redundancy
-    focals = problem.intrinsics[problem.intrinsics_index, 0]
-    return float(np.sqrt(np.maximum(variance, 0.0)).max() / np.abs(focals).min())
-
-
-def _nothing_found(focal: str) -> str:
-    return (
-        f"no calibration with {_words(focal)} has the points in front of the cameras: what was taken as "
-        "known is wrong, the projective reconstruction is, or the motion does not tell the calibration"
-    )
-
-
-def _contradiction(kept: float, focal: str) -> str:
-    return f"only {100 * kept:.0f} % of the observations agree with a metric model with {_words(focal)}"
-
-
-def _critical(sigma: float) -> str:
-    return (
-        f"the motion does not tell the focal length (relative standard deviation {sigma:.2g}): cameras that "
-        "only move along a line, or turn about parallel axes along which they look, leave it open"
-    )
-
-
-def _words(focal: str) -> str:
-    return {
-        "shared": "one focal length for all cameras",
-        "varying": "a focal length for each camera",
-        "known": "the known intrinsics",
-    }[focal]

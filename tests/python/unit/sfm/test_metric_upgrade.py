@@ -11,10 +11,12 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from projective_scenes import FOCAL, SIZE, metric_scene, projective_scene, turns_deg
-from sfmcpp import InvalidArgument, Problem, add_outliers, projective_problem, residuals
+from sfmcpp import InvalidArgument, Problem, add_outliers, projective_problem, residuals, solve
 from sfmcpp.geometry import depths, fit_similarity
 from sfmcpp.map.files import map_of_problem
+from sfmcpp.sfm.batch.projective import reconstruct_projective
 from sfmcpp.sfm.batch.upgrade import MetricUpgrade, metric_upgrade
+from sfmcpp.sources.io.image_tracks import read_image_tracks
 
 
 def upgraded(result: MetricUpgrade) -> Problem:
@@ -76,7 +78,22 @@ def test_a_wrong_calibration_is_noticed() -> None:
     truth = metric_scene("general", 4, sigma_px=0.5)
     wrong = [FOCAL, 2.0, 0.0, 0.0, 0.0]
     result = metric_upgrade(projective_scene(truth, 4), SIZE, focal="known", intrinsics=wrong, threads=1)
-    assert result.problem is None and "known" in result.reason
+    assert result.problem is None
+    assert "known" in result.reason
+
+
+def test_cameras_that_zoom_are_not_taken_silently_for_one() -> None:
+    truth = metric_scene("general", 12, sigma_px=0.3)
+    zoom = np.linspace(0.8, 1.25, 12)[truth.camera_index, None]
+    centre = np.array(SIZE) / 2
+    zoomed = replace(truth, pixels=centre + zoom * (truth.pixels - centre))
+    start = projective_scene(zoomed, 12)
+    shared = metric_upgrade(start, SIZE, focal="shared", threads=1)
+    assert shared.problem is None or any("times worse" in warning for warning in shared.warnings)
+    varying = metric_upgrade(start, SIZE, focal="varying", threads=1)
+    focals = upgraded(varying).intrinsics[:, 0]
+    np.testing.assert_allclose(focals, FOCAL * np.linspace(0.8, 1.25, 12), rtol=5 * varying.focal_sigma)
+    assert not varying.warnings
 
 
 def test_outliers_are_left_out_and_what_is_kept_is_told() -> None:
@@ -123,10 +140,24 @@ def test_the_start_is_left_alone_and_threads_change_no_bit() -> None:
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
+def test_an_upgrade_without_adjustment_is_where_one_starts() -> None:
+    truth = metric_scene("turntable", 11, sigma_px=1.0)
+    start = projective_scene(truth, 11)
+    found = metric_upgrade(start, SIZE, adjusted=False, threads=1)
+    problem = upgraded(found)
+    assert len(found.observations) == problem.num_observations == truth.num_observations
+    before = np.sqrt(np.mean(residuals(problem) ** 2))
+    solve(problem, threads=1)
+    after = np.sqrt(np.mean(residuals(problem) ** 2))
+    assert after < 0.97 * before < 20
+    assert centre_error(problem, truth) < 0.5
+
+
 def test_the_result_becomes_a_map() -> None:
     truth = metric_scene("turntable", 9, sigma_px=0.5)
     world = map_of_problem(upgraded(metric_upgrade(projective_scene(truth, 9), SIZE, threads=1)))
-    assert world.registered.all() and world.known.any()
+    assert world.registered.all()
+    assert world.known.any()
     assert len(world.intrinsics) == 1
 
 
@@ -182,24 +213,10 @@ def test_too_few_cameras_are_a_reason() -> None:
     assert "at least 3" in metric_upgrade(start, SIZE).reason
 
 
-@pytest.mark.real
-def test_the_dinosaur_turns_by_ten_degrees_about_one_axis(data_dir: Path) -> None:
-    folder = data_dir / "dinosaur"
-    tracks = np.loadtxt(folder / "viff.xy").reshape(-1, 36, 2)
-    cameras = np.stack(list(loadmat(folder / "dino_Ps.mat")["P"][0])).astype(np.float64)
-    point_index, camera_index = np.nonzero((tracks != -1).all(axis=2))
-    homography = np.random.default_rng(0).standard_normal((4, 4))
-    start = projective_problem(
-        cameras @ homography,
-        np.ones((len(tracks), 4)),
-        camera_index,
-        point_index,
-        tracks[point_index, camera_index],
-    )
-    result = metric_upgrade(start, (576, 720), threads=1)
+def require_turntable(result: MetricUpgrade) -> None:
+    """36 cameras, each 10° after the one before, about one axis; the first after the last, too."""
     problem = upgraded(result)
     assert len(result.cameras) == 36
-    # The first image is one turn after the last, though no track of the file tells.
     rotations = np.concatenate([problem.rotations, problem.rotations[:1]])
     turns = turns_deg(rotations)
     assert np.abs(turns - 10).max() < 0.3
@@ -208,3 +225,28 @@ def test_the_dinosaur_turns_by_ten_degrees_about_one_axis(data_dir: Path) -> Non
     assert np.degrees(np.arccos(np.clip(axes @ axes.mean(axis=0), -1, 1))).max() < 3
     assert np.sqrt(np.mean(residuals(problem) ** 2)) < 0.25
     assert result.focal_sigma < 0.01
+
+
+@pytest.mark.real
+def test_the_dinosaur_turns_by_ten_degrees_about_one_axis(data_dir: Path) -> None:
+    folder = data_dir / "dinosaur"
+    tracks = read_image_tracks(folder / "viff.xy")
+    cameras = np.stack(list(loadmat(folder / "dino_Ps.mat")["P"][0])).astype(np.float64)
+    homography = np.random.default_rng(0).standard_normal((4, 4))
+    start = projective_problem(
+        cameras @ homography,
+        np.ones((tracks.num_tracks, 4)),
+        tracks.image_index,
+        tracks.track_index,
+        tracks.pixels,
+    )
+    require_turntable(metric_upgrade(start, (576, 720), threads=1))
+
+
+@pytest.mark.real
+def test_the_dinosaur_is_reconstructed_from_its_tracks_alone(data_dir: Path) -> None:
+    pytest.importorskip("poselib", reason="fundamental matrices need the extra 'vision'")
+    start = reconstruct_projective(read_image_tracks(data_dir / "dinosaur" / "viff.xy"), threads=1).problem
+    assert start is not None
+    # No size is told: as far as the corners reach, 548 × 642.
+    require_turntable(metric_upgrade(start, np.ceil(start.pixels.max(axis=0)), threads=1))
