@@ -100,12 +100,30 @@ def symmetric(num_images: int, rng: np.random.Generator) -> Place:
     side = painter.texture(4.0, 7.0)
     faces = painter.box((-2, -2, 0), (2, 2, 7), [side] * 4)
     faces.append(painter.ground((-60, -60), (60, 60), plain_texture(120)))
-    for k in range(16):
-        where = 2 * np.pi * (k + rng.uniform(-0.3, 0.3)) / 16
+    return Place(faces + _posts(painter, rng), looking_at(ring, np.array([0.0, 0.0, 2.6]), UP))
+
+
+def _posts(painter: Painter, rng: np.random.Generator) -> list[Face]:
+    """Boxes of all kinds far around."""
+    faces = []
+    for k in range(20):
+        where = 2 * np.pi * (k + rng.uniform(-0.3, 0.3)) / 20
         centre = rng.uniform(16, 22) * np.array([np.cos(where), np.sin(where)])
-        half = rng.uniform(0.5, 1.0, 2)
+        half = rng.uniform(0.6, 1.4, 2)
         faces += painter.box((*(centre - half), 0.0), (*(centre + half), rng.uniform(1.5, 3.0)))
-    return Place(faces, looking_at(ring, np.array([0.0, 0.0, 2.6]), UP))
+    return faces
+
+
+def double(num_images: int, rng: np.random.Generator) -> Place:
+    """A wall from the front and then from behind, where it looks the same; no photo of one end joins both."""
+    first = np.linspace(-0.7, 0.7, num_images - num_images // 2)
+    angle = np.concatenate([first, np.linspace(np.pi - 0.66, np.pi + 0.72, num_images // 2)])
+    ring = np.stack([7.5 * np.sin(angle), -7.5 * np.cos(angle), np.full(num_images, 1.7)], axis=1)
+    painter = Painter(rng, 0.01)
+    side, ends = painter.texture(4.5, 4.0), [painter.texture(0.6, 4.0) for _ in range(2)]
+    faces = painter.box((-2.25, -0.3, 0), (2.25, 0.3, 4.0), [side, ends[0], side, ends[1]])
+    faces.append(painter.ground((-60, -60), (60, 60), plain_texture(120)))
+    return Place(faces + _posts(painter, rng), looking_at(ring, np.array([0.0, 0.0, 1.8]), UP))
 
 
 def rotation(num_images: int, rng: np.random.Generator) -> Place:
@@ -145,6 +163,7 @@ PLACES: dict[str, Callable[[int, np.random.Generator], Place]] = {
     "street": street,
     "drone": drone,
     "symmetric": symmetric,
+    "double": double,
     "rotation": rotation,
     "planar": planar,
     "identical": identical,
