@@ -1,7 +1,7 @@
 """Pairs of images that a model puts at one place, though one does not show what the other shows there.
 
-Two sides of a building that look alike can fold into one, and every match agrees with the model. What tells is
-what is missing: behind the building the photos of one side show what those of the other side do not (Zach,
+Two sides of a building that look alike can fold into one, and every match agrees with the model. What is
+missing tells: behind the building the photos of one side show what those of the other side do not (Zach,
 Irschara, Bischof, "What can missing correspondences tell us about 3D structure and motion?", CVPR 2008).
 """
 
@@ -186,7 +186,7 @@ def _depths(
 
 
 def _missing(sight: _Sight, one: _View, other: _View, number: int, matched: NDArray[np.int32]) -> int:
-    """Points of `one` that `other`, image `number`, should show, where nothing of one is `matched` with it."""
+    """Points of `one` that `other`, image `number`, should show, where nothing of one is `matched`."""
     features, points, angles = _confirmed(sight, one, number)
     should = _in_view(one, other, points, angles)
     features = features[should]
@@ -250,6 +250,6 @@ def warning_of_missing(graph: MatchGraph, pairs: list[Pair]) -> str:
     """Say it in a sentence."""
     first, second = graph.photos[pairs[0].first].name, graph.photos[pairs[0].second].name
     return (
-        f"{len(pairs)} pairs of images are at one place in the model and do not show the same, first {first} and "
-        f"{second}: repeated or symmetric structure, the model may be folded"
+        f"{len(pairs)} pairs of images are at one place in the model and do not show the same, first "
+        f"{first} and {second}: repeated or symmetric structure, the model may be folded"
     )
