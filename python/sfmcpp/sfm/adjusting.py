@@ -42,7 +42,7 @@ def adjusted(
 ) -> float:
     """Adjust a part of a map, or all of it; the cost at the end. The map itself is not changed.
 
-    Intrinsics of cameras with too few images stay.
+    Of cameras with too few images only the focal length is adjusted, and that only among enough other images.
 
     Raises
     ------
@@ -51,7 +51,11 @@ def adjusted(
     """
     problem = (world.whole_problem(2) if local is None else local).problem
     images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
-    problem.fixed_intrinsics[images < settings.intrinsics_images] = True
+    few = images < settings.intrinsics_images
+    if images.sum() >= settings.intrinsics_images:
+        problem.fixed_intrinsics[few, 1:] = True
+    else:
+        problem.fixed_intrinsics[few] = True
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_px, **options)
     if summary.termination == "interrupted":
         raise KeyboardInterrupt

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,14 +71,29 @@ class Growth:
         pairs = [p for p in self._scene.graph.pairs if not (taken[p.first] or taken[p.second])]
         pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
         pairs.sort(key=lambda p: -len(p.verified))
-        poses = [self._relative(pair) for pair in pairs[:_START_PAIRS]]
+        del pairs[_START_PAIRS:]
+        poses: dict[int, tuple[FloatArray, float]] = {}
         angle_deg = self._settings.start_angle_deg
         while angle_deg >= _LEAST_START_ANGLE_DEG:
-            wide = [k for k, (_, seen_deg) in enumerate(poses) if seen_deg >= angle_deg / 2]
-            if any(self._start_with(pairs[k], poses[k][0], angle_deg) for k in wide[:_START_TRIES]):
+            if any(self._start_with(*found, angle_deg) for found in self._wide(pairs, poses, angle_deg / 2)):
                 return True
             angle_deg /= 2
         return False
+
+    def _wide(
+        self, pairs: list[Pair], poses: dict[int, tuple[FloatArray, float]], angle_deg: float
+    ) -> Iterator[tuple[Pair, FloatArray]]:
+        """The first pairs seen under an angle, with the pose of the second image, which `poses` keeps."""
+        count = 0
+        for number, pair in enumerate(pairs):
+            if number not in poses:
+                poses[number] = self._relative(pair)
+            camera, seen_deg = poses[number]
+            if seen_deg >= angle_deg:
+                yield pair, camera
+                count += 1
+            if count == _START_TRIES:
+                return
 
     def _start_with(self, pair: Pair, second: FloatArray, angle_deg: float) -> bool:
         """Try a pair: its images get poses and points, or nothing changes."""

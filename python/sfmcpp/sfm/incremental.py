@@ -85,15 +85,23 @@ def _asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map],
 
 
 def _add(grown: Grown, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
-    """Put a model beside the others, or into one that it overlaps."""
-    for number, world in enumerate(grown.models):
-        large, small = sorted((world, growth.world), key=lambda w: -int(np.count_nonzero(w.registered)))
+    """Put a model beside the others; those that it overlaps become one with it, and with each other."""
+    world, joined = growth.world, False
+    while (both := _joined_with_one(grown.models, world, settings)) is not None:
+        world, joined = both, True
+    if joined:
+        Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
+    grown.models.append(world)
+
+
+def _joined_with_one(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
+    """Take the first of `models` that overlaps `world` out of them; the model of both."""
+    for number, other in enumerate(models):
+        large, small = sorted((other, world), key=lambda w: -int(np.count_nonzero(w.registered)))
         if join(large, small, settings):
-            joined = Growth(scene, settings, np.zeros(large.num_images, dtype=np.bool_), large)
-            joined.finish()
-            grown.models[number] = large
-            return
-    grown.models.append(growth.world)
+            del models[number]
+            return large
+    return None
 
 
 def _is_worth_it(world: Map, settings: IncrementalSettings) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
 from sfmcpp.sfm.incremental import Grown
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.missing_matches import pairs_with_missing_matches, warning_of_missing
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 
@@ -95,6 +96,8 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
     for world in grown.models:
         if contradicting := contradicting_pairs(graph, world, settings):
             warnings.append(warning_of(graph, contradicting))
+        elif missing := pairs_with_missing_matches(graph, world, settings):
+            warnings.append(warning_of_missing(graph, missing))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
         warnings.append(f"the images fall into {len(grown.models)} models of {sizes} images")
