@@ -1,7 +1,7 @@
 """Pairs of images that match well, and yet the model says otherwise: repeated or symmetric structure.
 
-Windows that look alike, or the two sides of a symmetric building, match as well as one thing seen twice. Where
-some of such matches are taken up in a model, others of the same kind are in its way.
+Windows that look alike, or the two sides of a symmetric building, match as well as one thing seen twice.
+Where some of such matches are taken up in a model, others of the same kind are in its way.
 """
 
 from __future__ import annotations

@@ -30,11 +30,14 @@ class Grown:
         Why images that are in no model have no pose, as far as they were tried.
     interrupted : bool
         Whether it was ended before its time.
+    warnings : list of str
+        What a user should know, in sentences.
     """
 
     models: list[Map] = field(default_factory=list)
     reasons: dict[int, str] = field(default_factory=dict)
     interrupted: bool = False
+    warnings: list[str] = field(default_factory=list)
 
 
 def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int], bool]) -> Grown:
@@ -61,7 +64,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
         try:
             if not growth.start():
                 break
-            growth.grow(_asked(told, elsewhere))
+            growth.grow(asked(told, elsewhere))
         except KeyboardInterrupt:
             grown.interrupted = True
         if not growth.world.registered.any():
@@ -74,7 +77,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
     return grown
 
 
-def _asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
+def asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
     """Turn the answer of a listener into an interruption."""
 
     def tell(world: Map) -> None:

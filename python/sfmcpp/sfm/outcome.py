@@ -83,7 +83,7 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
     -------
     list of str
     """
-    warnings = []
+    warnings = list(grown.warnings)
     images = len(graph.photos) + len(graph.unreadable)
     if graph.unreadable:
         warnings.append(f"{len(graph.unreadable)} of {images} images cannot be read")

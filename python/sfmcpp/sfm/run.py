@@ -18,6 +18,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
+from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
@@ -32,7 +33,8 @@ from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
-METHODS = ("incremental", "batch")
+Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], Grown]
+METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
 Source = str | PathLike[str] | MatchGraph | ImageTracks
 # Told the stage, how much of it is done and of how much; True asks to stop.
 Progress = Callable[[str, int, int], bool]
@@ -136,7 +138,7 @@ def reconstruct(
     ModuleNotFoundError
         If OpenCV, Pillow or PoseLib is missing (extra ``vision``).
     """
-    looked_up("method", method, dict.fromkeys(METHODS))
+    looked_up("method", method, METHODS)
     require_seed(seed)
     looked_up("camera_model", camera_model, {"auto": None, **dict.fromkeys(FREE_INTRINSICS)})
     limits = replace(settings or IncrementalSettings(), seed=seed)
@@ -155,7 +157,7 @@ def reconstruct(
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
     positions = positions_wanted(gps, known, scene.graph.photos)
     with run.timed("mapping"):
-        grown = _mapped(scene, run)
+        grown = _mapped(scene, run, METHODS[method])
     found = _finished(source, options, scene, grown, run)
     if positions is not None and found.model is not None:
         with run.timed("positions"):
@@ -252,9 +254,9 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
     return replace(cameras, intrinsics=intrinsics)
 
 
-def _mapped(scene: Scene, run: _Run) -> Grown:
+def _mapped(scene: Scene, run: _Run, method: Method) -> Grown:
     total = len(scene.graph.photos)
-    return grow_models(scene, run.settings, lambda done: run.progress("mapping", done, total))
+    return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
 def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: bool) -> None:

@@ -131,16 +131,20 @@ class Structure:
         pairs = self.tracks[self._apart]
         pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
         pairs = pairs[world.known[pairs].all(axis=1)] if len(pairs) else pairs
+        return self.join_tracks(pairs[self._fit_each_other(pairs)])
+
+    def join_tracks(self, pairs: NDArray[np.integer]) -> int:
+        """Let tracks (p, 2) be one, each second one becoming part of the first; how many there are fewer."""
+        world = self.world
         same = np.arange(len(world.points), dtype=np.int32)
-        for kept, gone in pairs[self._fit_each_other(pairs)].tolist():
+        for kept, gone in pairs.tolist():
             a, b = int(same[kept]), int(same[gone])
-            if a != b and world.known[a] and world.known[b]:
+            if a != b and world.known[a]:
                 world.merge(a, b)
                 same[same == b] = a
         tracked = self.tracks != NO_TRACK
-        joined = int(np.count_nonzero(same != np.arange(len(same))))
         self.tracks[tracked] = same[self.tracks[tracked]]
-        return joined
+        return int(np.count_nonzero(same != np.arange(len(same))))
 
     def _fit_each_other(self, pairs: NDArray[np.integer]) -> BoolArray:
         """Which pairs (p, 2) of points have errors within the limit in all images that see the other one."""
