@@ -24,13 +24,14 @@ def factorised_starts(experiment: Experiment) -> Iterator[Start]:
     A set has a `name`, a `file`, the `size` of its images, and, as it needs them, how many consecutive
     `images` (those that see most), the `first` of them and the `step` between them, known `intrinsics`, and
     the `principal_point`. With `settled` the projective reconstruction is adjusted, the metric one is not.
+    It may have `camera_models` of its own.
     """
     for item in experiment.settings.get("factorised", []):
         tracks = _tracks(item)
         found = reconstruct_projective(tracks, adjusted=item.get("settled", False), threads=1)
         if found.problem is None:
             raise ExperimentError(f"{item['name']}: {found.message}")
-        for model in experiment.camera_models:
+        for model in item.get("camera_models", experiment.camera_models):
             problem = found.problem if model == "projective" else _calibrated(item, tracks, found.problem)
             yield Start(item["name"], 0, problem)
 

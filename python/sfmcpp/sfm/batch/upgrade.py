@@ -37,6 +37,8 @@ _MOST_FRAMES, _COST_RANGE = 4, 30.0
 # Share of observations that must be in front of their cameras before the adjustment, and that must agree
 # with the model in the end.
 _LEAST_IN_FRONT, _LEAST_KEPT = 0.6, 0.5
+# Errors before the adjustment, in multiples of the largest after it, that all count the same.
+_FAR_ERRORS = 10.0
 # Models whose costs differ by less than this share fit as well as each other.
 _AS_GOOD = 0.02
 # Relative standard deviation from which on the images do not tell the focal length.
@@ -123,8 +125,8 @@ def metric_upgrade(
         Whether points that prove to be one are merged: a corner lost and found again, also where the cameras
         come back to their start. This is what keeps a turntable from drifting.
     adjusted : bool
-        False: the metric frame of the least cost as it is found, with all observations whose point is in
-        front of the camera, as an adjustment finds it.
+        False: the best metric frame as it is found, with all observations whose point is in front of the
+        camera, as an adjustment finds it.
     threads : int
         0: as many as the machine has. The same bits for any.
 
@@ -164,7 +166,7 @@ def metric_upgrade(
     if not models:
         return MetricUpgrade(None, nothing_found(focal))
     if not adjusted:
-        kept = kept_of(models[0], names)
+        kept = kept_of(_ranked(models, _FAR_ERRORS * max_error_px)[0], names)
         return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations)
     for model in models:
         model.adjust(plan, loss="cauchy", max_iterations=40)
