@@ -134,7 +134,7 @@ def _picture(rows: list[Row], experiment: Experiment) -> Figure:
     for axes, method in zip(panels, methods, strict=True):
         searches = [label for label in experiment.methods if _method(experiment, label) == method]
         for number, label in enumerate(searches):
-            shift = 0.13 * (number - (len(searches) - 1) / 2)
+            shift = min(0.13, 0.8 / len(searches)) * (number - (len(searches) - 1) / 2)
             _draw(axes, [row for row in rows if row["label"] == label], problems, shift)
         _finish(axes, method)
     panels[0].set_yticks(range(len(problems)), problems)
