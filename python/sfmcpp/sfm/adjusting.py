@@ -56,7 +56,7 @@ def adjusted(
         problem.fixed_intrinsics[few, 1:] = True
     else:
         problem.fixed_intrinsics[few] = True
-    summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_px, **options)
+    summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **options)
     if summary.termination == "interrupted":
         raise KeyboardInterrupt
     return summary.final_cost

@@ -8,8 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.map import Map
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.adjusting import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
+from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions, robust_place
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # What is freed, each on top of what was worth it before, and what the model is called then.
@@ -17,10 +19,15 @@ _STEPS = ((("k2",), "radial"), (("aspect", "cx", "cy"), "opencv"))
 # Intrinsics stay free if they lower the cost by this part. Noise alone lowers that of M observations by less
 # than 1 / M for each; what other errors of a model lend to any parameter is seldom more than one percent.
 _WORTH = 0.015
+# So much farther from positions of the images, in the root mean square, is no chance with a dozen of them.
+_BENT = 1.15
 
 
-def choose_camera_model(world: Map, settings: IncrementalSettings) -> str:
+def choose_camera_model(world: Map, settings: IncrementalSettings, positions: Positions | None = None) -> str:
     """Free more intrinsics of the cameras of a model, as long as that is worth it.
+
+    Where positions of the images are known, they are an independent witness: intrinsics that bend the model
+    away from them stay as they are, however much they lower the cost of the images.
 
     Parameters
     ----------
@@ -28,6 +35,8 @@ def choose_camera_model(world: Map, settings: IncrementalSettings) -> str:
         Adjusted with ``"simple-radial"`` cameras; it is adjusted with those that are chosen.
     settings : IncrementalSettings
         Scale of the loss, and how many images a camera needs.
+    positions : Positions, optional
+        Where the images were taken.
 
     Returns
     -------
@@ -35,6 +44,7 @@ def choose_camera_model(world: Map, settings: IncrementalSettings) -> str:
         Name of the richest camera model that is needed.
     """
     name, best = "simple-radial", adjusted(world, settings, **FINE)
+    apart = _apart(world.poses, positions, settings)
     for intrinsics, richer in _STEPS:
         local = world.whole_problem(2)
         estimated = ~local.problem.fixed_intrinsics.all(axis=1)
@@ -42,10 +52,26 @@ def choose_camera_model(world: Map, settings: IncrementalSettings) -> str:
             local.problem.fixed_intrinsics[estimated, PERSPECTIVE.index(intrinsic)] = False
         freed = local.problem.fixed_intrinsics.copy()
         cost = adjusted(world, settings, local, **FINE)
-        if cost < (1 - _WORTH) * best:
+        poses = world.poses.copy()
+        poses[local.images] = local.problem.cameras
+        bent = _apart(poses, positions, settings) > _BENT * apart
+        if cost < (1 - _WORTH) * best and not bent:
             world.take(local)
+            apart = _apart(world.poses, positions, settings)
             world.fixed_intrinsics[local.cameras] = freed
             name, best = richer, cost
     for camera in np.flatnonzero(~world.fixed_intrinsics.all(axis=1)):
         world.camera_names[camera] = name.upper().replace("-", "_")
     return name
+
+
+def _apart(poses: FloatArray, positions: Positions | None, settings: IncrementalSettings) -> float:
+    """Root mean squared distance of the images from their positions, where they agree; 0 if unknown [m]."""
+    if positions is None:
+        return 0.0
+    known = np.isfinite(poses[:, 0, 0]) & np.isfinite(positions.metres[:, 0])
+    if np.count_nonzero(known) < LEAST_POSITIONS:
+        return 0.0
+    centres, metres = poses[known, :, 3], positions.metres[known]
+    place, good = robust_place(centres, metres, settings.seed)
+    return float(np.sqrt(((place.apply(centres) - metres)[good] ** 2).sum(axis=1).mean()))

@@ -34,7 +34,7 @@ from sfmcpp.sources.vision import (
 )
 
 # Raised when the same input gives another result than before.
-_FEATURES_VERSION, _MATCHES_VERSION, _GEOMETRY_VERSION = 1, 1, 1
+_FEATURES_VERSION, _MATCHES_VERSION, _GEOMETRY_VERSION = 2, 2, 2
 # Each searches a photo in 350 MB.
 _MOST_DETECTORS = 16
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.check import residuals
 from sfmcpp.ba.linearize import linearize
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, fit_similarity
@@ -179,7 +180,7 @@ def _adjust(
     local = world.whole_problem(2)
     cameras = np.searchsorted(local.images, images).astype(np.int32)
     group = ConstraintGroup("position", cameras, metres[images], name="gps")
-    loss: dict[str, Any] = {"loss": "cauchy", "loss_scale_px": settings.loss_px}
+    loss: dict[str, Any] = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas}
     summary = solve(local.problem, constraints=[group], weight="auto", **loss, **FINE)
     if summary.termination == "interrupted":
         raise KeyboardInterrupt
@@ -197,10 +198,8 @@ def _centre_sigma_m(local: LocalProblem, group: ConstraintGroup, loss: Mapping[s
 
 def _pixel_variance(local: LocalProblem, loss: Mapping[str, Any]) -> float:
     """Variance of a coordinate of an observation, over that which it was taken to have."""
-    from sfmcpp.geometry import reprojection_errors_px
-
-    squared = reprojection_errors_px(local.problem, local.problem.points) ** 2
-    weights = 1 / (1 + squared / loss["loss_scale_px"] ** 2)
     problem = local.problem
+    squared = (residuals(problem) ** 2).sum(axis=1)
+    weights = 1 / (1 + squared / loss["loss_scale_px"] ** 2)
     parameters = 6 * problem.num_cameras + 3 * problem.num_points
     return float((weights * squared).sum() / (2 * problem.num_observations - parameters))

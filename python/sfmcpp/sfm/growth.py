@@ -159,7 +159,7 @@ class Growth:
         """
         self._settle()
         if self._scene.cameras.model_is_open:
-            choose_camera_model(self.world, self._settings)
+            choose_camera_model(self.world, self._settings, self._scene.positions)
             self._settle()
 
     def _settle(self) -> None:

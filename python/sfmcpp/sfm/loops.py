@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sfm.scene import USUAL_SIGMA_PX
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.structure import Numbers, Structure
 from sfmcpp.weighting import solve
@@ -67,7 +68,11 @@ def _adjust(world: Map, scale_px: float) -> None:
     local = world.whole_problem(2)
     local.problem.fixed_intrinsics[:] = True
     summary = solve(
-        local.problem, loss="huber", loss_scale_px=scale_px, max_iterations=_STEPS, function_tolerance=1e-4
+        local.problem,
+        loss="huber",
+        loss_scale_px=scale_px / USUAL_SIGMA_PX,
+        max_iterations=_STEPS,
+        function_tolerance=1e-4,
     )
     if summary.termination == "interrupted":
         raise KeyboardInterrupt

@@ -156,6 +156,7 @@ def reconstruct(
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
     positions = positions_wanted(gps, known, scene.graph.photos)
+    scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _mapped(scene, run, METHODS[method])
     found = _finished(source, options, scene, grown, run)

@@ -8,8 +8,14 @@ import numpy as np
 
 from sfmcpp.map import Map
 from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.georeference import Positions
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.tracks import Tracks, build_tracks
+
+# Standard deviation of a blob of scale s: ``σ² = least² + (factor s)²``. From residuals of SIFT on photos.
+SIGMA_PER_SCALE, LEAST_SIGMA_PX = 0.08, 0.15
+# Of a keypoint whose scale is not known [px].
+USUAL_SIGMA_PX = 0.33
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +30,14 @@ class Scene:
         First intrinsics, and which image has which.
     tracks : Tracks
         Keypoints that show the same point.
+    positions : Positions or None
+        Where the images were taken, as far as that is known.
     """
 
     graph: MatchGraph
     cameras: Cameras
     tracks: Tracks
+    positions: Positions | None = None
 
     @classmethod
     def of(cls, graph: MatchGraph, cameras: Cameras) -> Scene:
@@ -53,5 +62,9 @@ class Scene:
             points=self.tracks.track,
             colors=np.concatenate([np.empty((0, 3), dtype=np.uint8), *(some.colors for some in features)]),
             scales=np.concatenate([np.empty(0), *(some.scales for some in features)]),
+        )
+        world.set_sigmas_by_scale(SIGMA_PER_SCALE, LEAST_SIGMA_PX)
+        world.keypoint_covariances[np.isnan(world.keypoint_scales)] = USUAL_SIGMA_PX**2 * np.array(
+            [1.0, 0.0, 1.0]
         )
         return world

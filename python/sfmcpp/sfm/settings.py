@@ -38,8 +38,8 @@ class IncrementalSettings:
         The whole model is adjusted when its images or points have grown by this part since the last time.
     intrinsics_images : int
         Images of a camera that a model needs before its intrinsics are adjusted.
-    loss_px : float
-        Scale of the robust (Cauchy) loss of adjustments [px].
+    loss_sigmas : float
+        Scale of the robust (Cauchy) loss of adjustments, in standard deviations of a keypoint.
     min_model_images : int
         Fewest images of a model beside the largest.
     overlap_images : int
@@ -59,13 +59,13 @@ class IncrementalSettings:
     local_images: int = 6
     growth: float = 0.2
     intrinsics_images: int = 4
-    loss_px: float = 1.0
+    loss_sigmas: float = 3.0
     min_model_images: int = 3
     overlap_images: int = 10
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("outlier_px", "start_angle_deg", "resection_threshold_px", "growth", "loss_px"):
+        for name in ("outlier_px", "start_angle_deg", "resection_threshold_px", "growth", "loss_sigmas"):
             require_positive(name, getattr(self, name))
         for name, least in (("min_views", 2), ("min_inliers", 4), ("local_images", 2), ("start_points", 8)):
             require_count(name, getattr(self, name), least)

@@ -35,7 +35,8 @@ class FeatureSettings:
         ``"sift"``: blobs of any size and orientation. ``"harris"`` and ``"shi-tomasi"``: corners, described
         like blobs of one size, so that a photo matches others from the same distance.
     max_features : int
-        Of a photo; those with the strongest responses, spread over the image by a grid.
+        Of a photo: two thirds are the largest blobs, the others are strong and small and spread over the
+        image by a grid; corners are strong and spread.
     max_size_px : int
         Longest side of the image in which is searched [px]; a larger photo is shrunk to it.
     contrast : float
@@ -46,7 +47,7 @@ class FeatureSettings:
     """
 
     kind: str = "sift"
-    max_features: int = 8192
+    max_features: int = 12288
     max_size_px: int = 3200
     contrast: float = 0.0133
     quality: float = 0.002

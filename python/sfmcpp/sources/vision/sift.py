@@ -30,8 +30,11 @@ _CAMERA_BLUR_PX = 0.5
 _TILE_PX, _MARGIN_PX = 1024, 48
 # Octave −1 is the enlarged one. The next after those of tiles is the first of an image smaller by the step.
 _LAST_OCTAVE_OF_TILES, _COARSE_STEP = 0, 4
-# Candidates that are described, by those that are wanted: in all tiles together, and of coarse ones.
-_CANDIDATES, _COARSE_CANDIDATES, _LEAST_CANDIDATES = 1.5, 0.25, 8192
+# Candidates that are described, by those that are wanted, in all tiles together.
+_CANDIDATES, _LEAST_CANDIDATES = 3.0, 8192
+# Part of the features that are the largest blobs there are: they are found again in other photos most often.
+# The others are placed most accurately.
+_LARGEST = 2 / 3
 
 
 class _Strip(NamedTuple):
@@ -48,10 +51,10 @@ class _Settings(NamedTuple):
 
 
 def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float) -> Keypoints:
-    """At most `count` blobs of a response from `contrast` on, spread over the image, strongest first."""
+    """At most `count` blobs of a response from `contrast` on: the largest, and others spread over it."""
     rows, columns = (_strips(side) for side in image.shape)
     wanted = max(_CANDIDATES * count, _LEAST_CANDIDATES) / (len(rows) * len(columns))
-    coarse = _COARSE_CANDIDATES * count
+    coarse = count
     if image.mask is not None:
         # What is masked would count among the strongest: all are described, as 0 is no limit.
         wanted = coarse = 0
@@ -60,12 +63,16 @@ def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float)
         for row in rows
         for column in columns
     ]
-    parts.append(_coarse_blobs(cv2, image.gray, _Settings(math.ceil(coarse), contrast)))
+    parts.append(_coarse_blobs(cv2, image.gray, _Settings(coarse, contrast)))
     found = Keypoints(*map(np.concatenate, zip(*parts, strict=True)))
     found = found.chosen(image.allows(found.pixels))
+    by_size = np.lexsort((*found.pixels.T, -found.responses, -found.scales))
+    largest, others = np.split(by_size, [math.ceil(_LARGEST * count)])
+    rest = found.chosen(others)
     # Of two blobs with equal responses the smaller one is placed more accurately.
-    merits = found.responses / np.sqrt(found.scales)
-    return found.chosen(spread_choice(found.pixels, merits, image.shape, count))
+    merits = rest.responses / np.sqrt(rest.scales)
+    accurate = others[spread_choice(rest.pixels, merits, image.shape, count - len(largest))]
+    return found.chosen(np.concatenate([largest, accurate]))
 
 
 def describe(
