@@ -1,5 +1,6 @@
 """Geometry of several views: relative pose, resection, triangulation, similarities."""
 
+from sfmcpp.geometry.agreeing_pairs import agreeing_pairs
 from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
 from sfmcpp.geometry.focal_resection import FocalPoseEstimate, resection_with_focal
 from sfmcpp.geometry.optimal_triangulation import triangulate_optimal
@@ -32,6 +33,7 @@ __all__ = [
     "RelativePose",
     "Similarity",
     "TwoViewGeometry",
+    "agreeing_pairs",
     "depths",
     "fit_pose_similarity",
     "fit_similarity",

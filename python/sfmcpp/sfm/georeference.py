@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba.check import residuals
 from sfmcpp.ba.linearize import linearize
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity, fit_similarity
+from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -30,14 +30,11 @@ from sfmcpp.weighting import solve
 
 # Fewer positions leave nothing to judge them by.
 LEAST_POSITIONS = 5
-_SAMPLES = 500
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
 # Standard deviations, of a coordinate, beyond which a position lies: one of 10,000 honest ones does.
 _LIE_SIGMAS = 4.6
 _ROUNDS = 8
-# The median of the squared length of three normal numbers.
-_MEDIAN_CHI2 = 2.366
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +114,7 @@ def georeference(world: Map, positions: Positions, settings: IncrementalSettings
     """
     images = np.flatnonzero(world.registered & np.isfinite(positions.metres[:, 0]))
     _require_enough(positions.metres[images])
-    place, good = robust_place(world.poses[images][:, :, 3], positions.metres[images], settings.seed)
+    place, good = _placed(world.poses[images][:, :, 3], positions.metres[images], settings)
     world.transform(place)
     for _ in range(_ROUNDS):
         sigma_m, accuracy_m = _adjust(world, images[good], positions.metres, settings)
@@ -148,29 +145,15 @@ def _require_enough(metres: FloatArray) -> None:
         )
 
 
-def robust_place(centres: FloatArray, metres: FloatArray, seed: int) -> tuple[Similarity, BoolArray]:
+def _placed(
+    centres: FloatArray, metres: FloatArray, settings: IncrementalSettings
+) -> tuple[Similarity, BoolArray]:
     """Similarity that brings most `centres` (n, 3) to `metres` (n, 3), and which of them it does (n,)."""
-    random = np.random.default_rng(seed)
-    best, least = None, np.inf
-    for _ in range(_SAMPLES):
-        some = random.choice(len(centres), 3, replace=False)
-        try:
-            place = fit_similarity(centres[some], metres[some])
-        except InvalidArgument:
-            continue
-        median = float(np.median(_squared(place, centres, metres)))
-        if median < least:
-            best, least = place, median
-    if best is None:
-        raise InvalidArgument("gps: no three positions tell where the model is")
-    # Rousseeuw's correction for few data.
-    sigma = np.sqrt(least / _MEDIAN_CHI2) * (1 + 5 / max(len(centres) - 3, 1))
-    good = _squared(best, centres, metres) <= 3 * (2.5 * sigma) ** 2
-    return fit_similarity(centres[good], metres[good]), good
-
-
-def _squared(place: Similarity, centres: FloatArray, metres: FloatArray) -> FloatArray:
-    return np.asarray(((place.apply(centres) - metres) ** 2).sum(axis=1))
+    good = agreeing_pairs(centres, metres, seed=settings.seed)
+    try:
+        return fit_similarity(centres[good], metres[good]), good
+    except InvalidArgument as error:
+        raise InvalidArgument(f"gps: no positions tell where the model is: {error}") from error
 
 
 def _adjust(

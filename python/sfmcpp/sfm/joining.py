@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.geometry import Similarity, fit_similarity, reprojection_errors_px
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity, reprojection_errors_px
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.settings import IncrementalSettings
 
-_SAMPLES = 500
-_SAMPLE_SIZE = 3
-# Points of both models agree if they are nearer than this part of the spread of the common ones.
+# Points of both models agree if most are nearer than this part of the spread of the common ones.
 _NEAR = 0.02
 
 
@@ -24,7 +23,7 @@ def join(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     common = np.flatnonzero(kept.known & other.known)
     if len(common) < settings.min_inliers:
         return False
-    place = robust_similarity(other.points[common], kept.points[common], settings)
+    place = _placed(other.points[common], kept.points[common], settings)
     if place is None or not _fits(kept, other, place, settings):
         return False
     images = other.registered & ~kept.registered
@@ -34,37 +33,16 @@ def join(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     return True
 
 
-def robust_similarity(
-    source: FloatArray, target: FloatArray, settings: IncrementalSettings
-) -> Similarity | None:
-    """Similarity of most pairs of points (n, 3), from samples of three; None if fewer than a half agree."""
-    random = np.random.default_rng(settings.seed)
-    spread = np.linalg.norm(target - np.median(target, axis=0), axis=1)
-    near = _NEAR * float(np.median(spread))
-    best = np.zeros(len(source), dtype=np.bool_)
-    for _ in range(_SAMPLES):
-        some = random.choice(len(source), _SAMPLE_SIZE, replace=False)
-        close = _distances(_fitted(source[some], target[some]), source, target) < near
-        if np.count_nonzero(close) > np.count_nonzero(best):
-            best = close
-    if np.count_nonzero(best) < max(settings.min_inliers, len(source) / 2):
-        return None
-    return fit_similarity(source[best], target[best])
-
-
-def _fitted(source: FloatArray, target: FloatArray) -> Similarity | None:
-    from sfmcpp.errors import InvalidArgument
-
+def _placed(source: FloatArray, target: FloatArray, settings: IncrementalSettings) -> Similarity | None:
+    """Similarity that brings most points (n, 3) near to where they should be; None if there is none."""
+    good = agreeing_pairs(source, target, seed=settings.seed)
     try:
-        return fit_similarity(source, target)
+        place = fit_similarity(source[good], target[good])
     except InvalidArgument:
         return None
-
-
-def _distances(place: Similarity | None, source: FloatArray, target: FloatArray) -> FloatArray:
-    if place is None:
-        return np.full(len(source), np.inf)
-    return np.asarray(np.linalg.norm(place.apply(source) - target, axis=1))
+    spread = np.linalg.norm(target - np.median(target, axis=0), axis=1)
+    apart = np.linalg.norm(place.apply(source) - target, axis=1)
+    return place if np.median(apart) < _NEAR * np.median(spread) else None
 
 
 def _fits(kept: Map, other: Map, place: Similarity, settings: IncrementalSettings) -> bool:

@@ -41,6 +41,9 @@ def test_python_blocks_of_the_readme_run_on_real_data(
         pytest.skip("no Python block of the README reads real data")
     for path in [*(data_dir / "bal").iterdir(), *(data_dir / "kitti_tracks").iterdir()]:
         (tmp_path / path.name).symlink_to(path)
+    (tmp_path / "photos").mkdir()
+    for path in (data_dir / "kermit").glob("*.jpg"):
+        (tmp_path / "photos" / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     run_session(blocks(text, real=True))

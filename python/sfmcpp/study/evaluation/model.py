@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import so3
+from sfmcpp.geometry import agreeing_pairs, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -33,7 +33,6 @@ from sfmcpp.study.evaluation.match_images import (
 )
 from sfmcpp.study.evaluation.metrics import Statistics
 from sfmcpp.study.evaluation.relative_poses import auc, relative_pose_errors_deg
-from sfmcpp.study.evaluation.robust import agreeing_pairs
 
 AUC_THRESHOLDS_DEG = (1.0, 3.0, 5.0, 10.0)
 MODEL_ALIGNMENTS = ("all", "robust", "none")
@@ -239,7 +238,7 @@ def _measured(
     estimate, truth = model.poses[matched.model_rows], true.poses[rows]
     used = np.ones(len(rows), dtype=np.bool_)
     if rule.mode == "robust":
-        used = agreeing_pairs(estimate[:, :, 3], truth[:, :, 3], with_scale)
+        used = agreeing_pairs(estimate[:, :, 3], truth[:, :, 3], with_scale=with_scale)
     elif rule.mode == "none":
         used[:] = False
     alignment = _alignment(estimate[used], truth[used], rule, with_scale, by)

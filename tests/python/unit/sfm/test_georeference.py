@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -23,11 +25,19 @@ SETTINGS = IncrementalSettings()
 NOWHERE = np.full(3, np.nan)
 
 
+@lru_cache
 def truth_of(seed: int) -> Problem:
     return sfmcpp.circle_scene(20, 250, pixel_sigma_px=0.0, radius_m=60.0, cube_m=30.0, seed=seed)
 
 
-def model_of(truth: Problem, seed: int) -> Map:
+def model_of(seed: int) -> Map:
+    """A model of ``truth_of(seed)``, that a test may change."""
+    return deepcopy(_grown(seed))
+
+
+@lru_cache
+def _grown(seed: int) -> Map:
+    truth = truth_of(seed)
     graph = match_graph(truth, sigma_px=0.5, seed=seed)
     cameras = cameras_of(graph.photos, calibration=np.append(truth.intrinsics[0, :5], np.zeros(7)))
     return grow_models(Scene.of(graph, cameras), SETTINGS, lambda _: False).models[0]
@@ -48,7 +58,7 @@ def test_positions_that_lie_are_named_and_cost_nothing(seed: int) -> None:
     lies[liars] += 20 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     by_hand = honest.copy()
     by_hand[liars] = np.nan
-    world, control = model_of(truth, seed), model_of(truth, seed)
+    world, control = model_of(seed), model_of(seed)
     found = georeference(world, Positions(lies, NOWHERE), SETTINGS)
     georeference(control, Positions(by_hand, NOWHERE), SETTINGS)
     assert found.outliers == [world.image_names[liar] for liar in liars]
@@ -61,7 +71,7 @@ def test_the_stated_accuracy_is_that_of_the_model_in_the_world() -> None:
     for seed in range(4):
         truth = truth_of(seed)
         gps = truth.centres + np.random.default_rng(seed + 9).normal(0, 0.5, truth.centres.shape)
-        world = model_of(truth, seed)
+        world = model_of(seed)
         stated.append(georeference(world, Positions(gps, NOWHERE), SETTINGS).accuracy_m ** 2)
         true.append(error_m(world, truth) ** 2 / 3)
     assert (
@@ -81,7 +91,7 @@ def test_geodetic_positions_are_metres_east_north_up_of_their_mean() -> None:
 
 def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
     truth = truth_of(0)
-    world = model_of(truth, 0)
+    world = model_of(0)
     few = np.full(truth.centres.shape, np.nan)
     few[:4] = truth.centres[:4]
     with pytest.raises(InvalidArgument, match=r"4 images of the model have a position, 5 are needed"):
@@ -96,7 +106,7 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
 def test_the_same_bits_for_the_same_seed() -> None:
     truth = truth_of(1)
     gps = truth.centres + np.random.default_rng(0).normal(0, 1, truth.centres.shape)
-    a, b = model_of(truth, 1), model_of(truth, 1)
+    a, b = model_of(1), model_of(1)
     one = georeference(a, Positions(gps, NOWHERE), replace(SETTINGS, seed=3))
     two = georeference(b, Positions(gps, NOWHERE), replace(SETTINGS, seed=3))
     assert np.array_equal(a.poses, b.poses)

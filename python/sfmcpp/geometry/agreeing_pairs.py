@@ -1,4 +1,4 @@
-"""The pairs of positions that agree on one similarity, in spite of some that do not."""
+"""The pairs of points that agree on one similarity, in spite of some that do not."""
 
 from __future__ import annotations
 
@@ -20,18 +20,22 @@ _SIGMA_OF_MEDIAN, _INLIER_SIGMAS = 1.4826, 2.5
 _ROUNDING = 1e-9
 
 
-def agreeing_pairs(source: FloatArray, target: FloatArray, with_scale: bool = True) -> BoolArray:
-    """Find the pairs that agree with the similarity of least median distance.
+def agreeing_pairs(
+    source: FloatArray, target: FloatArray, *, with_scale: bool = True, seed: int = 0
+) -> BoolArray:
+    """Find the pairs that agree with the similarity of least median distance (Rousseeuw 1984).
 
-    Fits of three pairs each, all of them or 1,000 drawn with a fixed seed; the best is refitted to the pairs
-    closer than 2.5 · 1.4826 (1 + 5 / (n − 3)) median distances. More than half of the pairs must agree.
+    Fits of three pairs each, all of them or 1,000 drawn at random; the best is refitted to the pairs closer
+    than 2.5 · 1.4826 (1 + 5 / (n − 3)) median distances. More than half of the pairs must be right.
 
     Parameters
     ----------
     source, target : (n, 3) float64
-        Pairs of positions.
+        Pairs of points.
     with_scale : bool
         Whether the similarity may change the scale.
+    seed : int
+        Same seed, same pairs.
 
     Returns
     -------
@@ -43,7 +47,7 @@ def agreeing_pairs(source: FloatArray, target: FloatArray, with_scale: bool = Tr
     if len(source) < 5:
         return everything
     best, least = everything, np.inf
-    for rows in _samples(len(source)):
+    for rows in _samples(len(source), seed):
         distances = _distances(source, target, list(rows), with_scale)
         if distances is not None and (median := float(np.median(distances))) < least:
             best, least = _close(distances, target), median
@@ -55,11 +59,11 @@ def agreeing_pairs(source: FloatArray, target: FloatArray, with_scale: bool = Tr
     return best
 
 
-def _samples(count: int) -> Iterator[tuple[int, ...]]:
+def _samples(count: int, seed: int) -> Iterator[tuple[int, ...]]:
     if comb(count, 3) <= _MAX_SAMPLES:
         yield from combinations(range(count), 3)
         return
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     for _ in range(_MAX_SAMPLES):
         yield tuple(rng.choice(count, 3, replace=False).tolist())
 

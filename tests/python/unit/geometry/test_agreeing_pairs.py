@@ -1,0 +1,51 @@
+"""Pairs of points that agree on one similarity, among others that do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.geometry import Similarity, agreeing_pairs, so3
+from sfmcpp.model.arrays import FloatArray
+
+MOVE = Similarity(2.5, so3.exp(np.array([0.3, -1.1, 0.4])), np.array([4.0, -2.0, 9.0]))
+
+
+def pairs(count: int, wrong: int, sigma: float, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Pairs (count, 3) of which the first ones lie far off, the others by `sigma`."""
+    random = np.random.default_rng(seed)
+    source = random.uniform(-1, 1, (count, 3))
+    target = MOVE.apply(source) + random.normal(0, sigma, (count, 3))
+    target[:wrong] += random.uniform(1, 3, (wrong, 3)) * random.choice([-1, 1], (wrong, 3))
+    return source, target
+
+
+@pytest.mark.parametrize(("count", "wrong"), [(8, 2), (9, 3), (20, 8), (200, 90)])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_wrong_pairs_are_left_out_and_nearly_all_others_kept(count: int, wrong: int, seed: int) -> None:
+    good = agreeing_pairs(*pairs(count, wrong, 0.01, seed))
+    assert not good[:wrong].any()
+    assert good[wrong:].mean() >= 0.95
+
+
+def test_exact_pairs_all_agree() -> None:
+    assert agreeing_pairs(*pairs(30, 0, 0.0, 0)).all()
+
+
+def test_without_a_scale_pairs_of_another_scale_do_not_agree() -> None:
+    source, target = pairs(20, 0, 0.0, 1)
+    unscaled = target / MOVE.scale
+    unscaled[:8] = target[:8]
+    good = agreeing_pairs(source, unscaled, with_scale=False)
+    assert good.tolist() == [False] * 8 + [True] * 12
+
+
+def test_few_pairs_and_those_on_a_line_are_all_kept() -> None:
+    assert agreeing_pairs(*pairs(4, 1, 0.0, 0)).all()
+    line = np.outer(np.arange(8.0), [1.0, 2.0, 3.0])
+    assert agreeing_pairs(line, line).all()
+
+
+def test_the_same_pairs_for_the_same_seed() -> None:
+    source, target = pairs(60, 25, 0.2, 2)
+    assert np.array_equal(agreeing_pairs(source, target, seed=4), agreeing_pairs(source, target, seed=4))
