@@ -132,8 +132,8 @@ def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
         return []
     focal = cameras.intrinsics[min(guesses), 0]
     return [
-        f"the focal length of {len(guesses)} cameras is a guess, first {focal:.0f} px: the images are too few to "
-        "tell it, and the model may be bent"
+        f"the focal length of {len(guesses)} cameras is a guess, first {focal:.0f} px: the images are too few "
+        "to tell it, and the model may be bent"
     ]
 
 
