@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
 from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
 from sfmcpp.sfm.incremental import Grown
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
@@ -123,17 +123,16 @@ def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
     list of str
         A sentence, or nothing.
     """
-    guesses = set()
+    usual = USUAL_FOCAL * cameras.sizes.max(axis=1, initial=0)
+    guesses: set[int] = set()
     for world in grown.models:
         used = np.unique(world.image_cameras[world.registered])
-        kept = world.intrinsics[used, 0] == cameras.intrinsics[used, 0]
-        guesses.update(used[kept & cameras.guessed[used]].tolist())
+        guesses.update(used[cameras.guessed[used] & (world.intrinsics[used, 0] == usual[used])].tolist())
     if not guesses:
         return []
-    focal = cameras.intrinsics[min(guesses), 0]
     return [
-        f"the focal length of {len(guesses)} cameras is a guess, first {focal:.0f} px: the images are too few "
-        "to tell it, and the model may be bent"
+        f"the focal length of {len(guesses)} cameras is a guess, first {usual[min(guesses)]:.0f} px: "
+        "the images are too few to tell it, and the model may be bent"
     ]
 
 

@@ -119,6 +119,12 @@ def test_images_of_two_sizes_get_a_camera_each(tmp_path: Path) -> None:
     assert found[400] == pytest.approx(second.intrinsics[0, 0], rel=0.01)
 
 
+def test_a_focal_length_that_nothing_tells_is_said_to_be_a_guess(tmp_path: Path) -> None:
+    photos_of("planar", tmp_path / "photos", 3)
+    _, report = reconstructed(tmp_path / "photos", tmp_path / "out")
+    assert any("focal length" in warning and "guess" in warning for warning in report["warnings"])
+
+
 def test_one_plane_with_an_unknown_focal_length_is_right_or_said_not_to_be(tmp_path: Path) -> None:
     truth = photos_of("planar", tmp_path / "photos", FEW)
     code, report = reconstructed(tmp_path / "photos", tmp_path / "out")
