@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.adjusting import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
-from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions, robust_place
+from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # What is freed, each on top of what was worth it before, and what the model is called then.
@@ -73,5 +74,6 @@ def _apart(poses: FloatArray, positions: Positions | None, settings: Incremental
     if np.count_nonzero(known) < LEAST_POSITIONS:
         return 0.0
     centres, metres = poses[known, :, 3], positions.metres[known]
-    place, good = robust_place(centres, metres, settings.seed)
+    good = agreeing_pairs(centres, metres, seed=settings.seed)
+    place = fit_similarity(centres[good], metres[good])
     return float(np.sqrt(((place.apply(centres) - metres)[good] ** 2).sum(axis=1).mean()))

@@ -114,9 +114,10 @@ def georeference(world: Map, positions: Positions, settings: IncrementalSettings
     """
     images = np.flatnonzero(world.registered & np.isfinite(positions.metres[:, 0]))
     _require_enough(positions.metres[images])
-    place, good = _placed(world.poses[images][:, :, 3], positions.metres[images], settings)
-    world.transform(place)
+    good = _placed(world.poses[images][:, :, 3], positions.metres[images], settings)[1]
     for _ in range(_ROUNDS):
+        # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
+        world.transform(fit_similarity(world.poses[images[good]][:, :, 3], positions.metres[images[good]]))
         sigma_m, accuracy_m = _adjust(world, images[good], positions.metres, settings)
         apart = np.linalg.norm(world.poses[images][:, :, 3] - positions.metres[images], axis=1)
         agrees = apart <= _LIE_SIGMAS * np.sqrt(3) * sigma_m

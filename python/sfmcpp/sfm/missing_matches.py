@@ -20,7 +20,7 @@ from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # Pairs of each image that are looked at: those with most matches, which a fold makes of what it folds.
-_PARTNERS = 4
+_PARTNERS = 6
 _FEWEST_MATCHES = 15
 # An image tells of a neighbour what it shows if it sees it from nearly there, and from as far away [deg].
 _LARGEST_ANGLE_DEG, _LARGEST_SCALE = 12.0, 4 / 3
@@ -32,8 +32,9 @@ _FEWEST_POINTS, _LEAST_RATE = 50, 0.5
 _BORDER = 0.03
 # Nothing is matched in three by three cells of so many along the image, where so many points should be …
 _CELLS, _FEWEST_IN_CELLS = 24, 6
-# … and that of so many points, in both images, and in so many pairs.
-_FEWEST_MISSING, _FEWEST_PAIRS = 8, 2
+# … and that of so many points, in both images, in so many pairs, and of so many points of all these pairs. Of
+# sets that are as they should be hardly a pair has one.
+_FEWEST_MISSING, _FEWEST_PAIRS, _FEWEST_IN_ALL = 4, 2, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,18 +108,22 @@ def pairs_with_missing_matches(graph: MatchGraph, world: Map, settings: Incremen
         if world.registered[[pair.first, pair.second]].all() and len(pair.matches) >= _FEWEST_MATCHES
     ]
     sights = _sights(inside, views, settings.outlier_px)
-    found = []
-    for pair in _closest(inside, world.num_images):
-        one, other = views[pair.first], views[pair.second]
-        if one is None or other is None:
-            continue
-        missing = _missing(sights[pair.first], one, other, pair.second, pair.matches[:, 0])
-        if missing >= _FEWEST_MISSING:
-            missing = _missing(sights[pair.second], other, one, pair.first, pair.matches[:, 1])
-        if missing >= _FEWEST_MISSING:
-            found.append(pair)
-    found.sort(key=lambda pair: -len(pair.verified))
-    return found if len(found) >= _FEWEST_PAIRS else []
+    closest = _closest(inside, world.num_images)
+    missing = np.array([_missing_in_both(sights, views, pair) for pair in closest], dtype=np.intp)
+    found = np.flatnonzero(missing >= _FEWEST_MISSING)
+    if len(found) < _FEWEST_PAIRS or missing[found].sum() < _FEWEST_IN_ALL:
+        return []
+    return [closest[k] for k in found]
+
+
+def _missing_in_both(sights: Sequence[_Sight], views: Sequence[_View | None], pair: Pair) -> int:
+    one, other = views[pair.first], views[pair.second]
+    if one is None or other is None:
+        return 0
+    missing = _missing(sights[pair.first], one, other, pair.second, pair.matches[:, 0])
+    if not missing:
+        return 0
+    return min(missing, _missing(sights[pair.second], other, one, pair.first, pair.matches[:, 1]))
 
 
 def _view(graph: MatchGraph, world: Map, image: int) -> _View:

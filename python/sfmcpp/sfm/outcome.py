@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
 from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
 from sfmcpp.sfm.incremental import Grown
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
@@ -55,7 +56,10 @@ def _best_pairs(graph: MatchGraph) -> dict[int, Pair]:
 def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> str:
     features = len(graph.features[image])
     if features < _FEW_FEATURES:
-        return f"hardly anything is detected in it: {features} features"
+        where = "in it" if graph.photos[image].mask is None else "outside its mask"
+        return f"hardly anything is detected {where}: {features} features"
+    if len(graph.photos) == 1:
+        return "it is the only image that can be used: two are needed"
     if best is None:
         return "it was matched with no other image"
     other = graph.photos[best.second if best.first == image else best.first].name
@@ -102,6 +106,34 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
         warnings.append(f"the images fall into {len(grown.models)} models of {sizes} images")
     return warnings
+
+
+def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
+    """Say of which cameras of models nothing has told the focal length.
+
+    Parameters
+    ----------
+    cameras : Cameras
+        What was known at the start.
+    grown : Grown
+        Models.
+
+    Returns
+    -------
+    list of str
+        A sentence, or nothing.
+    """
+    usual = USUAL_FOCAL * cameras.sizes.max(axis=1, initial=0)
+    guesses: set[int] = set()
+    for world in grown.models:
+        used = np.unique(world.image_cameras[world.registered])
+        guesses.update(used[cameras.guessed[used] & (world.intrinsics[used, 0] == usual[used])].tolist())
+    if not guesses:
+        return []
+    return [
+        f"the focal length of {len(guesses)} cameras is a guess, first {usual[min(guesses)]:.0f} px: "
+        "the images are too few to tell it, and the model may be bent"
+    ]
 
 
 def _why_no_model(graph: MatchGraph) -> str:

@@ -28,7 +28,7 @@ from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
 from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
-from sfmcpp.sfm.outcome import outcomes, warnings_of
+from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -288,6 +288,9 @@ def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grow
         grown.models,
         outcomes(scene.graph, grown),
         seconds=run.seconds,
-        warnings=warnings_of(scene.graph, grown, run.settings),
+        warnings=[
+            *warnings_of(scene.graph, grown, run.settings),
+            *guessed_focal_lengths(scene.cameras, grown),
+        ],
         interrupted=grown.interrupted,
     )
