@@ -19,10 +19,12 @@ OUTLIER_SIGMAS = 5.0
 _MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
 # What an image must see to stay: so many kept observations, and that share of the plausible ones.
 _LEAST_SEEN, _LEAST_SHARE = 10, 0.3
-_MOST_ROUNDS, _SETTLED = 10, 1e-3
+_MOST_ROUNDS, _SETTLED = 10, 2e-3
 _FIRST_LIMIT = 8.0
 # From bent starts, long chains above all, Levenberg–Marquardt steps creep where those of the dog-leg do not.
 _MOST_STEPS = 100
+# Relative decrease of the cost at which adjustments end: those that others follow, and the last.
+_COARSE, _FINE = 1e-4, 1e-6
 
 
 @dataclass(frozen=True)
@@ -99,12 +101,12 @@ def settled(measured: Measurements, world: World, plausible: BoolArray, plan: Pr
         if not _is_determined(measured, world):
             return replace(world, kept=np.zeros_like(world.kept))
         before, last = world.kept, factor <= 1
-        world = _adjusted(measured, world, plan)
+        world = _adjusted(measured, world, plan, _COARSE)
         factor = factor / 2
         world = _chosen_anew(measured, world, plausible, plan, factor)
         if last and np.count_nonzero(before != world.kept) <= _SETTLED * len(before):
             break
-    return _adjusted(measured, world, plan)
+    return _adjusted(measured, world, plan, _FINE)
 
 
 def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, Indices, Indices]:
@@ -119,7 +121,7 @@ def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, 
     return problem, images, tracks, rows
 
 
-def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan) -> World:
+def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan, tolerance: float) -> World:
     problem, images, tracks, _ = problem_of(measured, world)
     scale = min(max(2 * world.sigma_px, 0.1), plan.max_error_px)
     options = SolveOptions(
@@ -128,6 +130,7 @@ def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan) -> Wor
         loss="huber",
         loss_scale_px=scale,
         max_iterations=_MOST_STEPS,
+        function_tolerance=tolerance,
         threads=plan.threads,
     )
     adjust(problem, [], options)

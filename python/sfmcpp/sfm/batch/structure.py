@@ -7,7 +7,7 @@ import numpy as np
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
-_LINEAR_ROUNDS, _ROBUST_ROUNDS = 3, 6
+_LINEAR_ROUNDS, _ROBUST_ROUNDS = 3, 4
 _LEAST_DEPTH_RATIO = 1e-3
 
 
@@ -66,18 +66,20 @@ def without_worst(
     The points are those of the observations that are kept.
     """
     current = kept & np.isfinite(cameras[measured.image, 0, 0])
-    points = np.empty((0, 4))
+    points = np.full((measured.num_tracks, 4), np.nan)
+    doubtful = np.ones(measured.num_tracks, dtype=np.bool_)
     for number in range(rounds):
-        points = triangulate(measured, cameras, np.flatnonzero(current), limit_px / 2)
-        points = _turned_to_front(measured, cameras, points, current)
-        error = np.where(current, reprojection_errors_px(measured, cameras, points), -1.0)
+        looked_at = current & doubtful[measured.track]
+        new = triangulate(measured, cameras, np.flatnonzero(looked_at), limit_px / 2)
+        points[doubtful] = _turned_to_front(measured, cameras, new, looked_at)[doubtful]
+        error = np.where(looked_at, reprojection_errors_px(measured, cameras, points), -1.0)
         worst = np.zeros(measured.num_tracks)
-        np.maximum.at(worst, measured.track, error)
-        bad = current & (error > limit_px) & (error >= worst[measured.track])
-        if not bad.any() or number == rounds - 1:
+        np.maximum.at(worst, measured.track[looked_at], error[looked_at])
+        bad = (error > limit_px) & (error >= worst[measured.track])
+        current = current & ~bad & ~((error > limit_px) & (number == rounds - 1))
+        doubtful = worst > limit_px
+        if not doubtful.any():
             break
-        current = current & ~bad
-    current = current & (error <= limit_px)
     seen = np.bincount(measured.track[current], minlength=measured.num_tracks)
     current = current & (seen[measured.track] >= 2)
     points = triangulate(measured, cameras, np.flatnonzero(current))

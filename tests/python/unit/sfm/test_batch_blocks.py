@@ -16,6 +16,8 @@ from sfmcpp.sfm.batch.measurements import to_pixels
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 from sfmcpp.study.evaluation.projective import projective_errors_px
 
+pytest.importorskip("poselib", reason="fundamental matrices need the extra 'vision'")
+
 
 def exact_block(count: int = 5) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Rays (s, n, 3), true depths (s, n) and cameras (s, 3, 4) of a turntable's first images."""

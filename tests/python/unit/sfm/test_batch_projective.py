@@ -17,13 +17,15 @@ from sfmcpp.sfm.batch.projective import ProjectiveReconstruction, reconstruct_pr
 from sfmcpp.sources.io.image_tracks import read_image_tracks
 from sfmcpp.sources.synthetic import hide_observations
 
+pytest.importorskip("poselib", reason="fundamental matrices need the extra 'vision'")
+
 
 def scene_of(kind: str) -> Problem:
     if kind == "corridor":
-        return sfmcpp.corridor_scene(16, 900, length_m=8, pixel_sigma_px=1.0)
-    scene = turntable(16, 500, sigma_px=1.0)
+        return sfmcpp.corridor_scene(12, 700, length_m=6, pixel_sigma_px=1.0)
+    scene = turntable(12, 350, sigma_px=1.0)
     pattern = kind.partition(" ")[2]
-    return hide_observations(scene, 0.7 if pattern == "runs" else 0.5, pattern=pattern, seed=0)
+    return hide_observations(scene, 0.6 if pattern == "runs" else 0.5, pattern=pattern, seed=0)
 
 
 @pytest.mark.parametrize("kind", ["corridor", "turntable runs", "turntable scattered"])
@@ -31,7 +33,7 @@ def test_wrong_and_missing_observations_do_no_harm(kind: str) -> None:
     truth = scene_of(kind)
     seen, is_wrong = sfmcpp.add_outliers(truth, 0.3, seed=0)
     found = reconstruct_projective(tracks_of(seen))
-    assert found.images.tolist() == list(range(16))
+    assert found.images.tolist() == list(range(12))
     kept = is_wrong[found.observations]
     assert np.count_nonzero(~kept) > 0.85 * np.count_nonzero(~is_wrong)
     assert kept.mean() < 0.02
@@ -40,7 +42,7 @@ def test_wrong_and_missing_observations_do_no_harm(kind: str) -> None:
 
 
 def test_the_linear_solution_is_a_start_for_an_adjustment() -> None:
-    truth = hide_observations(turntable(12, 300, sigma_px=0.5), 0.5, seed=0)
+    truth = hide_observations(turntable(10, 200, sigma_px=0.5), 0.4, seed=0)
     found = reconstruct_projective(tracks_of(truth), adjusted=False)
     none = np.zeros(truth.num_observations, np.bool_)
     assert 1.0 < share_of_noise(found, truth, none) < 10.0
