@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry import relative_pose, reprojection_errors_px, resection, triangulation_angles_deg
+from sfmcpp.geometry import (
+    PoseEstimate,
+    relative_pose,
+    reprojection_errors_px,
+    resection,
+    resection_with_focal,
+    triangulation_angles_deg,
+)
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.adjusting import FINE, ROUGH, adjust_all, adjust_around
@@ -205,20 +213,11 @@ class Growth:
 
     def _register(self, image: int) -> bool:
         """Give an image a pose by resection from the points it sees, and what it adds to the model."""
-        world, settings = self.world, self._settings
+        world = self.world
         rows = world.keypoints_of([image])
         points = world.keypoint_points[rows]
         rows = rows[(points >= 0) & world.known[points]]
-        camera = world.image_cameras[image]
-        found = resection(
-            world.points[world.keypoint_points[rows]],
-            world.keypoints[rows],
-            world.intrinsics[camera],
-            threshold_px=settings.resection_threshold_px * (2 if self._is_guess(camera) else 1),
-            min_inliers=settings.min_inliers,
-            min_inlier_ratio=settings.min_inlier_ratio,
-            seed=settings.seed,
-        )
+        found = self._resection(rows, int(world.image_cameras[image]))
         if not found.success:
             self.reasons[image] = f"no pose explains the {len(rows)} points it sees: {found.message}"
             return False
@@ -227,11 +226,32 @@ class Growth:
         self._take_in(image)
         return True
 
+    def _resection(self, rows: NDArray[np.intp], camera: int) -> PoseEstimate:
+        """Pose of an image from the points that its keypoints `rows` see; its focal length too if a guess."""
+        world, settings = self.world, self._settings
+        seen = world.points[world.keypoint_points[rows]], world.keypoints[rows], world.intrinsics[camera]
+        limits: dict[str, Any] = {
+            "threshold_px": settings.resection_threshold_px,
+            "min_inliers": settings.min_inliers,
+            "min_inlier_ratio": settings.min_inlier_ratio,
+            "seed": settings.seed,
+        }
+        if not self._is_guess(camera):
+            return resection(*seen, **limits)
+        limits["threshold_px"] *= 2
+        if not (world.registered & (world.image_cameras == camera)).any():
+            free = resection_with_focal(*seen, **limits)
+            if free.success:
+                world.intrinsics[camera, 0] = free.focal_px
+                return free
+        return resection(*seen, **limits)
+
     def _is_guess(self, camera: int) -> bool:
         """Whether the focal length of a camera was guessed and not adjusted yet."""
         world = self.world
-        used = np.count_nonzero(world.registered & (world.image_cameras == camera))
-        return bool(self._scene.cameras.guessed[camera] and used < self._settings.intrinsics_images)
+        used = world.registered & (world.image_cameras == camera)
+        adjusted = used.any() and np.count_nonzero(world.registered) >= self._settings.intrinsics_images
+        return bool(self._scene.cameras.guessed[camera] and not adjusted)
 
     def _forget_outliers(self, image: int) -> None:
         world = self.world
