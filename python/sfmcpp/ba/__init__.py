@@ -1,7 +1,7 @@
 """Bundle adjustment at given weights: one run of the minimiser, its options, checks and summary."""
 
 from sfmcpp.ba.adjust import adjust
-from sfmcpp.ba.check import check, check_jacobians, cost, residuals
+from sfmcpp.ba.check import check, check_jacobians, cost, residuals, residuals_px
 from sfmcpp.ba.explore import StepExploration, explore_step
 from sfmcpp.ba.linearize import (
     ConstraintRows,
@@ -38,4 +38,5 @@ __all__ = [
     "projection_matrices",
     "projective_problem",
     "residuals",
+    "residuals_px",
 ]

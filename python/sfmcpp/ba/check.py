@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,6 +53,27 @@ def residuals(problem: Problem) -> NDArray[np.float64]:
         If the problem breaks a rule.
     """
     return _core.residuals(core_arrays(problem))
+
+
+def residuals_px(problem: Problem) -> NDArray[np.float64]:
+    """Residuals observed − projected of every observation, whatever its standard deviation.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its present state.
+
+    Returns
+    -------
+    (M, 2) float64
+        In the order of the observations [px].
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem breaks a rule.
+    """
+    return residuals(replace(problem, sigma_px=None, covariance_px2=None))
 
 
 def cost(problem: Problem) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import linearize, residuals
+from sfmcpp.ba import linearize, residuals, residuals_px
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import Map
 from sfmcpp.model import camera_model
@@ -77,7 +77,7 @@ class ModelMeasures:
         """(M, 2) observed − projected of each observation [px]."""
         if not self.num_observations:
             return np.empty((0, 2))
-        return np.asarray(residuals(self._local.problem))
+        return np.asarray(residuals_px(self._local.problem))
 
     @cached_property
     def errors_px(self) -> FloatArray:
@@ -188,7 +188,7 @@ class ModelMeasures:
         redundancy = 2 * self.num_observations - model.num_columns
         if redundancy <= 0:
             return {}
-        variance = float((self.residuals_px**2).sum()) / redundancy
+        variance = float((residuals(problem) ** 2).sum()) / redundancy
         roots = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2) * variance, 0.0))
         found = {}
         for row, camera in enumerate(local.cameras.tolist()):

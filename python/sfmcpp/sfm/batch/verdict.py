@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import LinearModel, SolveOptions, residuals
+from sfmcpp.ba import LinearModel, SolveOptions, residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm.batch.metric_model import LEAST_OBSERVATIONS
 
@@ -40,10 +38,10 @@ def misfit_warnings(
     list of str
         Of one sentence at most.
     """
-    projective = np.linalg.norm(residuals(replace(problem, sigma_px=None)), axis=1)
+    projective = np.linalg.norm(residuals_px(problem), axis=1)
     limit = min(max(_FAR * float(np.median(projective)), _LEAST_FAR_PX), max_error_px)
     metric = np.full(problem.num_observations, limit)
-    metric[observations] = np.linalg.norm(residuals(replace(metric_problem, sigma_px=None)), axis=1)
+    metric[observations] = np.linalg.norm(residuals_px(metric_problem), axis=1)
     of_metric, of_projective = (
         float(np.mean(np.minimum(errors, limit) ** 2)) for errors in (metric, projective)
     )
