@@ -53,6 +53,8 @@ def torn_observations(structure: Structure, least: int) -> Numbers:
     torn = (structure.tracks >= 0) & (world.keypoint_points < 0)
     rows = np.flatnonzero(torn & world.registered[world.keypoint_images])
     rows = rows[world.known[structure.tracks[rows]]]
+    # Where tracks were merged, an image may see a point by another keypoint.
+    rows = rows[~structure.sees_already(rows, structure.tracks[rows])]
     seen_by, places = world.observations_with_places(structure.tracks[rows])
     posed = world.registered[world.keypoint_images[seen_by]]
     seen_by, places = seen_by[posed], places[posed]

@@ -94,16 +94,17 @@ class Structure:
 
     def observe(self, rows: Numbers, points: NDArray[np.integer]) -> int:
         """Let keypoints see points, except where their image sees the point already; how many do."""
-        world = self.world
-        others = world.observations_of(np.unique(points))
-        key = self._keys(rows, points)
-        taken = np.isin(key, self._keys(others, world.keypoint_points[others]))
-        _, first = np.unique(key, return_index=True)
+        _, first = np.unique(self._keys(rows, points), return_index=True)
         once = np.zeros(len(rows), dtype=np.bool_)
         once[first] = True
-        chosen = once & ~taken
-        world.observe(rows[chosen], points[chosen])
+        chosen = once & ~self.sees_already(rows, points)
+        self.world.observe(rows[chosen], points[chosen])
         return int(np.count_nonzero(chosen))
+
+    def sees_already(self, rows: Numbers, points: NDArray[np.integer]) -> BoolArray:
+        """Whether the image of each keypoint `rows` (m,) sees the point of `points` (m,), by any keypoint."""
+        others = self.world.observations_of(np.unique(points))
+        return np.isin(self._keys(rows, points), self._keys(others, self.world.keypoint_points[others]))
 
     def _keys(self, rows: Numbers, points: NDArray[np.integer]) -> NDArray[np.int64]:
         return self.world.keypoint_images[rows].astype(np.int64) * len(self.world.points) + points
