@@ -11,9 +11,11 @@ import typer
 from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
+from sfmcpp.sfm.georeference import LEAST_POSITIONS
+from sfmcpp.sfm.run import METHODS as WAYS
+from sfmcpp.sources.vision.pairs import MATCHERS
 
-METHODS = ("incremental", "batch")
-MATCHERS = ("auto", "exhaustive", "sequential", "spatial")
+METHODS = tuple(WAYS)
 CAMERA_MODELS = ("auto", *FREE_INTRINSICS)
 
 
@@ -85,7 +87,7 @@ Gps = Annotated[
     str,
     typer.Option(
         metavar="exif|FILE.csv|none|auto",
-        help="Positions of the photos; auto: those in the photos, if at least three have one.",
+        help=f"Positions of the photos; auto: those in the photos, if at least {LEAST_POSITIONS} have one.",
     ),
 ]
 Resume = Annotated[

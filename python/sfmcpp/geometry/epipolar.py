@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
+from sfmcpp.geometry.two_rays import closest_depths
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 
@@ -131,9 +132,5 @@ def in_front_of_both(
     """
     ray_1 = homogeneous(normalised_1) @ camera_1[:, :3].T
     ray_2 = homogeneous(normalised_2) @ camera_2[:, :3].T
-    baseline = camera_2[:, 3] - camera_1[:, 3]
-    along_1, along_2, between = ray_1 @ baseline, ray_2 @ baseline, (ray_1 * ray_2).sum(-1)
-    # Depths of the closest points, times a common factor that is positive.
-    depth_1 = along_1 * (ray_2**2).sum(-1) - along_2 * between
-    depth_2 = along_1 * between - along_2 * (ray_1**2).sum(-1)
+    depth_1, depth_2, _ = closest_depths(ray_1, ray_2, camera_2[:, 3] - camera_1[:, 3])
     return np.asarray((depth_1 > 0) & (depth_2 > 0))

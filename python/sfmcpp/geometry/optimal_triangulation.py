@@ -9,7 +9,8 @@ from sfmcpp.geometry._tracks import normalised_pixels, num_views
 from sfmcpp.geometry.epipolar import fundamental_matrix
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, pinhole_rows, to_normalised, to_pixels
 from sfmcpp.geometry.point_refinement import refine_points
-from sfmcpp.geometry.triangulation import midpoints, triangulate_linear
+from sfmcpp.geometry.triangulation import triangulate_linear
+from sfmcpp.geometry.two_rays import midpoints
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 

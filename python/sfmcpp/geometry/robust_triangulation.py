@@ -15,7 +15,7 @@ from sfmcpp.geometry._tracks import normalised_pixels, num_views, observed_rays,
 from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import reprojection_errors_px, triangulation_angles_deg
-from sfmcpp.geometry.triangulation import midpoints
+from sfmcpp.geometry.two_rays import midpoints
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative, require_positive

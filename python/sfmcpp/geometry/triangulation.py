@@ -88,33 +88,6 @@ def triangulate_midpoint(problem: Problem) -> FloatArray:
     return _nan_unless(determined, origin + np.linalg.solve(left, right[:, :, None])[:, :, 0])
 
 
-def midpoints(
-    rays_1: FloatArray, centres_1: FloatArray, rays_2: FloatArray, centres_2: FloatArray
-) -> FloatArray:
-    """Middle (..., 3) of the shortest connection of two lines each.
-
-    Parameters
-    ----------
-    rays_1, rays_2 : (..., 3) float64
-        Unit vectors along the lines.
-    centres_1, centres_2 : (..., 3) float64
-        Where they start.
-
-    Returns
-    -------
-    (..., 3) float64
-        Not a number, or infinite, for parallel lines.
-    """
-    between = centres_2 - centres_1
-    cosine = (rays_1 * rays_2).sum(axis=-1)
-    along_1, along_2 = (between * rays_1).sum(axis=-1), (between * rays_2).sum(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth_1 = (along_1 - cosine * along_2) / (1 - cosine**2)
-        depth_2 = (cosine * along_1 - along_2) / (1 - cosine**2)
-        ends = centres_1 + depth_1[..., None] * rays_1 + centres_2 + depth_2[..., None] * rays_2
-    return np.asarray(ends / 2)
-
-
 def _local_frames(problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Mean (N, 3) of the centres that see each point, and their root mean squared distance (N,) from it."""
     centres = problem.centres[problem.camera_index]

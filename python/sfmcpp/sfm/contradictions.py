@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.geometry.epipolar import fundamental_matrix, sampson_errors_px
-from sfmcpp.geometry.pinhole import PINHOLE, to_normalised
+from sfmcpp.geometry.pinhole import pinhole_rows, to_normalised
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
@@ -54,8 +54,7 @@ def _errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
     """Sampson errors [px] that the matches of a pair have by the poses of the model."""
     sides, focal = [], 0.0
     for image, column in ((pair.first, 0), (pair.second, 1)):
-        row = world.intrinsics[world.image_cameras[image]]
-        row = row if row[PINHOLE:].any() else row[:PINHOLE]
+        row = pinhole_rows(world.intrinsics[world.image_cameras[image]])
         sides.append(to_normalised(graph.features[image].pixels[pair.verified[:, column]], row))
         focal += row[0] / 2
     f = fundamental_matrix(world.poses[pair.first], world.poses[pair.second], _NORMALISED, _NORMALISED)

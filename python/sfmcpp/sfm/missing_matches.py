@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry.pinhole import PINHOLE, to_normalised
+from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows, to_normalised
+from sfmcpp.geometry.two_rays import closest_depths, dot
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
@@ -129,8 +130,7 @@ def _missing_in_both(sights: Sequence[_Sight], views: Sequence[_View | None], pa
 def _view(graph: MatchGraph, world: Map, image: int) -> _View:
     camera, row = world.poses[image], world.intrinsics[world.image_cameras[image]]
     pixels = graph.features[image].pixels
-    flat = to_normalised(pixels, row if row[PINHOLE:].any() else row[:PINHOLE])
-    rays = np.column_stack([flat, np.ones(len(flat))]) @ camera[:, :3].T
+    rays = homogeneous(to_normalised(pixels, pinhole_rows(row))) @ camera[:, :3].T
     size = world.camera_sizes[world.image_cameras[image]].astype(np.float64)
     size = np.maximum(size, pixels.max(axis=0, initial=1.0))
     return _View(camera, pixels, rays, row, size)
@@ -176,13 +176,12 @@ def _depths(
     """Where the rays of a pair's matches come nearest: depths, angles, and which of them nearly meet."""
     a, b = one.rays[pair.matches[:, 0]], other.rays[pair.matches[:, 1]]
     base = other.camera[:, 3] - one.camera[:, 3]
-    aa, bb, ab = (a * a).sum(axis=1), (b * b).sum(axis=1), (a * b).sum(axis=1)
-    determinant = aa * bb - ab * ab
-    apart = determinant > 1e-10 * aa * bb
-    safe = np.where(apart, determinant, 1.0)
-    first = np.where(apart, (bb * (a @ base) - ab * (b @ base)) / safe, np.inf)
-    second = np.where(apart, (ab * (a @ base) - aa * (b @ base)) / safe, np.inf)
-    angles = np.degrees(np.arccos((ab / np.sqrt(aa * bb)).clip(-1, 1)))
+    squares = dot(a, a) * dot(b, b)
+    depth_1, depth_2, factor = closest_depths(a, b, base)
+    apart = factor > 1e-10 * squares
+    safe = np.where(apart, factor, 1.0)
+    first, second = (np.where(apart, depth / safe, np.inf) for depth in (depth_1, depth_2))
+    angles = np.degrees(np.arccos((dot(a, b) / np.sqrt(squares)).clip(-1, 1)))
     # By how much the rays miss each other, seen from the nearer camera; parallel ones do not.
     gap = np.abs(np.cross(a, b) @ base) / np.sqrt(safe)
     near = np.minimum(first, second).clip(1e-12, _FAR)

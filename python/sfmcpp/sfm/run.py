@@ -104,7 +104,8 @@ def reconstruct(
         Which images share a camera: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
         :func:`sfmcpp.sfm.cameras.shared_by`.
     matcher : str
-        Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"`` or ``"spatial"``.
+        Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"``, ``"spatial"``
+        or ``"retrieval"``; see :func:`sfmcpp.sources.vision.choose_pairs`.
     masks : path-like, optional
         Folder of masks: nothing is detected where they are black.
     gps : str or path-like

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -245,13 +244,12 @@ def thumbnail_of_file(photo: Photo) -> bytes | None:
     if photo.path is None:
         return None
     from sfmcpp.errors import SfmcppError
+    from sfmcpp.sources.vision.photos import thumbnail_jpeg
 
     try:
-        photos = import_module("sfmcpp.sources.vision.photos")
-        made: bytes | None = photos.thumbnail_jpeg(photo, THUMBNAIL_PX)
+        return thumbnail_jpeg(photo, THUMBNAIL_PX)
     except (SfmcppError, ImportError, OSError):
         return None
-    return made
 
 
 def camera_line(measures: ModelMeasures, camera: int) -> str:
