@@ -278,6 +278,8 @@ def _median_angle_deg(matches: Matches, inliers: BoolArray, camera: FloatArray) 
 def _rotation(
     matches: Matches, inliers: BoolArray, homography: FloatArray, rotation: FloatArray
 ) -> TwoViewGeometry:
+    if not inliers.any():
+        return _nothing(len(inliers), "no rotation and no plane explain the matches")
     camera = np.column_stack([rotation, np.zeros(3)])
     message = "the camera only turned: no parallax that would tell depths"
     angle = _median_angle_deg(matches, inliers, camera)

@@ -27,6 +27,8 @@ FREE_INTRINSICS: dict[str, tuple[str, ...]] = {
 SHARING = ("auto", "one", "folder", "each")
 # A first guess: the field of view of a usual lens.
 USUAL_FOCAL = 1.2
+# Focal lengths of lenses, from the widest to the longest, as parts of the longer side of an image.
+_SHORTEST, _LONGEST = 0.1, 100.0
 PERSPECTIVE = camera_model("perspective").intrinsics
 
 
@@ -145,12 +147,15 @@ def cameras_of(
     ]
     sizes = np.array([some[0].size for some in members], dtype=np.int64).reshape(-1, 2)
     told = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
+    given_focal = focal_px if calibration is None else float(calibration[0])
+    for width, height in sizes.tolist():
+        _require_usual(given_focal, max(width, height))
+        if calibration is not None:
+            _require_inside(calibration, width, height)
     if calibration is not None:
-        for width, height in sizes:
-            _require_inside(calibration, int(width), int(height))
         rows = np.tile(calibration, (count, 1))
         known = np.ones((count, len(PERSPECTIVE)), dtype=np.bool_)
-        return Cameras(rows, known, of_image, sizes, np.zeros(count, dtype=np.bool_), ["OPENCV"] * count)
+        return Cameras(rows, known, of_image, sizes, np.zeros(count, dtype=np.bool_), [""] * count)
     rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
     fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
     guessed = np.array([focal is None for focal in told], dtype=np.bool_)
@@ -170,6 +175,13 @@ def first_intrinsics(size: NDArray[np.int64], focal_px: float | None) -> FloatAr
 def _median_focal(photos: Sequence[Photo]) -> float | None:
     told = [photo.focal_px for photo in photos if photo.focal_px is not None]
     return float(np.median(told)) if told else None
+
+
+def _require_usual(focal_px: float | None, side: int) -> None:
+    """Raise InvalidArgument if no lens has such a focal length before images of that size."""
+    if focal_px is not None and side and not _SHORTEST * side <= focal_px <= _LONGEST * side:
+        rule = f"must be from {_SHORTEST * side:g} to {_LONGEST * side:g} px for images of {side} px"
+        raise InvalidArgument(f"camera: focal length {focal_px:g} px: {rule}")
 
 
 def _require_inside(row: FloatArray, width: int, height: int) -> None:

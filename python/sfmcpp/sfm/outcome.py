@@ -97,10 +97,12 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
         count = int(np.count_nonzero(grown.models[0].registered))
         if count < len(graph.photos):
             warnings.append(f"the model is partial: {count} of {len(graph.photos)} images have a pose in it")
+    # Tracks that come from elsewhere end where a tracker loses them: what they lack tells nothing.
+    own_matches = any(photo.path is not None for photo in graph.photos)
     for world in grown.models:
         if contradicting := contradicting_pairs(graph, world, settings):
             warnings.append(warning_of(graph, contradicting))
-        elif missing := pairs_with_missing_matches(graph, world, settings):
+        elif own_matches and (missing := pairs_with_missing_matches(graph, world, settings)):
             warnings.append(warning_of_missing(graph, missing))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
