@@ -100,8 +100,11 @@ def pairs_with_missing_matches(graph: MatchGraph, world: Map, settings: Incremen
     Returns
     -------
     list of Pair
-        Those with most matches first; none if there are too few for a suspicion.
+        Those with most matches first; none if there are too few for a suspicion, or for images that are known
+        by their tracks: what a tracker has lost for a while is no sign.
     """
+    if any(photo.path is None for photo in graph.photos):
+        return []
     views = [_view(graph, world, i) if world.registered[i] else None for i in range(world.num_images)]
     inside = [
         pair
