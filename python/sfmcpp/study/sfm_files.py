@@ -18,9 +18,10 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.colmap import binary, text
-from sfmcpp.sources.io.files import atomic_files, failures_named
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.transforms import write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, save_model_page
+from sfmcpp.study.pages.parts import save_page
 from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
 from sfmcpp.study.report_files import Step, write_report, write_steps
 
@@ -86,9 +87,7 @@ def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
 
 
 def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:
-    page = sfm_page(report, pictures.by_name)
-    with atomic_files(path) as (stream,):
-        stream.write(page.encode("utf-8"))
+    save_page(sfm_page(report, pictures.by_name), path)
 
 
 class _Pictures:

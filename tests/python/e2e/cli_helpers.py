@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import sfmcpp
+from sfmcpp.cli.main import main
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 COMMAND = (sys.executable, "-m", "sfmcpp")
@@ -19,6 +23,19 @@ def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Completed
     """Run `sfmcpp` to its end, with its output captured."""
     command = [*COMMAND, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, cwd=cwd)
+
+
+def run_here(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run `sfmcpp` in this process, which takes no time to start; its output is captured."""
+    given, before = list(map(str, arguments)), Path.cwd()
+    out, err = io.StringIO(), io.StringIO()
+    os.chdir(before if cwd is None else cwd)
+    try:
+        with redirect_stdout(out), redirect_stderr(err):
+            code = main(given)
+    finally:
+        os.chdir(before)
+    return subprocess.CompletedProcess(given, code, out.getvalue(), err.getvalue())
 
 
 def noisy_circle(num_cameras: int = 6, num_points: int = 60, **options: Any) -> sfmcpp.Problem:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import is_one_error_line, run, strict_json, write_noisy_circle
+from cli_helpers import is_one_error_line, run, run_here, strict_json, write_noisy_circle
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 
@@ -94,4 +94,4 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
 
 @pytest.mark.parametrize("option", ["--method", "--linear-solver", "--loss", "--gauge", "--max-seconds"])
 def test_help_tells_every_option(option: str) -> None:
-    assert option in run("solve", "--help").stdout
+    assert option in run_here("solve", "--help").stdout

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli_helpers import is_one_error_line, run, strict_json
+from cli_helpers import is_one_error_line, run, run_here, strict_json
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.sources.io.trajectories import write_trajectory
@@ -92,7 +92,7 @@ def test_a_straight_start_is_warned_of(tmp_path: Path) -> None:
     ],
 )
 def test_bad_usage_is_one_line(arguments: list[str], told: str, tmp_path: Path) -> None:
-    result = run(*arguments, cwd=tmp_path)
+    result = run_here(*arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr
@@ -101,7 +101,7 @@ def test_bad_usage_is_one_line(arguments: list[str], told: str, tmp_path: Path) 
 def test_what_cannot_be_compared_is_named_and_writes_nothing(tmp_path: Path) -> None:
     late = helix()
     estimate, truth = write_pair(tmp_path, Trajectory(late.t_s + 1000, late.poses))
-    result = run("evaluate", estimate, "--truth", truth, "--report", tmp_path / "report.json")
+    result = run_here("evaluate", estimate, "--truth", truth, "--report", tmp_path / "report.json")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{estimate}: compared with {truth}: truth: no pose within 0.01 s" in result.stderr
@@ -112,7 +112,7 @@ def test_neither_input_is_overwritten_by_the_report(tmp_path: Path) -> None:
     estimate, truth = write_pair(tmp_path, helix())
     for file in (estimate, truth):
         before = file.read_bytes()
-        result = run("evaluate", estimate, "--truth", truth, "--report", file)
+        result = run_here("evaluate", estimate, "--truth", truth, "--report", file)
         assert result.returncode == 2
         assert is_one_error_line(result)
         assert file.read_bytes() == before

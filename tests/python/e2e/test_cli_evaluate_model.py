@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import is_one_error_line, run, strict_json
+from cli_helpers import is_one_error_line, run, run_here, strict_json
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.sources.synthetic import circle_scene
 
@@ -81,7 +81,7 @@ def test_a_colmap_model_and_a_trajectory_are_truths_too(tmp_path: Path) -> None:
 
 
 def refused(*arguments: str | Path) -> str:
-    result = run("evaluate", *arguments)
+    result = run_here("evaluate", *arguments)
     assert result.returncode == 2
     assert is_one_error_line(result)
     return result.stderr

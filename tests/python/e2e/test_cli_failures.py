@@ -14,6 +14,7 @@ from cli_helpers import (
     is_one_error_line,
     noisy_circle,
     run,
+    run_here,
     strict_json,
     write_noisy_circle,
 )
@@ -48,7 +49,7 @@ from cli_helpers import (
     ],
 )
 def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str], told: str) -> None:
-    result = run(*arguments)
+    result = run_here(*arguments)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr
@@ -65,7 +66,7 @@ def test_the_file_and_the_line_at_fault_are_named(tmp_path: Path) -> None:
 
 
 def test_a_missing_input_is_named(tmp_path: Path) -> None:
-    result = run("solve", tmp_path / "absent.txt")
+    result = run_here("solve", tmp_path / "absent.txt")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{tmp_path / 'absent.txt'}: " in result.stderr
@@ -77,7 +78,7 @@ def test_a_problem_that_cannot_be_solved_is_named_with_its_file(tmp_path: Path) 
         setattr(problem, name, getattr(problem, name)[:4])
     source = tmp_path / "few.npz"
     sfmcpp.write(problem, source)
-    result = run("solve", source, "-o", tmp_path / "out.npz", "--report", tmp_path / "report.json")
+    result = run_here("solve", source, "-o", tmp_path / "out.npz", "--report", tmp_path / "report.json")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert result.stderr.startswith(f"sfmcpp: error: {source}: ")
@@ -103,7 +104,7 @@ def test_a_target_that_cannot_be_written_is_refused_before_the_input_is_read(
     source = tmp_path / "start.npz"
     source.write_bytes(b"not a problem: reading it would fail with another message")
     (tmp_path / "folder.npz").mkdir()
-    result = run("solve", source, option, tmp_path / name)
+    result = run_here("solve", source, option, tmp_path / name)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert result.stderr.startswith(f"sfmcpp: error: {tmp_path / name}: ")
@@ -116,7 +117,7 @@ def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_pa
     problem.intrinsics[:, problem.intrinsic_names.index("k5")] = 1e-9
     source, report = tmp_path / "start.npz", tmp_path / "report.json"
     sfmcpp.write(problem, source)
-    result = run("solve", source, "-o", tmp_path / "out.txt", "--report", report)
+    result = run_here("solve", source, "-o", tmp_path / "out.txt", "--report", report)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{tmp_path / 'out.txt'}: " in result.stderr
@@ -126,7 +127,7 @@ def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_pa
 
 def test_a_wish_that_the_camera_model_does_not_have_names_the_file(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path, camera_model="bal")
-    result = run("solve", source, "--refine", "k9")
+    result = run_here("solve", source, "--refine", "k9")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{source}: " in result.stderr

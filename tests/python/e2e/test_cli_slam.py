@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run, strict_json
+from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run, run_here, strict_json
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -188,7 +188,7 @@ def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
     (tmp_path / "trip/empty").mkdir()
     (tmp_path / "trip/image_l/0.png").touch()
     before = names_in(tmp_path)
-    result = run("slam", *arguments, cwd=tmp_path)
+    result = run_here("slam", *arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr

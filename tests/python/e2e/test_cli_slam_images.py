@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli_helpers import is_one_error_line, run, strict_json
+from cli_helpers import is_one_error_line, run, run_here, strict_json
 from sfmcpp.sources.io.trajectories import read_trajectory
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
@@ -84,7 +84,7 @@ def test_what_is_missing_or_wrong_beside_images_is_one_line(
         assert cv2.imwrite(str(tmp_path / f"images/{number}.png"), np.zeros((48, 64), np.uint8))
     if file is not None:
         (tmp_path / file).write_text(content)
-    result = run("slam", "images", "-o", "out", *options, cwd=tmp_path)
+    result = run_here("slam", "images", "-o", "out", *options, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr

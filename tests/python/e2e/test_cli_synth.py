@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import is_one_error_line, run
+from cli_helpers import is_one_error_line, run, run_here
 from sfmcpp import SCENES, add_outliers, circle_scene, perturb
 
 SMALL = ["--cameras", "40", "--points", "900"]
@@ -31,7 +31,7 @@ def test_every_scene_is_written_as_python_makes_it(tmp_path: Path, scene: str) -
 @pytest.mark.parametrize("camera_model", ["bal", "perspective"])
 def test_every_format_holds_the_distorted_scene(tmp_path: Path, name: str, camera_model: str) -> None:
     options = ["--camera-model", camera_model, "--distortion=-0.1,0.02", "--pixel-sigma-px", "0.5"]
-    result = run("synth", "circle", "-o", tmp_path / name, *SMALL, *options, "--quiet")
+    result = run_here("synth", "circle", "-o", tmp_path / name, *SMALL, *options, "--quiet")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     expected = circle_scene(
         40, 900, camera_model=camera_model, distortion=(-0.1, 0.02), pixel_sigma_px=0.5, seed=0
@@ -98,7 +98,7 @@ def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path
 def test_bad_usage_is_one_line_and_nothing_is_written(
     tmp_path: Path, arguments: list[str], told: str
 ) -> None:
-    result = run("synth", *arguments, cwd=tmp_path)
+    result = run_here("synth", *arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr

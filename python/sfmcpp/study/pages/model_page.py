@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +12,10 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.sources.io.files import atomic_files
-from sfmcpp.study.pages.parts import data_uri, packed, script, template
+from sfmcpp.study.pages.parts import data_uri, filled_page, packed, save_page
 from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
 
-_TEMPLATE, _SCRIPT = "model_page.html", "orbit.js"
+_TEMPLATE = "model_page.html"
 # A page with more would take long to open.
 MOST_POINTS = 1_000_000
 # Where nothing is known of the colour.
@@ -98,9 +95,7 @@ def model_page(scene: ModelScene) -> str:
     str
         HTML with its style, script, pictures and data.
     """
-    page = template(_TEMPLATE).replace("{{orbit}}", template(_SCRIPT))
-    page = page.replace("{{title}}", html.escape(scene.title))
-    return page.replace("{{scene}}", script(_data(scene)))
+    return filled_page(_TEMPLATE, scene.title, _data(scene))
 
 
 def save_model_page(scene: ModelScene, path: str | PathLike[str]) -> None:
@@ -118,8 +113,7 @@ def save_model_page(scene: ModelScene, path: str | PathLike[str]) -> None:
     DatasetError
         If the file cannot be written.
     """
-    with atomic_files(Path(path)) as (stream,):
-        stream.write(model_page(scene).encode("utf-8"))
+    save_page(model_page(scene), path)
 
 
 def _data(scene: ModelScene) -> dict[str, Any]:

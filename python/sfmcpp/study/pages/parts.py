@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import struct
 import zlib
 from importlib.resources import files
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+
+from sfmcpp.sources.io.files import atomic_files
 
 _HERE = "sfmcpp.study.pages"
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n"
@@ -20,6 +25,24 @@ _PNG_COLOR_TYPES = {3: 2, 4: 6}
 def template(name: str) -> str:
     """Text of a template or script of this folder."""
     return files(_HERE).joinpath(name).read_text(encoding="utf-8")
+
+
+def filled_page(name: str, title: str, scene: Any) -> str:
+    """Page of a scene in three dimensions: a template with its title, data and the script that turns it."""
+    page = template(name).replace("{{orbit}}", template("orbit.js")).replace("{{title}}", html.escape(title))
+    return page.replace("{{scene}}", script(scene))
+
+
+def save_page(text: str, path: str | PathLike[str]) -> None:
+    """Write a page; the file appears complete or not at all.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be written.
+    """
+    with atomic_files(Path(path)) as (stream,):
+        stream.write(text.encode("utf-8"))
 
 
 def script(data: Any) -> str:

@@ -30,12 +30,25 @@ def turn_upright(cameras: FloatArray) -> FloatArray:
     up = np.linalg.eigh(spread)[1][:, 0]
     if up @ (tops + 0.5 * behind) < 0:
         up = -up
-    forward = _level(-behind, up)
-    if forward is None:
-        forward = _level(-down[0], up)
-    if forward is None:
-        forward = _level(ahead[0], up)
-    assert forward is not None  # two orthogonal axes are not both parallel to a third
+    return _axes(up, -behind, -down[0], ahead[0])
+
+
+def view_from_world(cameras: FloatArray) -> FloatArray:
+    """Rotation to x right, y ahead, z up, of a camera under way.
+
+    Up is where the tops of the cameras (K, 3, 4) point in the mean: on a vehicle they stand upright. Ahead is
+    where the first one looks. Without cameras it is that of one with the axes of the world.
+    """
+    axes = cameras[:, :, :3] if len(cameras) else np.eye(3)[None]
+    top, tops = -axes[0, :, 1], -axes[:, :, 1].mean(axis=0)
+    length = float(np.linalg.norm(tops))
+    up = tops / length if length > _PARALLEL else top
+    return _axes(up, axes[0, :, 2], top, axes[0, :, 0])
+
+
+def _axes(up: FloatArray, *ahead: FloatArray) -> FloatArray:
+    """Rotation to x right, y ahead, z up: `ahead` is the first direction that is not parallel to `up`."""
+    forward = next(level for direction in ahead if (level := _level(direction, up)) is not None)
     return np.stack([np.cross(forward, up), forward, up])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from sfmcpp import Problem
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.image_tracks import image_tracks
 from sfmcpp.sfm.batch.projective import ProjectiveReconstruction, reconstruct_projective
-from sfmcpp.sources.io.image_tracks import read_image_tracks
 from sfmcpp.sources.synthetic import hide_observations
 
 pytest.importorskip("poselib", reason="fundamental matrices need the extra 'vision'")
@@ -124,19 +122,6 @@ def test_arguments_are_checked() -> None:
         reconstruct_projective(tracks, max_error_px=0.0)
     with pytest.raises(InvalidArgument, match="seed"):
         reconstruct_projective(tracks, seed=-1)
-
-
-@pytest.mark.real
-def test_the_dinosaur_from_its_tracks_alone(data_dir: Path) -> None:
-    tracks = read_image_tracks(data_dir / "dinosaur/viff.xy")
-    found = reconstruct_projective(tracks)
-    problem = _problem(found)
-    assert problem.num_cameras == 36
-    error = np.linalg.norm(np.asarray(sfmcpp.residuals(problem)).reshape(-1, 2), axis=1)
-    assert np.sqrt(np.mean(error**2)) < 0.5
-    views = np.bincount(tracks.track_index)
-    kept = np.bincount(found.tracks[problem.point_index], minlength=len(views))
-    assert (kept[views >= 3] >= 3).mean() > 0.9
 
 
 def _problem(found: ProjectiveReconstruction) -> Problem:

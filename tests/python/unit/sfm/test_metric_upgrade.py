@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
-from scipy.spatial.transform import Rotation
 
-from projective_scenes import FOCAL, SIZE, metric_scene, projective_scene, turns_deg
-from sfmcpp import InvalidArgument, Problem, add_outliers, projective_problem, residuals, solve
+from projective_scenes import FOCAL, SIZE, metric_scene, projective_scene
+from sfmcpp import InvalidArgument, Problem, add_outliers, residuals, solve
 from sfmcpp.geometry import depths, fit_similarity
 from sfmcpp.map.files import map_of_problem
-from sfmcpp.sfm.batch.projective import reconstruct_projective
 from sfmcpp.sfm.batch.upgrade import MetricUpgrade, metric_upgrade
-from sfmcpp.sources.io.image_tracks import read_image_tracks
 
 
 def upgraded(result: MetricUpgrade) -> Problem:
@@ -211,42 +206,3 @@ def test_a_metric_problem_is_refused() -> None:
 def test_too_few_cameras_are_a_reason() -> None:
     start = projective_scene(metric_scene("general", 0, num_cameras=2), 0, adjusted=False)
     assert "at least 3" in metric_upgrade(start, SIZE).reason
-
-
-def require_turntable(result: MetricUpgrade) -> None:
-    """36 cameras, each 10° after the one before, about one axis; the first after the last, too."""
-    problem = upgraded(result)
-    assert len(result.cameras) == 36
-    rotations = np.concatenate([problem.rotations, problem.rotations[:1]])
-    turns = turns_deg(rotations)
-    assert np.abs(turns - 10).max() < 0.3
-    steps = rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2)
-    axes = Rotation.from_matrix(steps).as_rotvec() / np.radians(turns)[:, None]
-    assert np.degrees(np.arccos(np.clip(axes @ axes.mean(axis=0), -1, 1))).max() < 3
-    assert np.sqrt(np.mean(residuals(problem) ** 2)) < 0.25
-    assert result.focal_sigma < 0.01
-
-
-@pytest.mark.real
-def test_the_dinosaur_turns_by_ten_degrees_about_one_axis(data_dir: Path) -> None:
-    folder = data_dir / "dinosaur"
-    tracks = read_image_tracks(folder / "viff.xy")
-    cameras = np.stack(list(loadmat(folder / "dino_Ps.mat")["P"][0])).astype(np.float64)
-    homography = np.random.default_rng(0).standard_normal((4, 4))
-    start = projective_problem(
-        cameras @ homography,
-        np.ones((tracks.num_tracks, 4)),
-        tracks.image_index,
-        tracks.track_index,
-        tracks.pixels,
-    )
-    require_turntable(metric_upgrade(start, (576, 720), threads=1))
-
-
-@pytest.mark.real
-def test_the_dinosaur_is_reconstructed_from_its_tracks_alone(data_dir: Path) -> None:
-    pytest.importorskip("poselib", reason="fundamental matrices need the extra 'vision'")
-    start = reconstruct_projective(read_image_tracks(data_dir / "dinosaur" / "viff.xy"), threads=1).problem
-    assert start is not None
-    # No size is told: as far as the corners reach, 548 × 642.
-    require_turntable(metric_upgrade(start, np.ceil(start.pixels.max(axis=0)), threads=1))

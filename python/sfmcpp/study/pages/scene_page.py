@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.resources import files
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.sources.io.files import atomic_files
-from sfmcpp.study.pages.parts import packed, script, template
+from sfmcpp.study.pages.parts import filled_page, packed, save_page
+from sfmcpp.study.pages.placing import view_from_world
 
 _TEMPLATE = "scene_page.html"
-# Directions that differ by less are the same: a camera that looks straight up or down.
-_PARALLEL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +76,7 @@ def scene_page(scene: Scene) -> str:
     str
         HTML with its style, script and data.
     """
-    data = script(_data(scene))
-    page = files("sfmcpp.study.plotting").joinpath(_TEMPLATE).read_text(encoding="utf-8")
-    page = page.replace("{{orbit}}", template("orbit.js")).replace("{{title}}", html.escape(scene.title))
-    return page.replace("{{scene}}", data)
+    return filled_page(_TEMPLATE, scene.title, _data(scene))
 
 
 def save_scene_page(scene: Scene, path: str | PathLike[str]) -> None:
@@ -102,8 +94,7 @@ def save_scene_page(scene: Scene, path: str | PathLike[str]) -> None:
     DatasetError
         If the file cannot be written.
     """
-    with atomic_files(Path(path)) as (stream,):
-        stream.write(scene_page(scene).encode("utf-8"))
+    save_page(scene_page(scene), path)
 
 
 def _data(scene: Scene) -> dict[str, Any]:
@@ -123,24 +114,6 @@ def _data(scene: Scene) -> dict[str, Any]:
         # From a height in the page to one above the first centre.
         "originHeight": float(origin[2] - turned[0, 2]),
     }
-
-
-def view_from_world(cameras: FloatArray) -> FloatArray:
-    """Rotation to x right, y ahead, z up: up as tops of `cameras` (K, 3, 4) in the mean, ahead as the first.
-
-    Without cameras it is that of one with the axes of the world.
-    """
-    axes = cameras[:, :, :3] if len(cameras) else np.eye(3)[None]
-    up = _unit(-axes[:, :, 1].mean(axis=0), fallback=-axes[0, :, 1])
-    level = axes[0, :, 2] - (axes[0, :, 2] @ up) * up
-    top = -axes[0, :, 1]
-    ahead = _unit(level, fallback=_unit(top - (top @ up) * up, fallback=axes[0, :, 0]))
-    return np.stack([np.cross(ahead, up), ahead, up])
-
-
-def _unit(vector: FloatArray, fallback: FloatArray) -> FloatArray:
-    length = float(np.linalg.norm(vector))
-    return vector / length if length > _PARALLEL else fallback
 
 
 def _moved(points: FloatArray, move: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from browser_helpers import screenshot
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.study.plotting.scene_page import Scene, save_scene_page, scene_page
+from sfmcpp.study.pages.scene_page import Scene, save_scene_page, scene_page
 
 DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
