@@ -29,11 +29,11 @@ _CLOSED = 0.5
 def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     """Adjust the model with all observations that pairs of images have lost together; whether they fit then.
 
-    Otherwise the model is as it was.
+    Otherwise the model is as it was, and these observations are not tried again before others join them.
     """
     world = structure.world
     rows = torn_observations(structure, settings.min_inliers)
-    if not len(rows):
+    if np.count_nonzero(~structure.given_up[rows]) < settings.min_inliers:
         return False
     before = _Memory.of(world)
     structure.observe(rows, structure.tracks[rows])
@@ -43,6 +43,7 @@ def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     fits = (points >= 0) & (structure.errors_px(rows, structure.tracks[rows]) <= settings.outlier_px)
     if np.count_nonzero(fits) < _CLOSED * len(rows):
         before.restore(world)
+        structure.given_up[rows] = True
         return False
     return True
 

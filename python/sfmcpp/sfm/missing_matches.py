@@ -23,8 +23,9 @@ from sfmcpp.sfm.settings import IncrementalSettings
 # Pairs of each image that are looked at: those with most matches, which a fold makes of what it folds.
 _PARTNERS = 6
 _FEWEST_MATCHES = 15
-# An image tells of a neighbour what it shows if it sees it from nearly there, and from as far away [deg].
-_LARGEST_ANGLE_DEG, _LARGEST_SCALE = 12.0, 4 / 3
+# An image tells of a neighbour what it shows if it sees it from nearly there, and from as far away [deg]: from
+# more to the side, something else may stand in between.
+_LARGEST_ANGLE_DEG, _LARGEST_SCALE = 6.0, 4 / 3
 # A point seen under less than this may be anywhere on its ray, and shows a turn of the camera only [deg].
 _LEAST_ANGLE_DEG, _ANY_ANGLE_DEG = 0.5, 3.0
 _FAR = 1e6
@@ -33,9 +34,9 @@ _FEWEST_POINTS, _LEAST_RATE = 50, 0.5
 _BORDER = 0.03
 # Nothing is matched in three by three cells of so many along the image, where so many points should be …
 _CELLS, _FEWEST_IN_CELLS = 24, 6
-# … and that of so many points, in both images, in so many pairs, and of so many points of all these pairs. Of
-# sets that are as they should be hardly a pair has one.
-_FEWEST_MISSING, _FEWEST_PAIRS, _FEWEST_IN_ALL = 4, 2, 16
+# … and that of so many points, in both images, in so many pairs, and such a part of all that are looked at,
+# and of so many points of all these pairs. Of sets that are as they should be hardly a pair has one.
+_FEWEST_MISSING, _FEWEST_PAIRS, _LEAST_PART, _FEWEST_IN_ALL = 4, 2, 0.01, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ def pairs_with_missing_matches(graph: MatchGraph, world: Map, settings: Incremen
     closest = _closest(inside, world.num_images)
     missing = np.array([_missing_in_both(sights, views, pair) for pair in closest], dtype=np.intp)
     found = np.flatnonzero(missing >= _FEWEST_MISSING)
-    if len(found) < _FEWEST_PAIRS or missing[found].sum() < _FEWEST_IN_ALL:
+    if len(found) < max(_FEWEST_PAIRS, _LEAST_PART * len(closest)) or missing[found].sum() < _FEWEST_IN_ALL:
         return []
     return [closest[k] for k in found]
 

@@ -36,6 +36,11 @@ class Structure:
         Matches, as keypoints, whose tracks differ.
     settings : IncrementalSettings
         Limits.
+
+    Attributes
+    ----------
+    given_up : (K,) bool
+        Keypoints whose track is not theirs, as an attempt to close a loop with them has shown.
     """
 
     def __init__(
@@ -44,6 +49,7 @@ class Structure:
         self.world, self._settings = world, settings
         self.tracks = tracks.copy()
         self._apart = apart
+        self.given_up = np.zeros(len(tracks), dtype=np.bool_)
 
     def triangulate(self, images: Numbers) -> int:
         """Give positions to tracks that `images` (n,) and others with a pose see; how many.
