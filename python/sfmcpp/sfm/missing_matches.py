@@ -23,7 +23,7 @@ from sfmcpp.sfm.settings import IncrementalSettings
 # Pairs of each image that are looked at: those with most matches, which a fold makes of what it folds.
 _PARTNERS = 6
 _FEWEST_MATCHES = 15
-# An image tells of a neighbour what it shows if it sees it from nearly there, and from as far away [deg]: from
+# An image tells of a neighbour what it shows if it sees it from nearly there and from as far away [deg]: from
 # more to the side, something else may stand in between.
 _LARGEST_ANGLE_DEG, _LARGEST_SCALE = 6.0, 4 / 3
 # A point seen under less than this may be anywhere on its ray, and shows a turn of the camera only [deg].
