@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -117,7 +117,8 @@ def build_match_graph(
     Returns
     -------
     MatchGraph
-        Of the photos that can be decoded; the others are in its `unreadable`.
+        Of the photos that can be decoded, features without their descriptors; the others are in its
+        `unreadable`.
 
     Raises
     ------
@@ -138,6 +139,9 @@ def build_match_graph(
     features = [one for one in found if isinstance(one, Features)]
     numbers = work.pairs(photos, features)
     matches = work.matches(photos, features, numbers)
+    # Half of the memory of many photos, and nobody needs them any more.
+    del found
+    features = [replace(one, descriptors=np.empty((len(one), 0), dtype=np.uint8)) for one in features]
     geometries = work.geometries(photos, features, [rows[i] for i in readable], numbers, matches)
     pairs = [Pair(*ij, m, g) for ij, m, g in zip(numbers, matches, geometries, strict=True)]
     return MatchGraph(photos, features, pairs, unreadable)
