@@ -85,7 +85,7 @@ def reconstruct(
     ----------
     source : path-like, MatchGraph or ImageTracks
         A folder of images; a file of tracks, or of a model whose observations alone are used; or what
-        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.sfm.read_image_tracks` gives.
+        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.model.image_tracks.image_tracks` makes.
     method : str
         ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
     camera : str, float, path-like or array
