@@ -7,9 +7,10 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.ba.image_frames import image_frames, matrices_to_frames
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray
 
 
 def projective_problem(
@@ -65,10 +66,10 @@ def projective_problem(
         raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
     if len(cameras) and not (cameras.min() >= 0 and cameras.max() < len(matrices)):
         raise InvalidArgument(f"camera_index: must be in [0, {len(matrices)})")
-    frames = _image_frames(cameras, seen, len(matrices))
+    frames = image_frames(cameras, seen, len(matrices))
     return Problem(
         "projective",
-        _unit("projections", _to_frames(matrices, frames)),
+        _unit("projections", matrices_to_frames(matrices, frames)),
         frames,
         _unit("points", homogeneous),
         cameras,
@@ -136,21 +137,6 @@ def _homogeneous(points: FloatArray) -> FloatArray:
     if points.shape[1] == 4:
         return points
     return np.concatenate([points, np.ones((len(points), 1))], axis=1)
-
-
-def _image_frames(cameras: IndexArray, pixels: FloatArray, count: int) -> FloatArray:
-    """``scale, cx, cy`` of each image: Hartley's isotropic normalisation of its observations."""
-    seen = np.maximum(np.bincount(cameras, minlength=count), 1)
-    centres = np.stack([np.bincount(cameras, pixels[:, k], count) / seen for k in (0, 1)], axis=1)
-    distances = np.linalg.norm(pixels - centres[cameras], axis=1)
-    scale = np.bincount(cameras, distances, count) / (seen * np.sqrt(2.0))
-    return np.concatenate([np.where(scale > 0, scale, 1.0)[:, None], centres], axis=1)
-
-
-def _to_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
-    scale, cx, cy = (column[:, None] for column in frames.T)
-    x, y, w = matrices[:, 0], matrices[:, 1], matrices[:, 2]
-    return np.stack([(x - cx * w) / scale, (y - cy * w) / scale, w], axis=1)
 
 
 def _unit(name: str, values: FloatArray) -> FloatArray:

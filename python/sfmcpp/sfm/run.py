@@ -26,6 +26,7 @@ from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import Positions, georeference
 from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
 from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
+from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
@@ -36,12 +37,6 @@ from sfmcpp.sfm.settings import IncrementalSettings
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], Grown]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
 Source = str | PathLike[str] | MatchGraph | ImageTracks
-# Told the stage, how much of it is done and of how much; True asks to stop.
-Progress = Callable[[str, int, int], bool]
-
-
-def _silent(stage: str, done: int, total: int) -> bool:
-    return False
 
 
 @dataclass
@@ -82,7 +77,7 @@ def reconstruct(
     threads: int | None = None,
     settings: IncrementalSettings | None = None,
     front_end: FrontEndSettings | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> SfmRun:
     """Reconstruct cameras and points.
 
@@ -90,7 +85,7 @@ def reconstruct(
     ----------
     source : path-like, MatchGraph or ImageTracks
         A folder of images; a file of tracks, or of a model whose observations alone are used; or what
-        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.sfm.read_image_tracks` gives.
+        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.model.image_tracks.image_tracks` makes.
     method : str
         ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
     camera : str, float, path-like or array

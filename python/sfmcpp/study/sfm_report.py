@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.report_files import peak_memory_bytes, plain
+from sfmcpp.study.report_table import ReportTable
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _NAMES_LISTED, _REASONS_LISTED = 4, 5
 _FOLDERS_OF_ANY_SET = frozenset({"images", "photos", "pictures", "img", "jpg"})
 
 
-class SfmReport:
+class SfmReport(ReportTable):
     """What a reconstruction gave, for people, for programs and as files.
 
     Parameters
@@ -195,20 +196,6 @@ class SfmReport:
         from sfmcpp.study.sfm_files import write_files
 
         return write_files(self, Path(folder))
-
-    def table(self, written: Iterable[Path] = ()) -> str:
-        """Make a table of it.
-
-        Parameters
-        ----------
-        written : iterable of Path
-            Files to list at its end.
-        """
-        rows = [*self._rows(), *(("written", str(path)) for path in written)]
-        return "\n".join(f"{name:<16}{value}" for name, value in rows)
-
-    def __str__(self) -> str:
-        return self.table()
 
     def _rows(self) -> Iterator[tuple[str, str]]:
         run, graph = self.run, self.run.graph

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, fields
 from functools import cached_property
 from os import PathLike
@@ -14,6 +14,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.study.evaluation import Evaluation, evaluate
 from sfmcpp.study.report_files import peak_memory_bytes, plain
+from sfmcpp.study.report_table import ReportTable
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _DRIFT = (
 _GEOREFERENCED = (("aligned to all of it", {"align_to": "all", "align_by": "positions"}), *_DRIFT[1:])
 
 
-class SlamReport:
+class SlamReport(ReportTable):
     """What a SLAM run gave, for people, for programs and as files.
 
     Parameters
@@ -116,20 +117,6 @@ class SlamReport:
         from sfmcpp.study.slam_files import write_files
 
         return write_files(self, Path(folder))
-
-    def table(self, written: Iterable[Path] = ()) -> str:
-        """Make a table of it.
-
-        Parameters
-        ----------
-        written : iterable of Path
-            Files to list at its end.
-        """
-        rows = [*self._rows(), *(("written", str(path)) for path in written)]
-        return "\n".join(f"{name:<16}{value}" for name, value in rows)
-
-    def __str__(self) -> str:
-        return self.table()
 
     def _rows(self) -> Iterator[tuple[str, str]]:
         run, count, comparison = self.run, self.run.totals, self.comparison

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sfmcpp.ba import SolveOptions, adjust, projection_matrices, projective_problem
+from sfmcpp.ba.image_frames import matrices_to_frames, matrices_to_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.batch.cameras import resect
-from sfmcpp.sfm.batch.measurements import Indices, Measurements, to_frames, to_pixels
+from sfmcpp.sfm.batch.measurements import Indices, Measurements
 from sfmcpp.sfm.batch.structure import reprojection_errors_px, triangulate, without_worst
 
 # Errors above this many robust standard deviations of one coordinate are outliers.
@@ -114,7 +115,7 @@ def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, 
     rows = np.flatnonzero(world.kept)
     images, camera_index = np.unique(measured.image[rows], return_inverse=True)
     tracks, point_index = np.unique(measured.track[rows], return_inverse=True)
-    matrices = to_pixels(world.cameras[images], measured.frames[images])
+    matrices = matrices_to_pixels(world.cameras[images], measured.frames[images])
     problem = projective_problem(
         matrices, world.points[tracks], camera_index, point_index, measured.pixels[rows]
     )
@@ -135,7 +136,7 @@ def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan, tolera
     )
     adjust(problem, [], options)
     cameras, points = world.cameras.copy(), np.full_like(world.points, np.nan)
-    cameras[images] = to_frames(projection_matrices(problem), measured.frames[images])
+    cameras[images] = matrices_to_frames(projection_matrices(problem), measured.frames[images])
     cameras[images] /= np.linalg.norm(cameras[images], axis=(1, 2), keepdims=True)
     points[tracks] = problem.points
     return replace(world, cameras=cameras, points=points)

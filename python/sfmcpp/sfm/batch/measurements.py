@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.image_frames import image_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 
 Indices = NDArray[np.int64]
@@ -81,26 +82,5 @@ def measure(
     image, track = image_index[order].astype(np.int64), track_index[order].astype(np.int64)
     positions = pixels[order]
     count = int(track.max(initial=-1)) + 1
-    frames = isotropic_frames(image, positions, num_images)
+    frames = image_frames(image, positions, num_images)
     return Measurements(num_images, count, image, track, positions, frames), order
-
-
-def isotropic_frames(image: Indices, pixels: FloatArray, count: int) -> FloatArray:
-    """``scale, cx, cy`` (C, 3): the mean of an image's observations, and their mean distance over √2."""
-    seen = np.maximum(np.bincount(image, minlength=count), 1)
-    centres = np.stack([np.bincount(image, pixels[:, k], count) / seen for k in (0, 1)], axis=1)
-    distance = np.linalg.norm(pixels - centres[image], axis=1)
-    scale = np.bincount(image, distance, count) / (seen * np.sqrt(2.0))
-    return np.concatenate([np.where(scale > 0, scale, 1.0)[:, None], centres], axis=1)
-
-
-def to_pixels(matrices: FloatArray, frames: FloatArray) -> FloatArray:
-    """Projection matrices (C, 3, 4) to the frames of the images as matrices to pixels."""
-    scale, centre = frames[:, 0, None, None], frames[:, 1:, None]
-    return np.concatenate([scale * matrices[:, :2] + centre * matrices[:, 2:], matrices[:, 2:]], axis=1)
-
-
-def to_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
-    """Projection matrices (C, 3, 4) to pixels as matrices to the frames of the images."""
-    scale, centre = frames[:, 0, None, None], frames[:, 1:, None]
-    return np.concatenate([(matrices[:, :2] - centre * matrices[:, 2:]) / scale, matrices[:, 2:]], axis=1)

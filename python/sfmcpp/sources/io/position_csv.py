@@ -11,14 +11,13 @@ or, in a metric frame of the user's own, ``name,x,y,z``. Units may stand in brac
 from __future__ import annotations
 
 import csv
-import math
 import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
 
 _NAMES = ("name", "image", "file", "filename", "label", "photo")
 _GEODETIC = (
@@ -66,9 +65,7 @@ def read_position_csv(path: str | PathLike[str]) -> NamedPositions:
         range, or a name stands there twice.
     """
     source = Path(path)
-    with failures_named(source):
-        text = read_bytes(source).decode("utf-8-sig", "replace")
-    lines = [(number, row) for number, row in enumerate(csv.reader(text.splitlines()), 1) if any(row)]
+    lines = [(number, next(csv.reader([line]))) for number, line in numbered_lines(source)]
     if not lines:
         raise DatasetError(source, "is empty")
     first, header = lines[0]
@@ -87,7 +84,7 @@ def read_position_csv(path: str | PathLike[str]) -> NamedPositions:
         label = cells[name]
         if label in found:
             raise DatasetError(source, f"{label!r} stands there twice", number)
-        x, y, z = (_number(source, number, titles[place], cells[place]) for place in places)
+        x, y, z = (finite_number(source, number, titles[place], cells[place]) for place in places)
         if geodetic and not (abs(x) <= 90 and abs(y) <= 180):
             raise DatasetError(source, f"latitude {x:g}°, longitude {y:g}°: out of range, or swapped", number)
         found[label] = (x, y, z)
@@ -101,13 +98,3 @@ def _column(titles: list[str], names: tuple[str, ...]) -> int | None:
 def _columns(titles: list[str], groups: tuple[tuple[str, ...], ...]) -> list[int] | None:
     places = [_column(titles, names) for names in groups]
     return [place for place in places if place is not None] if None not in places else None
-
-
-def _number(path: Path, line: int, title: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DatasetError(path, f"{title} is {cell!r}: must be a number", line)
-    return value

@@ -26,7 +26,7 @@ from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
@@ -94,8 +94,7 @@ def read_sensor_csv(
         a unit that cannot be right.
     """
     source = Path(path)
-    with failures_named(source):
-        lines = _lines(source)
+    lines = numbered_lines(source)
     columns = _columns(source, *next(lines, (1, "")))
     cells = _cells(source, columns, lines)
     try:
@@ -103,17 +102,6 @@ def read_sensor_csv(
         return {kind: stream.shifted(clock_offset_s) for kind, stream in streams.items()}
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines that are not empty, with their numbers."""
-    if not path.exists():
-        raise DatasetError(path, "no such file or directory")
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DatasetError(path, f"is no UTF-8 text ({error.reason} at byte {error.start})") from error
-    return ((number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
 def _columns(path: Path, number: int, header: str) -> list[Column | None]:
@@ -162,13 +150,7 @@ def _row(path: Path, number: int, line: str, columns: list[Column | None]) -> tu
 def _number(path: Path, number: int, cell: str, column: Column) -> float:
     if not cell and column.name != "t":
         return math.nan
-    try:
-        value = float(cell) * column.factor
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DatasetError(path, f"{column.name} is {cell!r}: must be a finite number", number)
-    return value
+    return finite_number(path, number, column.name, cell, column.factor)
 
 
 def _require_whole_groups(path: Path, table: Table, numbers: list[int]) -> None:

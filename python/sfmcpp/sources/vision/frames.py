@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.natural_order import natural_order
 from sfmcpp.sources.vision.images import (
     GreyImage,
     is_picture,
     load_cv2,
-    natural_order,
     unreadable,
     where_images_are,
 )

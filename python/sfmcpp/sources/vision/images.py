@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -74,12 +73,6 @@ def _has_picture(folder: Path) -> bool:
     with suppress(OSError):
         return any(map(is_picture, folder.iterdir()))
     return False
-
-
-def natural_order(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Key by which image2 comes before image10."""
-    words = re.findall(r"[0-9]+|[^0-9]+", name)
-    return [(int(word), "") if word[0].isdecimal() else (-1, word) for word in words], name
 
 
 def unreadable(path: Path, error: OSError) -> DatasetError:

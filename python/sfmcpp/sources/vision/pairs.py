@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -12,11 +11,12 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.checks import looked_up, require_count, require_seed
+from sfmcpp.model.natural_order import natural_order, words_and_numbers
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.vision.retrieval import IndexPair, alike_pairs
 
-_NaturalKey = list[tuple[int, str]]
+_Words = list[tuple[int, str]]
 
 # What a pair takes at most [s], on two cores: a search for its geometry, and matches by the product of the
 # numbers of features. Up to so much in all, every pair is tried: 60 photos of 8,192 features.
@@ -175,27 +175,22 @@ def _in_order(photos: Sequence[Photo]) -> list[int]:
     timed = all(photo.taken_s is not None for photo in photos)
     return sorted(
         range(len(photos)),
-        key=lambda k: (photos[k].taken_s or 0.0 if timed else 0.0, _natural(photos[k].name)),
+        key=lambda k: (photos[k].taken_s or 0.0 if timed else 0.0, natural_order(photos[k].name)),
     )
-
-
-def _natural(name: str) -> _NaturalKey:
-    """Key by which 2 comes before 10."""
-    return [(int(number or 0), text) for number, text in re.findall(r"(\d+)|(\D+)", name)]
 
 
 def _is_sequence(photos: Sequence[Photo]) -> bool:
     """Whether all photos have a time, or names count up evenly."""
     if all(photo.taken_s is not None for photo in photos):
         return True
-    names = [_natural(photos[k].name.rpartition(".")[0]) for k in _in_order(photos)]
+    names = [words_and_numbers(photos[k].name.rpartition(".")[0]) for k in _in_order(photos)]
     steps = np.array([_step(first, second) for first, second in pairwise(names)])
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     even = (steps > 0) & (steps <= _EVEN_STEP * usual)
     return bool(even.sum() >= _COUNTING_UP * len(steps))
 
 
-def _step(first: _NaturalKey, second: _NaturalKey) -> int:
+def _step(first: _Words, second: _Words) -> int:
     """By how much the last number counts up if all else is equal; else 0."""
     last = max((k for k, (_, text) in enumerate(second) if not text), default=-1)
     if last < 0 or len(first) != len(second):

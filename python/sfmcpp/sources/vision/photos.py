@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.checks import require_count
+from sfmcpp.model.natural_order import natural_order
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
@@ -27,7 +28,6 @@ from sfmcpp.sources.vision.images import (
     is_picture,
     load_cv2,
     load_pillow,
-    natural_order,
     unreadable,
     where_images_are,
 )

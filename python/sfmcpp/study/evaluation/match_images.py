@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.natural_order import natural_order
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 from sfmcpp.study.evaluation.image_poses import ImagePoses
 
@@ -119,7 +120,7 @@ def match_with_trajectory(
         If nothing matches.
     """
     # Sorted: names that only `images` has may not change the rows of the others.
-    names = sorted({*model.names, *(images or ())}, key=_natural)
+    names = sorted({*model.names, *(images or ())}, key=natural_order)
     stems = [PurePosixPath(name).stem for name in names]
     rows, matched_by = _rows_by_time(stems, truth, max_difference_s) if truth.stamped else None, "time"
     if rows is None:
@@ -174,11 +175,6 @@ def _rows_by_number(stems: list[str], truth: Trajectory) -> tuple[Rows, str]:
         f"truth: its {len(truth)} poses cannot be told to belong to {len(stems)} images such as "
         f"{_some(stems)}: names must be times or frame numbers, or images and poses as many"
     )
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Key that puts ``frame_2`` before ``frame_10``."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name)]
 
 
 def _some(names: Sequence[str]) -> str:

@@ -6,9 +6,10 @@ import numpy as np
 
 import sfmcpp
 from sfmcpp import Problem
+from sfmcpp.ba.image_frames import matrices_to_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
-from sfmcpp.sfm.batch.measurements import Measurements, measure, to_frames
+from sfmcpp.sfm.batch.measurements import Measurements, measure
 from sfmcpp.sfm.batch.projective import ProjectiveReconstruction
 from sfmcpp.study.evaluation.projective import projective_errors_px
 
@@ -25,7 +26,7 @@ def measured_of(problem: Problem) -> Measurements:
 
 def true_cameras(problem: Problem, measured: Measurements) -> FloatArray:
     """(C, 3, 4) true projection matrices to the frames of the images, of norm one, depths positive."""
-    cameras = to_frames(sfmcpp.projection_matrices(problem), measured.frames)
+    cameras = matrices_to_frames(sfmcpp.projection_matrices(problem), measured.frames)
     return cameras / np.linalg.norm(cameras, axis=(1, 2), keepdims=True)
 
 

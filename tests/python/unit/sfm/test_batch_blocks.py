@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
+from sfmcpp.ba.image_frames import matrices_to_pixels
 from sfmcpp.sfm.batch.blocks import Block, factorised_blocks
 from sfmcpp.sfm.batch.constraints import connected_blocks, joint_cameras
 from sfmcpp.sfm.batch.depths import chained_depths, depth_ratios
 from sfmcpp.sfm.batch.factorisation import Factors, balanced, factorise
-from sfmcpp.sfm.batch.measurements import to_pixels
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 from sfmcpp.study.evaluation.projective import projective_errors_px
 
@@ -93,7 +93,7 @@ def test_blocks_in_any_frame_at_any_scale_give_the_true_cameras() -> None:
         blocks.append(Block(images, tracks, factors, 0.1))
     found = joint_cameras(*connected_blocks(blocks), 10)
     estimate = sfmcpp.projective_problem(
-        to_pixels(found, measured.frames),
+        matrices_to_pixels(found, measured.frames),
         *_triangulated(found, scene),
         scene.camera_index,
         scene.point_index,

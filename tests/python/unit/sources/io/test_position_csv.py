@@ -29,13 +29,21 @@ def test_metric_positions(tmp_path: Path) -> None:
     assert found.positions == {"a": (1.0, 2.0, 3.0)}
 
 
+def test_names_with_commas_are_quoted_and_other_encodings_refused(tmp_path: Path) -> None:
+    quoted = written(tmp_path, 'name,x,y,z\n"a, b.jpg",1,2,3\n')
+    assert read_position_csv(quoted).positions == {"a, b.jpg": (1.0, 2.0, 3.0)}
+    quoted.write_bytes("name,x,y,z\nHöhe.jpg,1,2,3\n".encode("latin-1"))
+    with pytest.raises(DatasetError, match="is no UTF-8 text"):
+        read_position_csv(quoted)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
         ("", None, "is empty"),
         ("name,lat,lon\na,1,2\n", 1, "must have name and lat, lon, height"),
-        ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a number"),
-        ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a number"),
+        ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a finite number"),
+        ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a finite number"),
         ("name,lat,lon,alt\na,100,2,3\n", 2, "out of range, or swapped"),
         ("name,lat,lon,alt\na,1,2,3\na,1,2,3\n", 3, "'a' stands there twice"),
     ],
