@@ -42,7 +42,7 @@ def surface_normals(points: FloatArray, towards: FloatArray) -> FloatArray:
     cosines = (axes[:, :, 0] * towards).sum(axis=1)
     normals = axes[:, :, 0] * np.where(cosines < 0, -1.0, 1.0)[:, None]
     is_plane = (variances[:, 0] < _FLATNESS * variances[:, 1]) & (np.abs(cosines) > _LEAST_COSINE)
-    return np.where(is_plane[:, None], normals, towards)
+    return np.asarray(np.where(is_plane[:, None], normals, towards))
 
 
 def surface_slopes(problem: Problem, normals: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry import reprojection_errors_px
@@ -13,9 +13,6 @@ from sfmcpp.sfm.adjusting import FINE, adjust_all
 from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
-
-# Scale of the loss over that of the adjustments before: what errors are left, refined or not, is less.
-_LOSS = 0.5
 
 
 @dataclass
@@ -81,6 +78,6 @@ def refine_models(
 
 
 def _adjust(world: Map, settings: IncrementalSettings) -> None:
-    local = adjust_all(world, replace(settings, loss_px=_LOSS * settings.loss_px), **FINE)
+    local = adjust_all(world, settings, **FINE)
     far = reprojection_errors_px(local.problem, local.problem.points) > settings.outlier_px
     world.drop(local, far, max(2, settings.min_views))

@@ -30,8 +30,6 @@ Templates = NDArray[np.float32]
 _POINTS_AT_ONCE = 100_000
 # A photo in grey with its smaller copies takes 130 MB where it has 24 megapixels.
 _MOST_READERS = 8
-# Standard deviation of keypoints that were not refined: over their scale, and where that is small [px].
-_SIGMA_PER_SCALE, _SIGMA_PX = 0.08, 0.15
 
 
 @dataclass(frozen=True)
@@ -50,11 +48,11 @@ class SubpixelSettings:
         Farthest from where the model predicts it, in samples.
     max_sigma : float
         Largest standard deviation of the place, in samples: patches without texture have more.
+    sigma_px : float
+        Standard deviation of what was aligned [px]. What it is by the noise of grey levels is much less, but
+        surfaces that are not flat move patches, all of them alike.
     covariances : bool
-        Whether keypoints get covariances. On photos of stone they did harm: surfaces that are not flat move
-        patches by more than noise does, and equal weights gave poses nearer to the truth.
-    least_sigma_px : float
-        With them, the standard deviation of what the noise of grey levels does not explain [px].
+        Whether that noise counts too, as a covariance of each keypoint.
     """
 
     radius: int = 7
@@ -62,12 +60,12 @@ class SubpixelSettings:
     min_correlation: float = 0.8
     max_shift: float = 1.0
     max_sigma: float = 0.25
+    sigma_px: float = 0.15
     covariances: bool = False
-    least_sigma_px: float = 0.1
 
     def __post_init__(self) -> None:
         require_count("radius", self.radius, 2)
-        for name in ("step_per_scale", "max_shift", "max_sigma", "least_sigma_px"):
+        for name in ("step_per_scale", "max_shift", "max_sigma", "sigma_px"):
             require_positive(name, getattr(self, name))
         require_share("min_correlation", self.min_correlation)
 
@@ -107,8 +105,8 @@ def refine_tracks(
     Parameters
     ----------
     world : Map
-        A model. Its :attr:`keypoints` are changed, and :attr:`keypoint_covariances` if that is asked for; an
-        adjustment is to follow.
+        A model. Its :attr:`keypoints` and their :attr:`keypoint_covariances` are changed; an adjustment is
+        to follow.
     photos : sequence of Photo
         Of each image of it. Observations in photos without a file stay.
     settings : SubpixelSettings, optional
@@ -139,18 +137,17 @@ def refine_tracks(
     shifts = np.linalg.norm(work.found - local.problem.pixels, axis=1)[work.moved]
     points = np.unique(local.problem.point_index[work.moved])
     world.keypoints[local.rows] = work.found
-    if chosen.covariances and len(points):
-        _set_covariances(world, local, work, points)
+    _set_covariances(world, local, work, points)
     median = float(np.median(shifts)) if len(shifts) else float("nan")
     return SubpixelOutcome(len(local.rows), len(shifts), len(points), median)
 
 
 def _set_covariances(world: Map, local: LocalProblem, work: _Work, points: NDArray[np.integer]) -> None:
-    """Of all keypoints: their own where they have moved, and the least one for what these refer to."""
-    world.set_sigmas_by_scale(_SIGMA_PER_SCALE, _SIGMA_PX)
-    least = work.settings.least_sigma_px**2 * np.array([1.0, 0.0, 1.0])
-    world.keypoint_covariances[local.rows[work.moved]] = work.covariances[work.moved] + least
-    world.keypoint_covariances[local.rows[work.places.reference[points]]] = least
+    """Of keypoints that have moved, and of those that these refer to."""
+    same = work.settings.sigma_px**2 * np.array([1.0, 0.0, 1.0])
+    own = work.covariances[work.moved] if work.settings.covariances else 0.0
+    world.keypoint_covariances[local.rows[work.moved]] = same + own
+    world.keypoint_covariances[local.rows[work.places.reference[points]]] = same
 
 
 @dataclass(frozen=True, eq=False)
