@@ -35,14 +35,15 @@ def surface_normals(points: FloatArray, towards: FloatArray) -> FloatArray:
     from scipy.spatial import cKDTree
 
     if len(points) < _NEIGHBOURS:
-        return towards.copy()
+        return np.array(towards)
     _, nearest = cKDTree(points).query(points, k=_NEIGHBOURS)
     around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
     variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
     cosines = (axes[:, :, 0] * towards).sum(axis=1)
     normals = axes[:, :, 0] * np.where(cosines < 0, -1.0, 1.0)[:, None]
     is_plane = (variances[:, 0] < _FLATNESS * variances[:, 1]) & (np.abs(cosines) > _LEAST_COSINE)
-    return np.asarray(np.where(is_plane[:, None], normals, towards))
+    faced: FloatArray = np.where(is_plane[:, None], normals, towards)
+    return faced
 
 
 def surface_slopes(problem: Problem, normals: FloatArray) -> FloatArray:

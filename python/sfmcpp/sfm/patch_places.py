@@ -30,18 +30,21 @@ class PatchPlaces:
         Observation of each point whose keypoint tells which point is meant: its ray is nearest to the mean.
     pixels : (M, 2) float64
         Centres [px]: in the reference the keypoint, elsewhere what the model predicts of it.
-    steps : (M, 2, 2) float64
-        Change of the position with the sample's column and row, one in each column [px]; not a number where
-        the patch is not seen from its front.
+    maps : (M, 2, 2) float64
+        Derivatives of the position with respect to that in the reference; not a number where the patch is not
+        seen from its front.
+    spacings : (N,) float64
+        Distance of samples in the reference [px], where all of what was detected is in the patch.
     """
 
     reference: Numbers
     pixels: FloatArray
-    steps: FloatArray
+    maps: FloatArray
+    spacings: FloatArray
 
     @classmethod
     def of(cls, world: Map, local: LocalProblem, step_per_scale: float) -> PatchPlaces:
-        """Of the points of `local`; the distance of samples in the reference is a pixel at least."""
+        """Of the points of `local`; the distance of samples is a pixel at least."""
         problem = local.problem
         towards, reference = _references(problem)
         slopes = surface_slopes(problem, surface_normals(problem.points, towards))
@@ -50,8 +53,8 @@ class PatchPlaces:
         predicted = projected_points(problem, problem.points)
         meant = (problem.pixels - predicted)[reference]
         pixels = predicted + np.einsum("mij,mj->mi", maps, meant[problem.point_index])
-        size = np.fmax(1.0, step_per_scale * world.keypoint_scales[local.rows[reference]])
-        return cls(reference, pixels, maps * size[problem.point_index, None, None])
+        spacings = np.fmax(1.0, step_per_scale * world.keypoint_scales[local.rows[reference]])
+        return cls(reference, pixels, maps, spacings)
 
 
 def _references(problem: Problem) -> tuple[FloatArray, Numbers]:

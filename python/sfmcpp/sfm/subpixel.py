@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.map import LocalProblem, Map
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_count, require_positive, require_share
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
@@ -26,8 +26,8 @@ from sfmcpp.sources.vision.patches import PatchAlignment, align_patches, grey_py
 
 Templates = NDArray[np.float32]
 
-# Templates of so many points are kept at a time: 120 MB.
-_POINTS_AT_ONCE = 100_000
+# Templates of so many points are kept at a time: 60 MB for each size of patches.
+_POINTS_AT_ONCE = 50_000
 # A photo in grey with its smaller copies takes 130 MB where it has 24 megapixels.
 _MOST_READERS = 8
 
@@ -41,11 +41,12 @@ class SubpixelSettings:
     radius : int
         Samples of a patch on each side of its centre.
     step_per_scale : float
-        Distance of samples over the scale of the keypoint, where that gives more than a pixel.
+        Distance of samples over the scale of the keypoint, at first; it is halved down to a pixel as long as
+        the smaller patches are to be trusted.
     min_correlation : float
         Least correlation of a patch with the reference.
     max_shift : float
-        Farthest from where the model predicts it, in samples.
+        Farthest from where the model predicts it, and then from where the larger patch was, in samples.
     max_sigma : float
         Largest standard deviation of the place, in samples: patches without texture have more.
     sigma_px : float
@@ -60,7 +61,7 @@ class SubpixelSettings:
     min_correlation: float = 0.8
     max_shift: float = 1.0
     max_sigma: float = 0.25
-    sigma_px: float = 0.15
+    sigma_px: float = 0.2
     covariances: bool = False
 
     def __post_init__(self) -> None:
@@ -131,15 +132,21 @@ def refine_tracks(
     chosen, local = settings or SubpixelSettings(), world.whole_problem(2)
     work = _Work.of(world, local, photos, chosen)
     with one_opencv_thread():
-        for begin in range(0, local.problem.num_points, _POINTS_AT_ONCE):
+        portions = range(0, local.problem.num_points, _POINTS_AT_ONCE)
+        for k, begin in enumerate(portions):
             end = min(begin + _POINTS_AT_ONCE, local.problem.num_points)
-            work.run(begin, end, thread_count(threads), progress)
+            work.run(begin, end, thread_count(threads), _part_of(progress, k, len(portions)))
     shifts = np.linalg.norm(work.found - local.problem.pixels, axis=1)[work.moved]
     points = np.unique(local.problem.point_index[work.moved])
     world.keypoints[local.rows] = work.found
     _set_covariances(world, local, work, points)
     median = float(np.median(shifts)) if len(shifts) else float("nan")
     return SubpixelOutcome(len(local.rows), len(shifts), len(points), median)
+
+
+def _part_of(progress: Progress, part: int, parts: int) -> Progress:
+    """Progress of one of several equal parts, told as that of all."""
+    return lambda stage, done, total: progress(stage, part * total + done, parts * total)
 
 
 def _set_covariances(world: Map, local: LocalProblem, work: _Work, points: NDArray[np.integer]) -> None:
@@ -177,49 +184,63 @@ class _Work:
         cls, world: Map, local: LocalProblem, photos: Sequence[Photo], settings: SubpixelSettings
     ) -> _Work:
         places = PatchPlaces.of(world, local, settings.step_per_scale)
-        count, pixels = len(local.rows), local.problem.pixels.copy()
-        moved, covariances = np.zeros(count, dtype=np.bool_), np.full((count, 3), np.nan)
-        return cls(local, [photos[i] for i in local.images], settings, places, pixels, covariances, moved)
+        count = len(local.rows)
+        return cls(
+            local,
+            [photos[i] for i in local.images],
+            settings,
+            places,
+            found=local.problem.pixels.copy(),
+            covariances=np.full((count, 3), np.nan),
+            moved=np.zeros(count, dtype=np.bool_),
+        )
 
     def run(self, begin: int, end: int, threads: int, progress: Progress) -> None:
         """Align the patches of the points from `begin` to `end`."""
         problem = self.local.problem
-        side = 2 * self.settings.radius + 3
-        templates = np.full((end - begin, side, side), np.nan, dtype=np.float32)
         reference = self.places.reference[begin:end]
         others = (problem.point_index >= begin) & (problem.point_index < end)
         others[reference] = False
+        rounds = _rounds(self.places.spacings[begin:end], 2 * self.settings.radius + 3)
 
         def sample(image: int) -> None:
             here = np.flatnonzero(problem.camera_index[reference] == image)
-            templates[here] = self._sampled(image, reference[here])
+            if len(here):
+                self._sample(image, reference[here], here, rounds)
 
         def align(image: int) -> None:
             rows = np.flatnonzero(others & (problem.camera_index == image))
-            self._align(image, rows, templates, begin)
+            if len(rows):
+                self._align(image, rows, problem.point_index[rows].astype(np.intp) - begin, rounds)
 
         images = [k for k, photo in enumerate(self.photos) if photo.path is not None]
         threads = min(threads, _MOST_READERS)
-        for done, task in ((0, sample), (len(images), align)):
+        for part, task in enumerate((sample, align)):
+            in_order(task, images, threads, stage="refining", progress=_part_of(progress, part, 2))
 
-            def told(stage: str, part: int, total: int, before: int = done) -> bool:
-                return progress(stage, before + part, 2 * total)
+    def _sample(self, image: int, rows: Numbers, points: Numbers, rounds: list[_Round]) -> None:
+        """Templates of `points`, whose references are the observations `rows` of an image."""
+        pyramid, radius = grey_pyramid(self.photos[image]), self.settings.radius + 1
+        for one in rounds:
+            some = one.takes_part(points)
+            steps = self.places.maps[rows[some]] * one.spacings[points[some], None, None]
+            pixels = self.places.pixels[rows[some]]
+            one.templates[one.number[points[some]]] = sample_patches(pyramid, pixels, steps, radius)
 
-            in_order(task, images, threads, stage="refining", progress=told)
-
-    def _sampled(self, image: int, rows: Numbers) -> Templates:
-        places, pyramid = self.places, grey_pyramid(self.photos[image])
-        return sample_patches(pyramid, places.pixels[rows], places.steps[rows], self.settings.radius + 1)
-
-    def _align(self, image: int, rows: Numbers, templates: Templates, begin: int) -> None:
-        """Move the observations `rows` of an image, as far as they are to be trusted."""
-        start, steps = self.places.pixels[rows], self.places.steps[rows]
-        which = self.local.problem.point_index[rows] - begin
-        aligned = align_patches(grey_pyramid(self.photos[image]), templates, which, start, steps)
-        good = self._are_good(aligned, start, steps)
-        self.found[rows[good]] = aligned.pixels[good]
-        self.covariances[rows[good]] = aligned.covariances[good]
-        self.moved[rows[good]] = True
+    def _align(self, image: int, rows: Numbers, points: Numbers, rounds: list[_Round]) -> None:
+        """Move the observations `rows` of an image, which see `points`, as far as they are to be trusted."""
+        pyramid, start = grey_pyramid(self.photos[image]), self.places.pixels[rows]
+        for one in rounds:
+            some = np.flatnonzero(one.takes_part(points))
+            steps = self.places.maps[rows[some]] * one.spacings[points[some], None, None]
+            numbers = one.number[points[some]]
+            aligned = align_patches(pyramid, one.templates, numbers, start[some], steps)
+            good = self._are_good(aligned, start[some], steps)
+            moved = some[good]
+            start[moved] = aligned.pixels[good]
+            self.found[rows[moved]] = aligned.pixels[good]
+            self.covariances[rows[moved]] = aligned.covariances[good]
+            self.moved[rows[moved]] = True
 
     def _are_good(self, aligned: PatchAlignment, start: FloatArray, steps: FloatArray) -> BoolArray:
         settings = self.settings
@@ -230,3 +251,38 @@ class _Work:
         good &= np.linalg.norm(shifts, axis=1) <= settings.max_shift
         good &= largest_variance <= settings.max_sigma**2 * np.abs(determinants(steps))
         return np.asarray(good)
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Patches of one size, of points that are large enough.
+
+    Attributes
+    ----------
+    spacings : (n,) float64
+        Distance of samples of each point [px].
+    number : (n,) int32
+        Template of each point; -1 for those that do not take part.
+    templates : (T, S, S) float32
+        Those of the points that do.
+    """
+
+    spacings: FloatArray
+    number: IndexArray
+    templates: Templates
+
+    def takes_part(self, points: Numbers) -> BoolArray:
+        return np.asarray(self.number[points] >= 0)
+
+
+def _rounds(spacings: FloatArray, side: int) -> list[_Round]:
+    """From the whole of what was detected to the pixels of the photo, finer by a factor of two each."""
+    rounds: list[_Round] = []
+    takes_part = np.ones(len(spacings), dtype=np.bool_)
+    while takes_part.any():
+        number = np.where(takes_part, np.cumsum(takes_part) - 1, -1).astype(np.int32)
+        templates = np.full((np.count_nonzero(takes_part), side, side), np.nan, dtype=np.float32)
+        rounds.append(_Round(spacings, number, templates))
+        takes_part = takes_part & (spacings > 1)
+        spacings = np.maximum(spacings / 2, 1.0)
+    return rounds
