@@ -61,7 +61,7 @@ class SubpixelSettings:
     min_correlation: float = 0.8
     max_shift: float = 1.0
     max_sigma: float = 0.25
-    sigma_px: float = 0.2
+    sigma_px: float = 0.15
     covariances: bool = False
 
     def __post_init__(self) -> None:
