@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'projection_matrices', 'refine_pose', 'residuals', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'projection_matrices', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -543,6 +543,10 @@ class CoreLinearModel:
     @property
     def residuals(self) -> numpy.typing.NDArray[numpy.float64]:
         ...
+def align_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float32]], templates: typing.Annotated[numpy.typing.ArrayLike, numpy.float32], which: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], centres: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], steps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], level: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> tuple:
+    """
+    Where an image looks like templates: centres (n, 2), correlations (n) (-1: nowhere near) and covariances (n, 3).
+    """
 def check(arrays: dict) -> list[str]:
     """
     Raise for a broken problem; return what its owner should know.
@@ -586,6 +590,10 @@ def refine_pose(view: dict, constraints: collections.abc.Sequence[dict], start: 
 def residuals(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (M, 2) residuals over their standard deviation.
+    """
+def sample_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float32]], centres: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], steps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], level: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], radius: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Patches (n, 2 radius + 1, 2 radius + 1) of an image; not a number where they are not all within it.
     """
 def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> CoreSummary:
     """

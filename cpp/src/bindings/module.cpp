@@ -41,4 +41,5 @@ PYBIND11_MODULE(_core, m) {
   sfmcpp::bindings::bind_camera_models(m);
   sfmcpp::bindings::bind_linearize(m);
   sfmcpp::bindings::bind_nearest(m);
+  sfmcpp::bindings::bind_patches(m);
 }

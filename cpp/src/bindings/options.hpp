@@ -17,5 +17,6 @@ void bind_constraint_kinds(py::module_& m);
 void bind_camera_models(py::module_& m);
 void bind_linearize(py::module_& m);
 void bind_nearest(py::module_& m);
+void bind_patches(py::module_& m);
 
 }  // namespace sfmcpp::bindings

@@ -90,6 +90,13 @@ Gps = Annotated[
         help=f"Positions of the photos; auto: those in the photos, if at least {LEAST_POSITIONS} have one.",
     ),
 ]
+Subpixel = Annotated[
+    bool,
+    typer.Option(
+        "--subpixel/--no-subpixel",
+        help="Move what the photos show of a point to where they look most alike, by parts of a pixel.",
+    ),
+]
 Resume = Annotated[
     bool,
     typer.Option(
@@ -114,6 +121,7 @@ def reconstruct(
     matcher: Matcher = "auto",
     masks: Masks = None,
     gps: Gps = "auto",
+    subpixel: Subpixel = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
     resume: Resume = False,
     view: View = False,
@@ -131,6 +139,7 @@ def reconstruct(
         "matcher": matcher,
         "masks": masks,
         "gps": _gps(gps),
+        "subpixel": subpixel,
         "seed": seed,
         "threads": threads,
     }

@@ -40,6 +40,27 @@ def depths(problem: Problem, points: FloatArray) -> FloatArray:
     return points_in_cameras(problem, require_points(problem, points))[:, 2]
 
 
+def projected_points(problem: Problem, points: FloatArray) -> FloatArray:
+    """Image of the point of each observation.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of any metric camera model, with M observations of N points.
+    points : (N, 3) float64
+        World points.
+
+    Returns
+    -------
+    (M, 2) float64
+        Pixels; not a number where the point is not in front of the camera or not a number.
+    """
+    require_metric(problem)
+    in_camera = points_in_cameras(problem, require_points(problem, points))
+    in_camera[~(in_camera[:, 2] > 0)] = np.nan
+    return to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
+
+
 def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     """Distance of each observation from the image of its point.
 

@@ -30,6 +30,7 @@ from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
+from sfmcpp.sfm.refining import refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -72,6 +73,7 @@ def reconstruct(
     matcher: str = "auto",
     masks: str | PathLike[str] | None = None,
     gps: str | PathLike[str] = "auto",
+    subpixel: bool = True,
     seed: int = 0,
     cache: str | PathLike[str] | None = None,
     threads: int | None = None,
@@ -107,6 +109,9 @@ def reconstruct(
         Positions of images, which bring the largest model into the world: ``"none"``; ``"exif"``, those that
         the files tell; ``"auto"``, the same if there are enough; or a file CSV of ``name, lat, lon, height``
         (WGS84) or ``name, x, y, z`` (metres).
+    subpixel : bool
+        Whether observations of the models are moved to where the photos of a point look most alike, and all
+        is adjusted once more; see :func:`sfmcpp.sfm.subpixel.refine_tracks`. Tracks without photos stay.
     seed : int
         Of every random sample; same seed, same result.
     cache : path-like, optional
@@ -146,6 +151,7 @@ def reconstruct(
         "shared_camera": shared_camera,
         "matcher": matcher,
         "gps": str(gps),
+        "subpixel": subpixel,
         "seed": seed,
     }
     known = known_positions(gps)
@@ -155,7 +161,14 @@ def reconstruct(
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _mapped(scene, run, METHODS[method])
+    if subpixel:
+        with run.timed("refining"):
+            photos = scene.graph.photos
+            refined = refine_models(grown.models, photos, run.settings, threads=threads, progress=progress)
     found = _finished(source, options, scene, grown, run)
+    if subpixel:
+        found.warnings += refined.warnings
+        found.interrupted |= refined.interrupted
     if positions is not None and found.model is not None:
         with run.timed("positions"):
             _georeference(found, positions, run, needed=gps != "auto")

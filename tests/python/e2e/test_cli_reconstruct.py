@@ -69,6 +69,7 @@ def test_the_defaults_ask_for_an_automatic_reconstruction(
         "matcher": "auto",
         "masks": None,
         "gps": "auto",
+        "subpixel": True,
         "seed": 0,
         "threads": None,
         "cache": Path("new/out/cache"),
@@ -83,7 +84,7 @@ def test_the_defaults_ask_for_an_automatic_reconstruction(
 def test_every_option_reaches_the_reconstruction(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = ending(monkeypatch, complete_run())
     words = "--method batch --camera K.txt --camera-model radial --shared-camera folder --matcher spatial"
-    words += " --masks masks --gps gps.csv --seed 7 --threads 3 --resume --quiet"
+    words += " --masks masks --gps gps.csv --no-subpixel --seed 7 --threads 3 --resume --quiet"
     assert main(["reconstruct", "photos", "-o", "out", *words.split()]) == 0
     expected = {
         "method": "batch",
