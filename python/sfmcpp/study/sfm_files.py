@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sfmcpp.study.sfm_report import SfmReport
 
 _MODEL_FILES = (*text.FILES, *binary.FILES)
-REPORT, PAGE = "report.json", "report.html"
+REPORT, TIMINGS, PAGE = "report.json", "timings.json", "report.html"
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000
 _READERS = 4
@@ -71,6 +71,7 @@ def _steps(report: SfmReport) -> Iterator[Step]:
             yield "points.ply", partial(write, problem)
             yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
+    yield TIMINGS, lambda path: write_report(report.timings(), path)
     yield PAGE, lambda path: _write_page(report, pictures, path)
 
 

@@ -87,7 +87,8 @@ class SfmReport(ReportTable):
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain values; what is not finite is None.
 
-        But for ``"seconds"``, it is the same for every run with the same input, options and seed.
+        It is the same for every run with the same input, options and seed; how long it took is
+        :meth:`timings`.
         """
         run, graph = self.run, self.run.graph
         largest = self.measures[0].to_dict() if self.measures else {}
@@ -113,10 +114,14 @@ class SfmReport(ReportTable):
             "gps": self._gps(),
             "images": self.images(),
             "pairs": [self.pair(pair) for pair in graph.pairs],
-            "seconds": {**run.seconds, "total": sum(run.seconds.values())},
         }
         found: dict[str, Any] = plain(content)
         return found
+
+    def timings(self) -> dict[str, dict[str, float]]:
+        """Wall time of each stage and of all [s]."""
+        seconds = self.run.seconds
+        return {"seconds": {**seconds, "total": sum(seconds.values())}}
 
     def options(self) -> dict[str, Any]:
         """How it was asked for, but for what changes no result; paths as text."""

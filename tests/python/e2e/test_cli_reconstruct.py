@@ -21,7 +21,7 @@ from sfmcpp.cli.main import main
 from sfmcpp.errors import DatasetError
 from sfmcpp.sfm import SfmRun
 
-FILES = ["model", "points.ply", "report.html", "report.json", "transforms.json", "view.html"]
+FILES = ["model", "points.ply", "report.html", "report.json", "timings.json", "transforms.json", "view.html"]
 Ended = Callable[..., SfmRun]
 
 
@@ -184,7 +184,11 @@ def test_without_a_model_it_is_bad_input_and_the_reasons_are_told(
     assert shown.err.startswith("sfmcpp: error: photos: no model: none of 4 images could be placed (")
     assert NO_MATCH in shown.err
     assert len(shown.err.splitlines()) == 1
-    assert sorted(path.name for path in Path("out").iterdir()) == ["report.html", "report.json"]
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "report.html",
+        "report.json",
+        "timings.json",
+    ]
 
 
 @pytest.mark.parametrize("quiet", [False, True])
