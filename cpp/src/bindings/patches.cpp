@@ -29,7 +29,7 @@ std::vector<features::GreyLevel> pyramid_of(const Images& images) {
 }
 
 template <class T>
-void require_shape(const Array<T>& array, const char* name, std::vector<py::ssize_t> shape) {
+void require_shape(const Array<T>& array, const char* name, const std::vector<py::ssize_t>& shape) {
   if (std::vector<py::ssize_t>(array.shape(), array.shape() + array.ndim()) != shape)
     throw InvalidArgument(std::string(name) + ": wrong shape");
 }
