@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-STAGES = ("features", "pairs", "matching", "geometry", "mapping")
+STAGES = ("features", "pairs", "matching", "geometry", "mapping", "refining")
 COLUMNS = ("images", "registered", "points", *STAGES, "total", "wall", "peak MB", "centre error m")
 _SHOWN_CALLS = 60
 
