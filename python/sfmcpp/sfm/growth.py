@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sfmcpp.geometry import (
     PoseEstimate,
     relative_pose,
-    reprojection_errors_px,
     resection,
     resection_with_focal,
     triangulation_angles_deg,
@@ -185,9 +184,9 @@ class Growth:
 
     def _candidates(self) -> NDArray[np.intp]:
         """Images without a pose that see enough points, those first that see most, and spread best."""
-        world = self.world
-        sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
-        counts = np.bincount(world.keypoint_images[sees], minlength=world.num_images)
+        world, structure = self.world, self.structure
+        sees = structure.sees_known()
+        counts = structure.points_of_images(sees)
         counts[world.registered] = 0
         if np.count_nonzero(world.registered & self._elsewhere) >= self._settings.overlap_images:
             counts[self._elsewhere] = 0
@@ -215,14 +214,14 @@ class Growth:
         """Give an image a pose by resection from the points it sees, and what it adds to the model."""
         world = self.world
         rows = world.keypoints_of([image])
-        points = world.keypoint_points[rows]
-        rows = rows[(points >= 0) & world.known[points]]
+        rows = rows[self.structure.sees_known(rows)]
         found = self._resection(rows, int(world.image_cameras[image]))
         if not found.success:
             self.reasons[image] = f"no pose explains the {len(rows)} points it sees: {found.message}"
             return False
         world.poses[image] = found.camera
-        self._forget_outliers(image)
+        errors_px = self.structure.errors_px(rows, world.keypoint_points[rows])
+        world.forget(rows[errors_px > 2 * self._settings.outlier_px])
         self._take_in(image)
         return True
 
@@ -252,17 +251,6 @@ class Growth:
         used = world.registered & (world.image_cameras == camera)
         adjusted = used.any() and np.count_nonzero(world.registered) >= self._settings.intrinsics_images
         return bool(self._scene.cameras.guessed[camera] and not adjusted)
-
-    def _forget_outliers(self, image: int) -> None:
-        world = self.world
-        only = np.zeros(world.num_images, dtype=np.bool_)
-        only[image] = True
-        rows = world.keypoints_of([image])
-        seen = world.keypoint_points[rows]
-        seen = seen[seen >= 0]
-        local = world.seen_from(only, seen[world.known[seen]])
-        far = reprojection_errors_px(local.problem, local.problem.points) > 2 * self._settings.outlier_px
-        world.forget(local.rows[far])
 
     def _take_in(self, image: int) -> None:
         """Points and observations that a new image brings, and the adjustment around it or of all."""
@@ -295,8 +283,7 @@ class Growth:
 
     def _give_up_lost_images(self) -> None:
         """Take the pose from images that hardly see a point any more."""
-        world = self.world
-        sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
-        counts = np.bincount(world.keypoint_images[sees], minlength=world.num_images)
+        world, structure = self.world, self.structure
+        counts = structure.points_of_images(structure.sees_known())
         lost = world.registered & (counts < self._settings.min_inliers // 2)
         world.poses[lost] = np.nan

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry import (
-    refine_points,
     reprojection_errors_px,
     robust_triangulation,
     triangulation_angles_deg,
@@ -50,6 +49,15 @@ class Structure:
         self.tracks = tracks.copy()
         self._apart = apart
         self.given_up = np.zeros(len(tracks), dtype=np.bool_)
+
+    def sees_known(self, rows: Numbers | slice = slice(None)) -> BoolArray:
+        """Which keypoints, all or `rows` (m,), see a point that has a position."""
+        points = self.world.keypoint_points[rows]
+        return np.asarray((points >= 0) & self.world.known[points])
+
+    def points_of_images(self, sees: BoolArray) -> NDArray[np.intp]:
+        """(I,) how many keypoints of each image are among those chosen, `sees` (K,)."""
+        return np.bincount(self.world.keypoint_images[sees], minlength=self.world.num_images)
 
     def triangulate(self, images: Numbers) -> int:
         """Give positions to tracks that `images` (n,) and others with a pose see; how many.
@@ -172,8 +180,3 @@ class Structure:
         self.world.drop(local, outliers, self._min_views)
         self.world.points[local.points[narrow]] = np.nan
         return int(np.count_nonzero(outliers))
-
-    def refine(self) -> None:
-        """Move every point to its least error with all poses fixed."""
-        local = self.world.whole_problem()
-        self.world.points[local.points] = refine_points(local.problem, local.problem.points, max_steps=3)
