@@ -128,6 +128,18 @@ class Summary:
         """Whether a tolerance was met, rather than a limit."""
         return self.termination == "converged"
 
+    def require_uninterrupted(self) -> Summary:
+        """Give the summary itself, for code that goes on with the state.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If Ctrl-C ended the solve.
+        """
+        if self.termination == "interrupted":
+            raise KeyboardInterrupt
+        return self
+
     def history(self) -> dict[str, NDArray[Any]]:
         """Columns (n,) of the iterations by field name, as for a data frame.
 

@@ -57,9 +57,7 @@ def adjusted(
     else:
         problem.fixed_intrinsics[few] = True
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **options)
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
-    return summary.final_cost
+    return summary.require_uninterrupted().final_cost
 
 
 def _neighbours(world: Map, image: int, count: int) -> NDArray[np.intp]:

@@ -166,10 +166,8 @@ def _adjust(
     group = ConstraintGroup("position", cameras, metres[images], name="gps")
     loss: dict[str, Any] = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas}
     summary = solve(local.problem, constraints=[group], weight="auto", **loss, **FINE)
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
+    (chosen,) = summary.require_uninterrupted().group_weights
     world.take(local)
-    (chosen,) = summary.group_weights
     return chosen.sensor_sigma, _centre_sigma_m(local, group, loss)
 
 

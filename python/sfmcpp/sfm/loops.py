@@ -70,15 +70,13 @@ def torn_observations(structure: Structure, least: int) -> Numbers:
 def _adjust(world: Map, scale_px: float) -> None:
     local = world.whole_problem(2)
     local.problem.fixed_intrinsics[:] = True
-    summary = solve(
+    solve(
         local.problem,
         loss="huber",
         loss_scale_px=scale_px / USUAL_SIGMA_PX,
         max_iterations=_STEPS,
         function_tolerance=1e-4,
-    )
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
+    ).require_uninterrupted()
     world.take(local)
 
 

@@ -43,9 +43,7 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
         loss_scale_px=2.0,
         max_iterations=10,
         function_tolerance=1e-4,
-    )
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
+    ).require_uninterrupted()
     world.take(local)
     drop_outliers(world, local, settings)
     return summary

@@ -193,10 +193,7 @@ class WeightFits:
         return [replace(g, weight=float(w)) for g, w in zip(self.groups, weights, strict=True)]
 
     def _adjust(self, state: Problem, weights: FloatArray, options: SolveOptions) -> Summary:
-        summary = adjust(state, self._weighted(weights), options)
-        if summary.termination == "interrupted":
-            raise KeyboardInterrupt
-        return summary
+        return adjust(state, self._weighted(weights), options).require_uninterrupted()
 
     def _result(self, state: Problem, summary: Summary) -> WeightFit:
         constraints = sum(final for _, final in summary.constraint_costs.values())

@@ -133,6 +133,8 @@ def test_interrupt_returns_the_best_state() -> None:
     start = sfmcpp.cost(problem)
     summary = sfmcpp.solve(problem, callback=press_ctrl_c, function_tolerance=0.0)
     assert summary.termination == "interrupted"
+    with pytest.raises(KeyboardInterrupt):
+        summary.require_uninterrupted()
     assert summary.final_cost == pytest.approx(sfmcpp.cost(problem), rel=1e-12)
     assert summary.final_cost < 0.1 * start
 
