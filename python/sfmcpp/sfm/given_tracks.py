@@ -2,43 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry import two_view_geometry
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.image_tracks import ImageTracks
-from sfmcpp.model.photos import Features, Photo
-from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.model.photos import Photo
+from sfmcpp.sfm.given_matches import match_graph_of_arrays
+from sfmcpp.sfm.in_order import Progress, silent
+from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.tracks import NO_TRACK, Tracks
 
 # Pairs of images that are looked at, for a start and for the report: those that share most tracks.
 _PAIRS_PER_IMAGE = 20
-
-
-def features_of(tracks: ImageTracks) -> list[Features]:
-    """Make each image's features from its observations, in the order of the tracks.
-
-    Parameters
-    ----------
-    tracks : ImageTracks
-        Observations of images.
-
-    Returns
-    -------
-    list of Features
-        Without colours, scales, angles and descriptors.
-    """
-    result = []
-    for image in range(tracks.num_images):
-        rows = _rows(tracks, image)
-        unknown = np.full(len(rows), np.nan)
-        colors, no_descriptors = np.zeros((len(rows), 3), np.uint8), np.zeros((len(rows), 0), np.uint8)
-        result.append(Features(tracks.pixels[rows], unknown, unknown, colors, no_descriptors))
-    return result
 
 
 def photos_of(tracks: ImageTracks) -> list[Photo]:
@@ -60,20 +39,21 @@ def sizes_of(tracks: ImageTracks) -> NDArray[np.int64]:
 
 
 def joined(tracks: ImageTracks) -> Tracks:
-    """Say which features of :func:`features_of` are one track; tracks seen once are none."""
-    counts = np.bincount(tracks.image_index, minlength=tracks.num_images)
-    begin = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
-    rows = np.concatenate([np.empty(0, np.intp), *(_rows(tracks, i) for i in range(tracks.num_images))])
-    seen = tracks.track_index[rows]
+    """Say which features of :func:`graph_of_tracks` are one track; tracks seen once are none."""
+    order, begin = _by_image(tracks)
+    seen = tracks.track_index[order]
     views = np.bincount(seen, minlength=tracks.num_tracks)
+    count = int(np.count_nonzero(views > 1))
     number = np.full(tracks.num_tracks, NO_TRACK, dtype=np.int32)
-    number[views > 1] = np.arange(np.count_nonzero(views > 1), dtype=np.int32)
-    return Tracks(begin, number[seen], int(np.count_nonzero(views > 1)), np.empty((0, 2), dtype=np.intp))
+    number[views > 1] = np.arange(count, dtype=np.int32)
+    return Tracks(begin, number[seen], count, np.empty((0, 2), dtype=np.intp))
 
 
-def _rows(tracks: ImageTracks, image: int) -> NDArray[np.intp]:
-    rows = np.flatnonzero(tracks.image_index == image)
-    return rows[np.argsort(tracks.track_index[rows], kind="stable")]
+def _by_image(tracks: ImageTracks) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Observations image after image, within one by their tracks (M,), and where each begins (I + 1,)."""
+    order = np.lexsort((tracks.track_index, tracks.image_index))
+    counts = np.bincount(tracks.image_index, minlength=tracks.num_images)
+    return order, np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
 
 
 def graph_of_tracks(
@@ -81,7 +61,8 @@ def graph_of_tracks(
     intrinsics: Sequence[FloatArray | None],
     *,
     seed: int = 0,
-    progress: Callable[[str, int, int], bool] = lambda *_: False,
+    threads: int | None = None,
+    progress: Progress = silent,
 ) -> MatchGraph:
     """Make the graph of the images and of those pairs of them that share most tracks.
 
@@ -93,39 +74,41 @@ def graph_of_tracks(
         Intrinsics of each image's camera, None where they are not known.
     seed : int
         Of every random sample.
+    threads : int, optional
+        As of :func:`match_graph_of_arrays`.
     progress : callable
-        Called with the name of the stage and how many pairs are done, of how many; returning True stops.
+        As of :func:`match_graph_of_arrays`.
 
     Returns
     -------
     MatchGraph
-        Its matches are tracks that both images see.
+        Features of an image are its observations in the order of the tracks; matches are tracks that both
+        images see.
 
     Raises
     ------
     KeyboardInterrupt
         If `progress` asks to stop.
     """
-    features = features_of(tracks)
-    numbers = [np.sort(tracks.track_index[tracks.image_index == i]) for i in range(tracks.num_images)]
-    chosen = _pairs(tracks)
-    pairs = []
-    for done, (first, second) in enumerate(chosen, 1):
-        _, in_first, in_second = np.intersect1d(
-            numbers[first], numbers[second], assume_unique=True, return_indices=True
-        )
-        matches = np.column_stack([in_first, in_second]).astype(np.int32)
-        found = two_view_geometry(
-            features[first].pixels[in_first],
-            features[second].pixels[in_second],
-            intrinsics[first],
-            intrinsics[second],
-            seed=seed,
-        )
-        pairs.append(Pair(first, second, matches, found))
-        if progress("geometry", done, len(chosen)):
-            raise KeyboardInterrupt
-    return MatchGraph(photos_of(tracks), features, pairs)
+    order, begin = _by_image(tracks)
+    rows = np.split(order, begin[1:-1])
+    seen = [tracks.track_index[some] for some in rows]
+    return match_graph_of_arrays(
+        [tracks.pixels[some] for some in rows],
+        {(i, j): _shared(seen[i], seen[j]) for i, j in _pairs(tracks)},
+        sizes_of(tracks),
+        tracks.names,
+        intrinsics=intrinsics,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+    )
+
+
+def _shared(first: IndexArray, second: IndexArray) -> NDArray[np.intp]:
+    """(m, 2) places of the tracks that stand in both, ascending."""
+    _, *places = np.intersect1d(first, second, assume_unique=True, return_indices=True)
+    return np.column_stack(places)
 
 
 def _pairs(tracks: ImageTracks) -> list[tuple[int, int]]:

@@ -185,7 +185,7 @@ def _scene_of(
     if isinstance(source, MatchGraph):
         return Scene.of(source, _with_guessed_focals(source, run.cameras_of(source.photos)))
     if isinstance(source, ImageTracks):
-        return _scene_of_tracks(source, run)
+        return _scene_of_tracks(source, run, front.threads)
     path = Path(source)
     if not path.exists():
         raise DatasetError(path, "no such file or directory")
@@ -197,7 +197,7 @@ def _scene_of(
 
     with run.timed("reading"):
         tracks = read_image_tracks(path)
-    return _scene_of_tracks(tracks, run)
+    return _scene_of_tracks(tracks, run, front.threads)
 
 
 def _has_images(folder: Path) -> bool:
@@ -229,13 +229,15 @@ def _scene_of_photos(
         return Scene.of(graph, _with_guessed_focals(graph, cameras))
 
 
-def _scene_of_tracks(tracks: ImageTracks, run: _Run) -> Scene:
+def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Scene:
     cameras = run.cameras_of(photos_of(tracks))
     if run.cameras.calibration is None:
         known = np.isfinite(tracks.centres).all(axis=1)
         cameras.intrinsics[cameras.of_image[known], 2:4] = tracks.centres[known]
     with run.timed("matching"):
-        graph = graph_of_tracks(tracks, _known_rows(cameras), seed=run.settings.seed, progress=run.progress)
+        graph = graph_of_tracks(
+            tracks, _known_rows(cameras), seed=run.settings.seed, threads=threads, progress=run.progress
+        )
     return Scene(graph, _with_guessed_focals(graph, cameras), joined(tracks))
 
 
