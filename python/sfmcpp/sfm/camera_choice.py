@@ -24,7 +24,9 @@ _WORTH = 0.015
 _BENT = 1.15
 
 
-def choose_camera_model(world: Map, settings: IncrementalSettings, positions: Positions | None = None) -> str:
+def choose_camera_model(
+    world: Map, settings: IncrementalSettings, positions: Positions | None = None
+) -> None:
     """Free more intrinsics of the cameras of a model, as long as that is worth it.
 
     Where positions of the images are known, they are an independent witness: intrinsics that bend the model
@@ -33,16 +35,12 @@ def choose_camera_model(world: Map, settings: IncrementalSettings, positions: Po
     Parameters
     ----------
     world : Map
-        Adjusted with ``"simple-radial"`` cameras; it is adjusted with those that are chosen.
+        Adjusted with ``"simple-radial"`` cameras; it is adjusted with those that are chosen, and they are
+        named.
     settings : IncrementalSettings
         Scale of the loss, and how many images a camera needs.
     positions : Positions, optional
         Where the images were taken.
-
-    Returns
-    -------
-    str
-        Name of the richest camera model that is needed.
     """
     name, best = "simple-radial", adjusted(world, settings, **FINE)
     apart = _apart(world.poses, positions, settings)
@@ -55,15 +53,13 @@ def choose_camera_model(world: Map, settings: IncrementalSettings, positions: Po
         cost = adjusted(world, settings, local, **FINE)
         poses = world.poses.copy()
         poses[local.images] = local.problem.cameras
-        bent = _apart(poses, positions, settings) > _BENT * apart
-        if cost < (1 - _WORTH) * best and not bent:
+        moved = _apart(poses, positions, settings)
+        if cost < (1 - _WORTH) * best and moved <= _BENT * apart:
             world.take(local)
-            apart = _apart(world.poses, positions, settings)
             world.fixed_intrinsics[local.cameras] = freed
-            name, best = richer, cost
+            name, best, apart = richer, cost, moved
     for camera in np.flatnonzero(~world.fixed_intrinsics.all(axis=1)):
         world.camera_names[camera] = name.upper().replace("-", "_")
-    return name
 
 
 def _apart(poses: FloatArray, positions: Positions | None, settings: IncrementalSettings) -> float:

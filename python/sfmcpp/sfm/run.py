@@ -30,7 +30,7 @@ from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
-from sfmcpp.sfm.refining import refine_models
+from sfmcpp.sfm.refining import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -161,14 +161,14 @@ def reconstruct(
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _mapped(scene, run, METHODS[method])
+    refined = Refinement()
     if subpixel:
         with run.timed("refining"):
             photos = scene.graph.photos
             refined = refine_models(grown.models, photos, run.settings, threads=threads, progress=progress)
     found = _finished(source, options, scene, grown, run)
-    if subpixel:
-        found.warnings += refined.warnings
-        found.interrupted |= refined.interrupted
+    found.warnings += refined.warnings
+    found.interrupted |= refined.interrupted
     if positions is not None and found.model is not None:
         with run.timed("positions"):
             _georeference(found, positions, run, needed=gps != "auto")
