@@ -43,6 +43,9 @@ Outliers = Annotated[
 PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the points.")]
 PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the centres.")]
 RotationSigma = Annotated[float, typer.Option(metavar="DEG", help="Noise on the rotations, about each axis.")]
+FocalSigma = Annotated[
+    float, typer.Option(metavar="SHARE", help="Noise on the logarithms of free focal lengths.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the scene and of all noise.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
@@ -73,6 +76,7 @@ def synth(
     point_sigma_m: PointSigma = 0.0,
     position_sigma_m: PositionSigma = 0.0,
     rotation_sigma_deg: RotationSigma = 0.0,
+    focal_sigma: FocalSigma = 0.0,
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> ExitCode:
@@ -88,10 +92,12 @@ def synth(
         "point_sigma_m": point_sigma_m,
         "position_sigma_m": position_sigma_m,
         "rotation_sigma_deg": rotation_sigma_deg,
+        "focal_sigma": focal_sigma,
     }
     _check_targets(output, truth)
-    exact = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
-    true_problem, _ = add_outliers(exact, outliers, seed=seed)
+    true_problem = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
+    if outliers != 0:
+        true_problem, _ = add_outliers(true_problem, outliers, seed=seed)
     start = perturb(true_problem, seed=seed, **noise)
     _write(start, output, true_problem, truth)
     if not quiet:

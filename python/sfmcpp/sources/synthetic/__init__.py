@@ -10,8 +10,10 @@ from sfmcpp.sources.synthetic.around import circle_scene, sphere_scene
 from sfmcpp.sources.synthetic.body_motion import BodySensors, SyntheticDrive
 from sfmcpp.sources.synthetic.city_blocks import city_blocks_scene
 from sfmcpp.sources.synthetic.corridor import corridor_scene
+from sfmcpp.sources.synthetic.drive_with_loops import drive_with_loops_scene
 from sfmcpp.sources.synthetic.missing import hide_observations
 from sfmcpp.sources.synthetic.noise import add_outliers, perturb
+from sfmcpp.sources.synthetic.photo_collection import photo_collection_scene
 from sfmcpp.sources.synthetic.street_loop import street_loop_scene
 from sfmcpp.sources.synthetic.table_walk import table_walk
 from sfmcpp.sources.synthetic.tracker import Tracker
@@ -27,8 +29,10 @@ __all__ = [
     "circle_scene",
     "city_blocks_scene",
     "corridor_scene",
+    "drive_with_loops_scene",
     "hide_observations",
     "perturb",
+    "photo_collection_scene",
     "sphere_scene",
     "street_loop_scene",
     "table_walk",
@@ -42,6 +46,8 @@ SCENES: dict[str, Callable[..., Problem]] = {
     "corridor": corridor_scene,
     "street-loop": street_loop_scene,
     "city-blocks": city_blocks_scene,
+    "drive-with-loops": drive_with_loops_scene,
+    "photo-collection": photo_collection_scene,
 }
 
 # Each takes length_m, frame_hz, focal_px, image_size, tracker, sensors and seed.

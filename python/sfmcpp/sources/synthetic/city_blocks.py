@@ -4,21 +4,9 @@ from __future__ import annotations
 
 from itertools import count
 
-import numpy as np
-
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import require_above, require_count, require_positive
-from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
-from sfmcpp.sources.synthetic.observation import keep_points_seen_twice, observe
-from sfmcpp.sources.synthetic.sight import Sight
-from sfmcpp.sources.synthetic.streets import LOOK_AHEAD_M, Route, StreetGrid
-
-_POINTS_PER_CAMERA = 100
-# Of the tracks of BAL's problem-49-7776 a share of about (2/k)^1.45 is of k or more observations. To begin
-# below two, and to drop what is then seen once, gives the shortest tracks their share.
-_TRACK_EXPONENT = 1.45
-_SHORTEST_TRACK = 1.5
+from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion
+from sfmcpp.sources.synthetic.street_drive import street_drive
 
 
 def city_blocks_scene(
@@ -75,35 +63,21 @@ def city_blocks_scene(
         block, `max_depth_m` too small for any front to come into view, the camera model unknown, or if the
         distortion does not fit it.
     """
-    num_points = _POINTS_PER_CAMERA * num_cameras if num_points is None else num_points
-    require_count("num_cameras", num_cameras, at_least=2)
-    require_count("num_points", num_points)
-    require_positive("spacing_m", spacing_m)
-    require_positive("street_m", street_m)
-    require_above("block_m", block_m, street_m, "the width of the street")
-    geometry = ImageGeometry(camera_model, focal_px, image_size, distortion)
-    nearest_m = street_m * focal_px / image_size[0]
-    recognised_m = nearest_m + _SHORTEST_TRACK * spacing_m
-    require_above("max_depth_m", max_depth_m, recognised_m, "where a front comes into view and is recognised")
-    rng = np.random.default_rng(seed)
-    driven_m = spacing_m * np.arange(num_cameras, dtype=np.float64)
-    fronts_m = rng.uniform(0, driven_m[-1] + recognised_m, num_points)
-    longest_track = (max_depth_m - nearest_m) / spacing_m
-    depth_m = nearest_m + spacing_m * _track_lengths(num_points, longest_track, rng)
-    grid = StreetGrid((block_m, block_m), street_m)
-    route = Route(grid, _crossings((driven_m[-1] + recognised_m + LOOK_AHEAD_M) / block_m))
-    points = route.fronts(fronts_m, rng)
-    sight = Sight(depth_m, grid.hides)
-    return keep_points_seen_twice(
-        observe(geometry, route.drive(driven_m), points, pixel_sigma_px, rng, sight)
+    return street_drive(
+        _crossings,
+        num_cameras,
+        num_points,
+        spacing_m=spacing_m,
+        block_m=block_m,
+        street_m=street_m,
+        max_depth_m=max_depth_m,
+        focal_px=focal_px,
+        image_size=image_size,
+        pixel_sigma_px=pixel_sigma_px,
+        camera_model=camera_model,
+        distortion=distortion,
+        seed=seed,
     )
-
-
-def _track_lengths(count: int, longest: float, rng: np.random.Generator) -> FloatArray:
-    """(count,) Pareto-distributed from the shortest to the `longest`, by the inverse of its distribution."""
-    share_beyond = (_SHORTEST_TRACK / longest) ** _TRACK_EXPONENT
-    lengths: FloatArray = _SHORTEST_TRACK * rng.uniform(share_beyond, 1, count) ** (-1 / _TRACK_EXPONENT)
-    return lengths
 
 
 def _crossings(blocks: float) -> list[tuple[int, int]]:

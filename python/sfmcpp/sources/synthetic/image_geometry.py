@@ -14,7 +14,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import unit
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_finite, require_one_of, require_positive
 
 Distortion = tuple[float, float]
@@ -109,11 +109,16 @@ class ImageGeometry:
         depth = points_in_camera[:, 2]
         in_reach = np.flatnonzero((depth > 0) & (depth <= max_depth_m))
         x, y, z = points_in_camera[in_reach].T
-        offset_px, unfolded = self._image(np.stack([x / z, y / z], axis=1))
-        inside = (np.abs(offset_px) <= self.half_size_px).all(axis=1) & unfolded
+        offset_px, unfolded = self.image(np.stack([x / z, y / z], axis=1))
+        inside = self.contains(offset_px) & unfolded
         return in_reach[inside].astype(np.int32), offset_px[inside] + self.principal_point_px
 
-    def _image(self, tangents: FloatArray) -> tuple[FloatArray, np.bool_ | np.ndarray]:
+    def contains(self, offset_px: FloatArray) -> BoolArray:
+        """(N,) whether offsets (N, 2) from the principal point are in the image."""
+        across, down = np.abs(offset_px).T
+        return np.asarray((across <= self.half_size_px[0]) & (down <= self.half_size_px[1]))
+
+    def image(self, tangents: FloatArray) -> tuple[FloatArray, BoolArray | np.bool_]:
         """Offsets from the principal point [px], and which of them are no images of points far outside."""
         if not self.is_distorted:
             return self.focal_px * tangents, np.True_

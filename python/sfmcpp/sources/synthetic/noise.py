@@ -78,12 +78,13 @@ def perturb(
     point_sigma_m: float = 0.0,
     position_sigma_m: float = 0.0,
     rotation_sigma_deg: float = 0.0,
+    focal_sigma: float = 0.0,
     seed: int,
 ) -> Problem:
-    """Copy `problem` with Gaussian noise on its points and poses (thesis §4.4.1.3).
+    """Copy `problem` with Gaussian noise on its points, poses (thesis §4.4.1.3) and focal lengths.
 
-    Fixed points and fixed cameras stay where they are. The same seed gives the same directions at every
-    noise level, and each of the three kinds of noise is independent of the levels of the others.
+    What is fixed stays as it is. The same seed gives the same directions at every noise level, and each
+    kind of noise is independent of the levels of the others.
 
     Parameters
     ----------
@@ -95,6 +96,8 @@ def perturb(
         Standard deviation of each coordinate of the camera centres [m].
     rotation_sigma_deg : float
         Standard deviation of each component of the rotation vector w in ``R ← R exp([w]×)`` [deg].
+    focal_sigma : float
+        Standard deviation of the logarithm of the free focal lengths.
     seed : int
         Seed of the noise.
 
@@ -106,6 +109,7 @@ def perturb(
     require_not_negative("point_sigma_m", point_sigma_m)
     require_not_negative("position_sigma_m", position_sigma_m)
     require_not_negative("rotation_sigma_deg", rotation_sigma_deg)
+    require_not_negative("focal_sigma", focal_sigma)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_PERTURBED))
     cameras = problem.num_cameras
     point_steps = point_sigma_m * rng.standard_normal((problem.num_points, 3))
@@ -117,4 +121,9 @@ def perturb(
     result.points[free_points] += point_steps[free_points]
     result.centres[free_cameras] += position_steps[free_cameras]
     result.rotations[free_cameras] = (problem.rotations @ so3.exp(rotation_steps_rad))[free_cameras]
+    if focal_sigma > 0 and "f" in problem.intrinsic_names:
+        column = problem.intrinsic_names.index("f")
+        free_focals = ~problem.fixed_intrinsics[:, column]
+        zoom = np.exp(focal_sigma * rng.standard_normal(len(free_focals)))
+        result.intrinsics[free_focals, column] *= zoom[free_focals]
     return result

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_not_negative
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
 from sfmcpp.sources.synthetic.sight import Lookout, Sight
+
+_NOISE_BLOCK = 1 << 20
 
 
 def observe(
@@ -38,21 +43,66 @@ def observe(
     else:
         lookout = Lookout(geometry, points, sight)
         seen = [lookout.view(camera) for camera in cameras]
-    point_index = np.concatenate([indices for indices, _ in seen])
     camera_index = np.repeat(np.arange(len(cameras), dtype=np.int32), [len(i) for i, _ in seen])
+    point_index = np.concatenate([indices for indices, _ in seen])
     pixels = np.concatenate([exact for _, exact in seen])
-    by_point = np.argsort(point_index, kind="stable")
+    del seen
+    views = Views(camera_index, point_index, pixels)
+    return problem_of_views(geometry, cameras, points, views, pixel_sigma_px, rng)
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What cameras see of points, without noise: M camera and point indices, (M, 2) pixels."""
+
+    camera_index: IndexArray
+    point_index: IndexArray
+    pixels: FloatArray
+
+    @staticmethod
+    def joined(parts: Sequence[Views]) -> Views:
+        """All of them, in order."""
+        columns = zip(*((part.camera_index, part.point_index, part.pixels) for part in parts), strict=True)
+        return Views(*map(np.concatenate, columns))
+
+
+def problem_of_views(
+    geometry: ImageGeometry,
+    cameras: FloatArray,
+    points: FloatArray,
+    views: Views,
+    pixel_sigma_px: float,
+    rng: np.random.Generator,
+) -> Problem:
+    """Sort the views by point and then by camera, and add Gaussian noise to each coordinate.
+
+    Raises
+    ------
+    InvalidArgument
+        If `pixel_sigma_px` is negative or not finite.
+    """
+    require_not_negative("pixel_sigma_px", pixel_sigma_px)
+    by_point = np.lexsort((views.camera_index, views.point_index))
+    pixels = views.pixels[by_point]
+    add_noise(pixels, pixel_sigma_px, rng)
     problem = Problem(
         geometry.camera_model,
         cameras,
         geometry.intrinsics(len(cameras)),
         points,
-        camera_index[by_point],
-        point_index[by_point],
-        pixels[by_point] + pixel_sigma_px * rng.standard_normal(pixels.shape),
+        views.camera_index[by_point],
+        views.point_index[by_point],
+        pixels,
     )
     problem.metadata.image_sizes = np.tile(np.array(geometry.image_size, dtype=np.int64), (len(cameras), 1))
     return problem
+
+
+def add_noise(pixels: FloatArray, sigma_px: float, rng: np.random.Generator) -> None:
+    """Add Gaussian noise to `pixels` (M, 2) in place: by blocks, with the numbers of one call."""
+    for start in range(0, len(pixels), _NOISE_BLOCK):
+        block = pixels[start : start + _NOISE_BLOCK]
+        block += sigma_px * rng.standard_normal(block.shape)
 
 
 def keep_points_seen_twice(problem: Problem) -> Problem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 
 import numpy as np
@@ -159,7 +160,8 @@ def enters(start: FloatArray, way: FloatArray, lower: FloatArray, upper: FloatAr
     """Whether the ways (N, k) from `start` pass through the inside of boxes along the axes (slab method)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         to_lower, to_upper = (lower - start) / way, (upper - start) / way
-    entry = np.minimum(to_lower, to_upper).max(axis=1)
-    exit_ = np.maximum(to_lower, to_upper).min(axis=1)
+    # Column by column: reductions over rows as short as these cost several times as much.
+    entry = reduce(np.maximum, np.minimum(to_lower, to_upper).T)
+    exit_ = reduce(np.minimum, np.maximum(to_lower, to_upper).T)
     inside: BoolArray = np.maximum(entry, 0) < np.minimum(exit_, 1)
     return inside

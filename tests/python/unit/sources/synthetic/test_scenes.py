@@ -17,6 +17,8 @@ SMALL: dict[str, dict[str, Any]] = {
     "corridor": {"num_cameras": 40, "num_points": 2000, "length_m": 40.0},
     "street-loop": {"num_cameras": 80, "num_points": 3000},
     "city-blocks": {"num_cameras": 120},
+    "drive-with-loops": {"num_cameras": 120},
+    "photo-collection": {"num_cameras": 120, "cameras_per_landmark": 40},
 }
 # These keep every point, seen or not.
 COMPLETE = {"circle", "sphere"}
@@ -65,7 +67,7 @@ def test_distortion_moves_the_pixels_by_its_polynomial(name: str) -> None:
     plain, distorted = (
         scene(name, pixel_sigma_px=0.0, camera_model="bal", distortion=d) for d in ((0, 0), (0.05, 0.02))
     )
-    focal_px = plain.intrinsics[0, 0]
+    focal_px = plain.intrinsics[plain.intrinsics_index[distorted.camera_index], :1]
     # Pincushion distortion only drives observations out, so those left are all among the plain ones.
     pixel_at = {
         (c, tuple(plain.points[p])): pixel
@@ -193,6 +195,11 @@ def test_a_bad_argument_is_named_with_its_value(name: str, options: dict[str, An
         ("city-blocks", {"block_m": 10.0}, "block_m = 10.0: must be finite and above 14"),
         ("city-blocks", {"street_m": -1.0}, "street_m = -1.0"),
         ("city-blocks", {"max_depth_m": 11.0}, "max_depth_m = 11.0: must be finite and above 11.3"),
+        ("drive-with-loops", {"num_cameras": 1}, "num_cameras = 1: must be at least 2"),
+        ("drive-with-loops", {"block_m": 10.0}, "block_m = 10.0: must be finite and above 14"),
+        ("photo-collection", {"num_cameras": 1}, "num_cameras = 1: must be at least 2"),
+        ("photo-collection", {"cameras_per_landmark": 1}, "cameras_per_landmark = 1: must be at least 2"),
+        ("photo-collection", {"focal_spread": -0.1}, "focal_spread = -0.1"),
     ],
 )
 def test_a_bad_measure_is_named_with_its_value(name: str, options: dict[str, Any], message: str) -> None:
