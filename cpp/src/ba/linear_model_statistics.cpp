@@ -46,7 +46,8 @@ void LinearModel::factorize() {
   Workspace& space = work_->space;
   auto kind = linear::choose_linear_solver(space.graph,
                                            space.map,
-                                           linear::LinearSolverKind::kAuto,
+                                           {},
+                                           space.pool,
                                            work_->normal().camera_terms().pairs())
                   .kind;
   if (kind != linear::LinearSolverKind::kDense) kind = linear::LinearSolverKind::kSparse;

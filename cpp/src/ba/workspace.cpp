@@ -102,13 +102,14 @@ std::unique_ptr<linear::LinearSolver> make_solver(const BundleModel& model,
   return linear::make_linear_solver(model.normal_equations(), chosen, std::move(choice.structure));
 }
 
-linear::LinearSolverChoice choose_solver(const Workspace& work, const SolveOptions& options) {
+linear::LinearSolverChoice choose_solver(Workspace& work, const SolveOptions& options) {
   if (!facts_of(options.minimizer.method).solves_linear_system) {
     return {linear::LinearSolverKind::kIterative, "the method solves no system of all cameras"};
   }
   return linear::choose_linear_solver(work.graph,
                                       work.map,
-                                      options.linear_solver.kind,
+                                      options.linear_solver,
+                                      work.pool,
                                       work.model.normal_equations().camera_terms().pairs(),
                                       work.exchange);
 }

@@ -12,8 +12,8 @@ namespace {
 constexpr int kRowsPerBatch = 64;
 
 std::shared_ptr<const ReducedStructure> make_structure(const NormalEquations& normal, bool sparse) {
-  CameraPattern pattern =
-      make_global_camera_pattern(normal.graph(), normal.camera_terms().pairs(), normal.exchange());
+  CameraPattern pattern = make_global_camera_pattern(
+      normal.graph(), normal.camera_terms().pairs(), normal.pool(), normal.exchange());
   return std::make_shared<ReducedStructure>(
       sparse ? make_sparse_structure(std::move(pattern), normal.map())
              : ReducedStructure{.pattern = std::move(pattern)});

@@ -11,14 +11,6 @@
 namespace sfmcpp::linear {
 namespace {
 
-std::vector<std::vector<int>> later_partners(int num_cameras, const CameraPairs& pairs) {
-  std::vector<std::vector<int>> partners(pairs.empty() ? 0 : num_cameras);
-  for (const auto& [i, j] : pairs) {
-    if (i != j) partners[std::min(i, j)].push_back(std::max(i, j));
-  }
-  return partners;
-}
-
 using Pattern = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
 
 // The distinct variable blocks that the columns of a camera belong to: its own, and shared ones.
@@ -85,50 +77,6 @@ void predict_cost(const BlockGraph& graph, BlockOrdering& ordering) {
 }
 
 }  // namespace
-
-CameraPattern make_camera_pattern(const ObservationGraph& graph, const CameraPairs& pairs) {
-  const std::vector<std::vector<int>> partners = later_partners(graph.num_cameras, pairs);
-  CameraPattern pattern;
-  pattern.row_begin.push_back(0);
-  std::vector<int> last_row(graph.num_cameras, -1);  // row in which each camera was met last
-  for (int i = 0; i < graph.num_cameras; ++i) {
-    const auto meet = [&](int j) {
-      if (last_row[j] == i) return;
-      last_row[j] = i;
-      pattern.column.push_back(j);
-    };
-    pattern.column.push_back(i);
-    for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
-      const int end = graph.point_begin[graph.point[a] + 1];
-      for (int position = graph.rank[a] + 1; position < end; ++position) {
-        meet(graph.camera[graph.of_point[position]]);
-      }
-    }
-    if (!partners.empty()) std::for_each(partners[i].begin(), partners[i].end(), meet);
-    std::sort(pattern.column.begin() + pattern.row_begin.back(), pattern.column.end());
-    pattern.row_begin.push_back(static_cast<long>(pattern.column.size()));
-  }
-  return pattern;
-}
-
-CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
-                                         const CameraPairs& pairs,
-                                         Exchange& exchange) {
-  CameraPattern mine = make_camera_pattern(graph, pairs);
-  if (exchange.num_ranks() == 1) return mine;
-  std::vector<double> cameras;
-  for (int i = 0; i < mine.num_rows(); ++i) {
-    for (long block = mine.row_begin[i]; block < mine.row_begin[i + 1]; ++block) {
-      cameras.push_back(i);
-      cameras.push_back(mine.column[block]);
-    }
-  }
-  CameraPairs all;
-  cameras = exchange.gather(cameras);
-  for (std::size_t k = 0; k < cameras.size(); k += 2)
-    all.emplace_back(static_cast<int>(cameras[k]), static_cast<int>(cameras[k + 1]));
-  return make_camera_pattern(graph, all);
-}
 
 double num_pair_updates(const ObservationGraph& graph) {
   double pairs = 0.0;

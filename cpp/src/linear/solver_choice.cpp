@@ -60,10 +60,11 @@ Prediction predict_iterative(const Counts& counts, double size) {
 
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
-                                        LinearSolverKind requested,
+                                        const LinearSolverOptions& options,
+                                        ThreadPool& pool,
                                         const CameraPairs& pairs,
                                         Exchange& exchange) {
-  if (requested != LinearSolverKind::kAuto) return {requested, "as requested"};
+  if (options.kind != LinearSolverKind::kAuto) return {options.kind, "as requested"};
   const double size = map.camera_size, columns = map.num_columns;
   const Counts counts = count(graph, exchange);
   const Prediction form = predict_form(counts, size);
@@ -77,7 +78,7 @@ LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
   LinearSolverChoice choice{LinearSolverKind::kIterative, ""};
   if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
     const auto structure = std::make_shared<ReducedStructure>(
-        make_sparse_structure(make_global_camera_pattern(graph, pairs, exchange), map));
+        make_sparse_structure(make_global_camera_pattern(graph, pairs, pool, exchange), map));
     const auto blocks = static_cast<double>(structure->pattern.num_blocks());
     sparse = {form.seconds + structure->ordering.flops / kSparseRate,
               form.bytes + 8 * (size * size * blocks + structure->ordering.factor_entries)};

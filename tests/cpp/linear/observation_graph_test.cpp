@@ -111,30 +111,12 @@ TEST_P(RandomGraph, PointIndicesCanBeReadAPackBeyondTheEnd) {
   }
 }
 
-// Against all pairs of cameras, the slow way.
-TEST_P(RandomGraph, CameraPatternHoldsExactlyThePairsWithACommonPoint) {
-  const Observations sparse = random_observations(GetParam(), 15, 25, 0.15);
-  const ObservationGraph g =
-      make_observation_graph(sparse.num_cameras, sparse.num_points, sparse.camera, sparse.point);
-  std::set<std::pair<int, int>> expected;
-  for (int i = 0; i < g.num_cameras; ++i) expected.emplace(i, i);
+TEST_P(RandomGraph, PairUpdatesAreThePairsOfObservationsOfAPointAndTheObservations) {
   double pairs = 0.0;
-  for (std::size_t a = 0; a < sparse.camera.size(); ++a) {
-    for (std::size_t b = 0; b < sparse.camera.size(); ++b) {
-      if (sparse.point[a] == sparse.point[b] && sparse.camera[a] <= sparse.camera[b]) {
-        expected.emplace(sparse.camera[a], sparse.camera[b]);
-      }
-      pairs += sparse.point[a] == sparse.point[b] && a <= b;
-    }
+  for (int a = 0; a < count; ++a) {
+    for (int b = a; b < count; ++b) pairs += given.point[a] == given.point[b];
   }
-  const CameraPattern pattern = make_camera_pattern(g);
-  std::vector<std::pair<int, int>> actual;
-  for (int i = 0; i < pattern.num_rows(); ++i) {
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
-      actual.emplace_back(i, pattern.column[k]);
-  }
-  EXPECT_EQ(actual, (std::vector<std::pair<int, int>>(expected.begin(), expected.end())));
-  EXPECT_EQ(num_pair_updates(g), pairs);
+  EXPECT_EQ(num_pair_updates(graph), pairs);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomGraph, testing::Values(1u, 2u, 3u));

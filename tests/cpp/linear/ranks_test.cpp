@@ -133,7 +133,8 @@ TEST_P(Ranks, SweepAndPreconditionAsTheWhole) {
 // Pairs of cameras that only the points of the other rank relate are there too.
 TEST_P(Ranks, KnowWhichCamerasMeetOnAnyRank) {
   const auto pattern = [](const RandomSystem& system) {
-    return make_global_camera_pattern(system.graph, {{0, 4}}, system.normal().exchange());
+    return make_global_camera_pattern(
+        system.graph, {{0, 4}}, system.normal().pool(), system.normal().exchange());
   };
   compare(pattern, [](const CameraPattern& mine, const CameraPattern& whole, int) {
     EXPECT_EQ(mine.row_begin, whole.row_begin);
@@ -144,7 +145,7 @@ TEST_P(Ranks, KnowWhichCamerasMeetOnAnyRank) {
 TEST_P(Ranks, ChooseTheSolverOfTheWhole) {
   const auto choice = [](const RandomSystem& system) {
     return choose_linear_solver(
-               system.graph, system.map, LinearSolverKind::kAuto, {}, system.normal().exchange())
+               system.graph, system.map, {}, system.normal().pool(), {}, system.normal().exchange())
         .reason;
   };
   compare(choice, [](const auto& mine, const auto& whole, int) { EXPECT_EQ(mine, whole); });

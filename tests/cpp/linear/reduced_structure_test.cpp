@@ -15,6 +15,11 @@ namespace {
 
 using Matrix = Eigen::SparseMatrix<double>;
 
+CameraPattern pattern_of(const support::SystemOptions& options) {
+  ThreadPool pool(1);
+  return make_camera_pattern(make_graph(options), {}, pool);
+}
+
 BlockGraph random_block_graph(unsigned seed, int blocks, double density) {
   std::mt19937 random(seed);
   std::bernoulli_distribution coupled(density);
@@ -103,8 +108,7 @@ TEST(OrderBlocks, FillsLessThanTheGivenOrderOnAStar) {
 TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNeighbours) {
   const support::SystemOptions options{
       .cameras = 6, .points = 12, .camera_size = 9, .shared = 3, .groups = 3, .window = 2};
-  const BlockGraph graph =
-      make_block_graph(make_camera_pattern(make_graph(options)), make_map(options));
+  const BlockGraph graph = make_block_graph(pattern_of(options), make_map(options));
   ASSERT_EQ(graph.size, (std::vector<int>{6, 6, 6, 6, 6, 6, 3, 3, 3}));
   const auto coupled = [&](int a, int b) {
     return std::binary_search(graph.edges.begin(), graph.edges.end(), std::pair(a, b));
@@ -117,22 +121,10 @@ TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNe
   EXPECT_TRUE(coupled(6, 7) && coupled(7, 8) && coupled(6, 8));
 }
 
-TEST(CameraPattern, HasABlockForEveryPairWhetherItSharesAPointOrNot) {
-  const ObservationGraph graph = support::make_graph({.cameras = 8, .points = 80, .window = 2});
-  const CameraPairs pairs{{5, 1}, {0, 1}, {3, 3}};
-  const CameraPattern without = make_camera_pattern(graph);
-  const CameraPattern with = make_camera_pattern(graph, pairs);
-  ASSERT_EQ(with.num_blocks(), without.num_blocks() + 1);  // cameras 0 and 1 share points
-  const std::vector<int> row(with.column.begin() + with.row_begin[1],
-                             with.column.begin() + with.row_begin[2]);
-  EXPECT_EQ(row, (std::vector<int>{1, 2, 5}));
-}
-
 TEST(OrderBlocks, IntrinsicsThatAllCamerasShareComeLast) {
   const support::SystemOptions options{
       .cameras = 300, .points = 600, .camera_size = 9, .shared = 3, .groups = 1, .window = 3};
-  const ReducedStructure structure =
-      make_sparse_structure(make_camera_pattern(make_graph(options)), make_map(options));
+  const ReducedStructure structure = make_sparse_structure(pattern_of(options), make_map(options));
   EXPECT_EQ(structure.ordering.position.back(), 300);
 }
 

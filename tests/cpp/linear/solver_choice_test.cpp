@@ -16,7 +16,8 @@ struct Structure {
       : graph(make_graph(options)), map(make_map(options)) {}
 
   LinearSolverChoice choose(LinearSolverKind requested = LinearSolverKind::kAuto) const {
-    return choose_linear_solver(graph, map, requested);
+    ThreadPool pool(1);
+    return choose_linear_solver(graph, map, {.kind = requested}, pool);
   }
 
   ObservationGraph graph;

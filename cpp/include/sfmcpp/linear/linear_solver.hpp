@@ -69,7 +69,8 @@ struct LinearSolverChoice {
 // it is.
 LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
                                         const ParameterMap& map,
-                                        LinearSolverKind requested,
+                                        const LinearSolverOptions& options,
+                                        ThreadPool& pool,
                                         const CameraPairs& pairs = {},
                                         Exchange& exchange = this_process());
 

@@ -7,29 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include "sfmcpp/core/exchange.hpp"
-#include "sfmcpp/linear/camera_terms.hpp"
-#include "sfmcpp/linear/observation_graph.hpp"
+#include "sfmcpp/linear/camera_pattern.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::linear {
-
-// The Schur complement by cameras: block (i, j), j ≥ i, is there when cameras i and j see a common
-// point, are one of `pairs` (camera_terms.hpp), or i = j. Values lie row after row, each block in
-// panel layout.
-struct CameraPattern {
-  std::vector<long> row_begin;  // blocks of row i: [row_begin[i], row_begin[i + 1])
-  std::vector<int> column;  // camera j of each block, ascending within a row; the first is i itself
-
-  int num_rows() const { return static_cast<int>(row_begin.size()) - 1; }
-  long num_blocks() const { return row_begin.back(); }
-};
-
-CameraPattern make_camera_pattern(const ObservationGraph& graph, const CameraPairs& pairs = {});
-// The same for the points of all ranks.
-CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
-                                         const CameraPairs& pairs,
-                                         Exchange& exchange);
 
 // Σ over the points of this rank of n_p (n_p + 1) / 2: camera pairs to update in one formation of
 // S.

@@ -1,0 +1,35 @@
+// Which cameras meet: the Schur complement by blocks of cameras, before there are numbers.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/core/exchange.hpp"
+#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/camera_terms.hpp"
+#include "sfmcpp/linear/observation_graph.hpp"
+
+namespace sfmcpp::linear {
+
+// Block (i, j), j ≥ i, is there when cameras i and j see a common point, are one of `pairs`
+// (camera_terms.hpp), or i = j. Values lie row after row, each block in panel layout.
+struct CameraPattern {
+  std::vector<long> row_begin;  // blocks of row i: [row_begin[i], row_begin[i + 1])
+  std::vector<int> column;  // camera j of each block, ascending within a row; the first is i itself
+
+  int num_rows() const { return static_cast<int>(row_begin.size()) - 1; }
+  long num_blocks() const { return row_begin.back(); }
+};
+
+// A track of n cameras is met n times, once for each of its cameras, and 64 neighbours at a time; a
+// row is left as soon as it has all later cameras. So long tracks, whose pairs would take longer to
+// name than to solve for, cost little more than their observations.
+CameraPattern make_camera_pattern(const ObservationGraph& graph,
+                                  const CameraPairs& pairs,
+                                  ThreadPool& pool);
+// The same for the points of all ranks.
+CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
+                                         const CameraPairs& pairs,
+                                         ThreadPool& pool,
+                                         Exchange& exchange);
+
+}  // namespace sfmcpp::linear
