@@ -3,15 +3,10 @@
 #include <algorithm>
 #include <numeric>
 
-#include <Eigen/OrderingMethods>
-#include <Eigen/SparseCore>
-
 #include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::linear {
 namespace {
-
-using Pattern = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
 
 // The distinct variable blocks that the columns of a camera belong to: its own, and shared ones.
 std::vector<int> blocks_of_camera(const ParameterMap& map, int camera) {
@@ -23,57 +18,6 @@ std::vector<int> blocks_of_camera(const ParameterMap& map, int camera) {
   std::sort(blocks.begin(), blocks.end());
   blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
   return blocks;
-}
-
-Pattern symmetric_pattern(const BlockGraph& graph) {
-  std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(graph.size.size() + 2 * graph.edges.size());
-  for (int k = 0; k < static_cast<int>(graph.size.size()); ++k) entries.emplace_back(k, k, 1.0);
-  for (const auto& [a, b] : graph.edges) {
-    entries.emplace_back(a, b, 1.0);
-    entries.emplace_back(b, a, 1.0);
-  }
-  const auto n = static_cast<Eigen::Index>(graph.size.size());
-  Pattern pattern(n, n);
-  pattern.setFromTriplets(entries.begin(), entries.end());
-  return pattern;
-}
-
-// Height of each block column of the factor below its diagonal block, by walking the elimination
-// tree from every entry of every row (Liu's row subtrees). Indices are places in the order.
-std::vector<double> factor_heights(const std::vector<std::vector<int>>& row_entries,
-                                   const std::vector<int>& sizes) {
-  const int n = static_cast<int>(sizes.size());
-  std::vector<int> parent(n, -1), visited(n, -1);
-  std::vector<double> height(n, 0.0);
-  for (int row = 0; row < n; ++row) {
-    visited[row] = row;
-    for (int column : row_entries[row]) {
-      for (int k = column; visited[k] != row; k = parent[k]) {
-        if (parent[k] == -1) parent[k] = row;
-        height[k] += sizes[row];
-        visited[k] = row;
-      }
-    }
-  }
-  return height;
-}
-
-void predict_cost(const BlockGraph& graph, BlockOrdering& ordering) {
-  const std::size_t n = graph.size.size();
-  std::vector<int> sizes(n);
-  for (std::size_t k = 0; k < n; ++k) sizes[ordering.position[k]] = graph.size[k];
-  std::vector<std::vector<int>> row_entries(n);
-  for (const auto& [a, b] : graph.edges) {
-    const auto [low, high] = std::minmax(ordering.position[a], ordering.position[b]);
-    row_entries[high].push_back(low);
-  }
-  const std::vector<double> height = factor_heights(row_entries, sizes);
-  for (std::size_t k = 0; k < n; ++k) {
-    const double d = sizes[k], h = height[k];
-    ordering.flops += d * d * d / 3 + d * d * h + d * h * h;
-    ordering.factor_entries += d * (d + 1) / 2 + d * h;
-  }
 }
 
 }  // namespace
@@ -105,20 +49,6 @@ BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& ma
   std::sort(graph.edges.begin(), graph.edges.end());
   graph.edges.erase(std::unique(graph.edges.begin(), graph.edges.end()), graph.edges.end());
   return graph;
-}
-
-BlockOrdering order_blocks(const BlockGraph& graph) {
-  BlockOrdering ordering;
-  if (graph.size.empty()) return ordering;
-  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
-  Pattern pattern = symmetric_pattern(graph);
-  Eigen::AMDOrdering<int>()(pattern, permutation);  // maps a place to the block that takes it
-  ordering.position.resize(graph.size.size());
-  for (int place = 0; place < static_cast<int>(graph.size.size()); ++place) {
-    ordering.position[permutation.indices()[place]] = place;
-  }
-  predict_cost(graph, ordering);
-  return ordering;
 }
 
 ReducedStructure make_sparse_structure(CameraPattern pattern, const ParameterMap& map) {

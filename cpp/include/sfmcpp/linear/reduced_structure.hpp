@@ -4,9 +4,9 @@
 #pragma once
 
 #include <cstdint>
-#include <utility>
 #include <vector>
 
+#include "sfmcpp/linear/block_ordering.hpp"
 #include "sfmcpp/linear/camera_pattern.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 
@@ -16,22 +16,7 @@ namespace sfmcpp::linear {
 // S.
 double num_pair_updates(const ObservationGraph& graph);
 
-struct BlockGraph {
-  std::vector<int> size;                   // columns of each variable block
-  std::vector<std::pair<int, int>> edges;  // (smaller, larger) block of each coupled pair, sorted
-};
-
 BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& map);
-
-struct BlockOrdering {
-  std::vector<int> position;  // place of each block in the elimination order
-  double flops = 0.0;         // of the Cholesky factorisation
-  double factor_entries = 0.0;
-};
-
-// Approximate minimum degree. A block coupled with many others comes last, as intrinsics that many
-// cameras share: the border of the matrix.
-BlockOrdering order_blocks(const BlockGraph& graph);
 
 struct ReducedStructure {
   CameraPattern pattern;
