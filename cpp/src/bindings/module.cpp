@@ -42,4 +42,5 @@ PYBIND11_MODULE(_core, m) {
   sfmcpp::bindings::bind_linearize(m);
   sfmcpp::bindings::bind_nearest(m);
   sfmcpp::bindings::bind_patches(m);
+  sfmcpp::bindings::bind_files(m);
 }

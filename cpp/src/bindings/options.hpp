@@ -18,5 +18,6 @@ void bind_camera_models(py::module_& m);
 void bind_linearize(py::module_& m);
 void bind_nearest(py::module_& m);
 void bind_patches(py::module_& m);
+void bind_files(py::module_& m);
 
 }  // namespace sfmcpp::bindings

@@ -8,18 +8,19 @@ camera looks along -z, pixels have y up and their origin at the principal point.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, compressed_writer, read_bytes
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, compressed_writer, largest_content
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
-from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.number_text import NumberStream, first_no_integer
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
 from sfmcpp.sources.io.rows import format_rows
 
@@ -35,23 +36,24 @@ def read_bal(path: Path) -> Problem:
         Naming the line, if anything is not a finite number, a count or an index is impossible, there are
         more or fewer numbers than the header says, or two lines observe the same point by the same camera.
     """
-    text = NumberText(path, read_bytes(path))
-    num_cameras, num_points, num_observations = _counts(text)
-    cameras_at = _HEADER + _OBSERVATION * num_observations
-    points_at = cameras_at + _CAMERA * num_cameras
-    observations = text.values[_HEADER:cameras_at].reshape(-1, _OBSERVATION)
-    camera_index = text.integers(slice(3, cameras_at, 4), "camera index", 0, num_cameras - 1)
-    point_index = text.integers(slice(4, cameras_at, 4), "point index", 0, num_points - 1)
-    _require_no_duplicates(text, first_duplicate(camera_index, point_index, num_cameras))
-    cameras = text.values[cameras_at:points_at].reshape(-1, _CAMERA)
+    numbers = NumberStream(path)
+    counts = _read_counts(numbers)
+    counts.require_room(numbers)
+    camera_index, point_index, pixels, fault = _read_observations(numbers, counts)
+    cameras = numbers.table(counts.cameras, _CAMERA)
+    points = numbers.table(counts.points, _POINT)
+    counts.require_all(numbers)
+    if fault is not None:
+        raise numbers.error(*fault)
+    _require_no_duplicates(numbers, first_duplicate(camera_index, point_index, counts.cameras))
     return Problem(
         "bal",
-        _poses(text, cameras, cameras_at),
+        _poses(numbers, cameras, _HEADER + _OBSERVATION * counts.observations),
         cameras[:, 6:].copy(),
-        text.values[points_at:].reshape(-1, _POINT).copy(),
-        camera_index.astype(np.int32),
-        point_index.astype(np.int32),
-        turned_pixels(observations[:, 2:]),
+        points,
+        camera_index,
+        point_index,
+        pixels,
         metadata=Metadata(source_format="bal"),
     )
 
@@ -70,47 +72,102 @@ def write_bal(problem: Problem, path: Path) -> None:
     require_valid(problem, path)
     intrinsics, pixels = as_bal(problem, "BAL", path)
     with atomic_files(path) as (raw,), compressed_writer(raw, path) as stream:
-        for chunk in _chunks(problem, intrinsics, turned_pixels(pixels)):
-            stream.write(chunk.encode("ascii"))
+        stream.writelines(_chunks(problem, intrinsics, turned_pixels(pixels)))
 
 
-def _counts(text: NumberText) -> tuple[int, int, int]:
-    present = len(text.values)
-    if present < _HEADER:
-        raise text.error("truncated: the header needs three counts (cameras, points, observations)", present)
+@dataclass(frozen=True)
+class _Counts:
+    """What the header says."""
+
+    cameras: int
+    points: int
+    observations: int
+
+    @property
+    def numbers(self) -> int:
+        return _HEADER + _OBSERVATION * self.observations + _CAMERA * self.cameras + _POINT * self.points
+
+    def require_room(self, numbers: NumberStream) -> None:
+        """Refuse counts that the size of the file belies, before anything is allocated by them."""
+        if 2 * self.numbers - 1 > largest_content(numbers.path):
+            self.require_all(numbers)
+
+    def require_all(self, numbers: NumberStream) -> None:
+        """Refuse a file with more or fewer numbers; none of them is left then."""
+        present, wanted = numbers.count_all(), self.numbers
+        if present != wanted:
+            fault = "truncated" if present < wanted else "trailing garbage"
+            counts = f"{self.cameras} cameras, {self.points} points, {self.observations} observations"
+            reason = f"{fault}: {counts} take {wanted} numbers, the file has {present}"
+            raise numbers.error(reason, wanted)
+
+
+def _read_counts(numbers: NumberStream) -> _Counts:
     names = ("number of cameras", "number of points", "number of observations")
-    cameras, points, observations = (
-        int(text.integers(slice(i, i + 1), name, 0, LARGEST_COUNT)[0]) for i, name in enumerate(names)
-    )
-    wanted = _HEADER + _OBSERVATION * observations + _CAMERA * cameras + _POINT * points
-    if present != wanted:
-        fault = "truncated" if present < wanted else "trailing garbage"
-        counts = f"{cameras} cameras, {points} points, {observations} observations"
-        raise text.error(f"{fault}: {counts} take {wanted} numbers, the file has {present}", wanted)
-    return cameras, points, observations
+    head = numbers.table(1, _HEADER)
+    if numbers.taken < _HEADER:
+        raise numbers.error(
+            "truncated: the header needs three counts (cameras, points, observations)", _HEADER
+        )
+    for token, name in enumerate(names):
+        fault = first_no_integer(head[:, token], name, 0, LARGEST_COUNT)
+        if fault is not None:
+            raise numbers.error(fault[1], token)
+    return _Counts(*head[0].astype(int).tolist())
 
 
-def _require_no_duplicates(text: NumberText, duplicate: tuple[int, int] | None) -> None:
+def _read_observations(
+    numbers: NumberStream, counts: _Counts
+) -> tuple[IndexArray, IndexArray, FloatArray, tuple[str, int] | None]:
+    """Camera and point of each observation, its pixel, and the first index that is none, with its token.
+
+    That one counts only if the file has as many numbers as it should.
+    """
+    cameras = np.empty(counts.observations, dtype=np.int32)
+    points = np.empty(counts.observations, dtype=np.int32)
+    pixels = np.empty((counts.observations, 2))
+    row, fault = 0, None
+    for block in numbers.rows(counts.observations, _OBSERVATION):
+        part = slice(row, row + len(block))
+        fault = fault or _first_no_index(block, row, counts)
+        with np.errstate(invalid="ignore"):
+            cameras[part], points[part] = block[:, 0], block[:, 1]
+        pixels[part] = turned_pixels(block[:, 2:])
+        row += len(block)
+    return cameras, points, pixels, fault
+
+
+def _first_no_index(block: FloatArray, row: int, counts: _Counts) -> tuple[str, int] | None:
+    for column, (name, size) in enumerate((("camera index", counts.cameras), ("point index", counts.points))):
+        fault = first_no_integer(block[:, column], name, 0, size - 1)
+        if fault is not None:
+            return fault[1], _HEADER + _OBSERVATION * (row + fault[0]) + column
+    return None
+
+
+def _require_no_duplicates(numbers: NumberStream, duplicate: tuple[int, int] | None) -> None:
     if duplicate is None:
         return
     first, second = (_HEADER + _OBSERVATION * row for row in duplicate)
-    raise text.error(f"observes the same point by the same camera as line {text.line_of(first)}", second)
+    raise numbers.error(
+        f"observes the same point by the same camera as line {numbers.line_of(first)}", second
+    )
 
 
-def _poses(text: NumberText, cameras: FloatArray, start: int) -> FloatArray:
+def _poses(numbers: NumberStream, cameras: FloatArray, start: int) -> FloatArray:
     with np.errstate(all="ignore"):
         poses = cameras_from_y_up_pose(rotation_from_angle_axis(cameras[:, :3]), cameras[:, 3:6])
     finite = finite_rows(poses)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise text.error(f"camera {row}: the numbers of its pose are too large", start + _CAMERA * row)
+        raise numbers.error(f"camera {row}: the numbers of its pose are too large", start + _CAMERA * row)
     return poses
 
 
-def _chunks(problem: Problem, intrinsics: FloatArray, pixels: FloatArray) -> Iterator[str]:
+def _chunks(problem: Problem, intrinsics: FloatArray, pixels: FloatArray) -> Iterator[bytes]:
     rotations, translations = y_up_pose_from_cameras(problem.cameras)
     vectors = angle_axis_from_rotation(rotations)
-    yield f"{problem.num_cameras} {problem.num_points} {problem.num_observations}\n"
+    yield f"{problem.num_cameras} {problem.num_points} {problem.num_observations}\n".encode("ascii")
     yield from format_rows("%d %d %r %r\n", problem.camera_index, problem.point_index, *pixels.T)
     yield from format_rows("%r\n", np.concatenate([vectors, translations, intrinsics], axis=1).ravel())
     yield from format_rows("%r\n", problem.points.ravel())

@@ -32,11 +32,11 @@ from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
 from sfmcpp.sources.io.rows import (
+    Rows,
     by_point,
+    format_ragged,
     format_rows,
-    format_strings,
     keypoint_ranks,
-    ragged_text,
     tokens_of_items,
 )
 
@@ -104,9 +104,8 @@ def write_bundler(problem: Problem, path: Path) -> None:
     registered = _registered(problem, path)
     with atomic_files(path) as (stream,):
         stream.write(MAGIC + f"\n{len(registered)} {problem.num_points}\n".encode("ascii"))
-        for chunk in _camera_chunks(problem, intrinsics, registered):
-            stream.write(chunk.encode("ascii"))
-        stream.write(_points_text(problem, turned_pixels(pixels), registered, path).encode("ascii"))
+        stream.writelines(_camera_chunks(problem, intrinsics, registered))
+        stream.writelines(_point_chunks(problem, turned_pixels(pixels), registered, path))
 
 
 def _text(path: Path) -> NumberText:
@@ -205,14 +204,14 @@ def _registered(problem: Problem, path: Path) -> BoolArray:
     return mask
 
 
-def _camera_chunks(problem: Problem, intrinsics: FloatArray, registered: BoolArray) -> Iterator[str]:
+def _camera_chunks(problem: Problem, intrinsics: FloatArray, registered: BoolArray) -> Iterator[bytes]:
     rotations, translations = y_up_pose_from_cameras(problem.cameras)
     numbers = np.zeros((len(registered), _CAMERA_NUMBERS))
     numbers[registered] = np.concatenate([intrinsics, rotations.reshape(-1, 9), translations], axis=1)
     yield from format_rows("%r %r %r\n", *numbers.reshape(-1, 3).T)
 
 
-def _points_text(problem: Problem, pixels: FloatArray, registered: BoolArray, path: Path) -> str:
+def _point_chunks(problem: Problem, pixels: FloatArray, registered: BoolArray, path: Path) -> Iterator[bytes]:
     order, counts = by_point(problem)
     colors = point_colors(problem, (0, 0, 0), path)
     keys = problem.metadata.extra.get(KEYS)
@@ -220,13 +219,10 @@ def _points_text(problem: Problem, pixels: FloatArray, registered: BoolArray, pa
     require_metadata_length(KEYS, keys, problem.num_observations, path)
     if ((keys < 0) | (keys > LARGEST_COUNT)).any():
         raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")
-    heads = format_strings("%r %r %r\n%d %d %d\n%d", *problem.points.T, *colors.T, counts)
-    columns = np.flatnonzero(registered)[problem.camera_index], keys, *pixels.T
-    items = format_strings(" %d %d %r %r", *(column[order] for column in columns))
-    return (
-        ragged_text([f"{head}" if i == 0 else f"\n{head}" for i, head in enumerate(heads)], items, counts)
-        + "\n"
-    )
+    heads = Rows("%r %r %r\n%d %d %d\n%d", (*problem.points.T, *colors.T, counts))
+    cameras = np.flatnonzero(registered)[problem.camera_index]
+    views = Rows(" %d %d %r %r", (cameras, keys, *pixels.T))
+    return format_ragged(heads, views, counts, "\n", order)
 
 
 FORMAT = Format("bundler", "Bundler v0.3, bundle.out", (".out",), read_bundler, write_bundler)

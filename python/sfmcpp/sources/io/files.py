@@ -22,7 +22,9 @@ COMPRESSED_SUFFIXES = (".bz2", ".gz", ".xz")
 READABLE_EXPANSION = 1000
 ALWAYS_READABLE_BYTES = 64 << 20
 
-_PIECE_BYTES = 4096
+BLANKS = b" \t\n\r\v\f"
+
+_PIECE_BYTES, _CHUNK_BYTES, _COMPRESSED_BYTES = 16 << 20, 1 << 20, 4096
 _GZIP_HEADER = 16 + zlib.MAX_WBITS
 _XZ_MEMORY_BYTES = 256 << 20
 
@@ -62,15 +64,37 @@ def read_bytes(path: Path) -> bytes:
         If `path` is no regular file, cannot be read, is empty, is not what its suffix says, ends early,
         has anything after the compressed data, or expands more than `READABLE_EXPANSION` times.
     """
-    with failures_named(path):
-        require_regular_file(path)
-        data = path.read_bytes()
-        make = _DECOMPRESSORS.get(path.suffix.lower())
-        if data and make is not None:
-            data = _decompress(path, data, make)
+    data = b"".join(_content(path))
     if not data:
         raise DatasetError(path, "the file is empty")
     return data
+
+
+def read_pieces(path: Path) -> Iterator[bytes]:
+    """What :func:`read_bytes` gives, in pieces of some megabytes, each but the last ending with white space.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read_bytes`, but not before the fault is reached.
+    """
+    waiting, size = [], 0
+    for chunk in _content(path):
+        waiting.append(chunk)
+        size += len(chunk)
+        if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
+            yield b"".join([*waiting[:-1], chunk[:end]])
+            waiting, size = [chunk[end:]], len(chunk) - end
+    if not any(waiting):
+        raise DatasetError(path, "the file is empty")
+    yield b"".join(waiting)
+
+
+def largest_content(path: Path) -> int:
+    """No fewer bytes than :func:`read_bytes` gives."""
+    with failures_named(path):
+        size = path.stat().st_size
+    return _largest_expansion(size) if path.suffix.lower() in _DECOMPRESSORS else size
 
 
 def require_regular_file(path: Path) -> None:
@@ -93,29 +117,44 @@ def compressed_writer(raw: IO[bytes], path: Path) -> AbstractContextManager[IO[b
     return nullcontext(raw)
 
 
-def _decompress(path: Path, data: bytes, make: Callable[[], _Decompressor]) -> bytes:
-    limit = max(ALWAYS_READABLE_BYTES, READABLE_EXPANSION * len(data))
-    chunks: list[bytes] = []
-    start = 0
+def _content(path: Path) -> Iterator[bytes]:
+    """Content of a file, decompressed, in chunks of any size."""
+    with failures_named(path):
+        require_regular_file(path)
+        make = _DECOMPRESSORS.get(path.suffix.lower())
+        if make is not None:
+            yield from _decompressed(path, path.read_bytes(), make)
+        elif path.stat().st_size <= _PIECE_BYTES:
+            yield path.read_bytes()
+        else:
+            with path.open("rb") as file:
+                while chunk := file.read(_CHUNK_BYTES):
+                    yield chunk
+
+
+def _behind_last_blank(chunk: bytes) -> int:
+    return max(map(chunk.rfind, BLANKS)) + 1
+
+
+def _largest_expansion(size: int) -> int:
+    return max(ALWAYS_READABLE_BYTES, READABLE_EXPANSION * size)
+
+
+def _decompressed(path: Path, data: bytes, make: Callable[[], _Decompressor]) -> Iterator[bytes]:
+    """All streams of `data`, in pieces so that no bomb goes off."""
+    kind, limit, start, size = path.suffix.lower(), _largest_expansion(len(data)), 0, 0
     while start < len(data):
-        start = _decompress_stream(path, data, start, make(), chunks, limit)
-    return b"".join(chunks)
-
-
-def _decompress_stream(
-    path: Path, data: bytes, start: int, stream: _Decompressor, chunks: list[bytes], limit: int
-) -> int:
-    """Append one stream's content to `chunks`, in pieces so that no bomb goes off; return where it ends."""
-    kind, begin, size = path.suffix.lower(), start, sum(map(len, chunks))
-    while not stream.eof:
-        if start >= len(data):
-            raise DatasetError(path, f"truncated: the {kind} data end before their end mark")
-        chunks.append(_next_piece(path, stream, data[start : start + _PIECE_BYTES], begin))
-        start += min(_PIECE_BYTES, len(data) - start)
-        size += len(chunks[-1])
-        if size > limit:
-            raise DatasetError(path, f"expands to more than {limit} bytes: refused")
-    return start - len(stream.unused_data)
+        stream, begin = make(), start
+        while not stream.eof:
+            if start >= len(data):
+                raise DatasetError(path, f"truncated: the {kind} data end before their end mark")
+            chunk = _next_piece(path, stream, data[start : start + _COMPRESSED_BYTES], begin)
+            start += min(_COMPRESSED_BYTES, len(data) - start)
+            size += len(chunk)
+            if size > limit:
+                raise DatasetError(path, f"expands to more than {limit} bytes: refused")
+            yield chunk
+        start -= len(stream.unused_data)
 
 
 def _next_piece(path: Path, stream: _Decompressor, piece: bytes, begin: int) -> bytes:

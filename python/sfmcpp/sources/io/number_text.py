@@ -1,27 +1,30 @@
-"""Numbers of a text file, parsed in one go, with the line of each one at hand for error messages."""
+"""Numbers of a text, read by the core, with the line of each one at hand for error messages.
+
+:class:`NumberText` is a whole text, :class:`NumberStream` the numbers of a file of any size in order.
+"""
 
 from __future__ import annotations
 
 import re
-import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp import _core
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.io.files import read_pieces
 
 TokenSet = slice | NDArray[np.int64]
 
-_WHITESPACE = b" \t\n\r\v\f"
-_IS_WORD = bytes(byte not in _WHITESPACE for byte in range(256))
-_COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
-_NUMBER = rb"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_NOT_A_NUMBER = re.compile(rb"(?<!\S)(?!" + _NUMBER + rb"(?!\S))\S+")
+_WORD = re.compile(rb"\S+")
 _LONGEST_QUOTE = 40
+_MOST = 1 << 62
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,22 @@ class NumberText:
     data : bytes
         Content of the file; lines that start with ``#`` are comments if `comments` is true.
 
+    before : int
+        How many lines of the file stand before `data`.
+
     Raises
     ------
     DatasetError
         If anything is not a finite decimal number; it names the line.
     """
 
-    def __init__(self, path: Path, data: bytes, *, comments: bool = False) -> None:
+    def __init__(self, path: Path, data: bytes, *, comments: bool = False, before: int = 0) -> None:
         self.path = path
-        self._data = _COMMENT.sub(b"", data) if comments else data
-        self.values = self._parse()
+        self._data, self._comments, self._before = data, comments, before
+        values, bad = _core.read_numbers(data, comments)
+        if bad >= 0:
+            raise self._not_a_number(bad)
+        self.values: FloatArray = values
 
     def error(self, reason: str, token: int) -> DatasetError:
         """Make a DatasetError at the line of the number `token`, or the last line if there are fewer."""
@@ -60,29 +69,22 @@ class NumberText:
 
     def line_of(self, token: int) -> int:
         """Line, counted from 1, of the number `token`."""
-        starts = np.flatnonzero(_word_starts(self._data))
-        if not len(starts):
-            return 1
-        return self._line_at(int(starts[min(token, len(starts) - 1)]))
+        lines = self.lines
+        row = int(np.searchsorted(lines.first, token, side="right")) - 1
+        return int(lines.number[row]) if len(lines.number) else 1
 
     @cached_property
     def lines(self) -> Lines:
         """Where the numbers stand, line by line; lines without numbers are left out."""
-        starts = np.flatnonzero(_word_starts(self._data))
-        breaks = np.flatnonzero(np.frombuffer(self._data, np.uint8) == ord("\n"))
-        number = np.searchsorted(breaks, starts) + 1
-        first = np.flatnonzero(np.diff(number, prepend=0))
-        count = np.diff(first, append=len(starts))
-        return Lines(first, count, number[first])
+        first, count, number = _core.number_lines(self._data, self._comments)
+        return Lines(first, count, number + self._before)
 
     def integers(self, tokens: TokenSet, what: str, lowest: int, highest: int) -> NDArray[np.int64]:
         """Numbers at `tokens` as integers, each from `lowest` to `highest`, or a DatasetError naming one."""
         values = self.values[tokens]
-        good = (values >= lowest) & (values <= highest) & (values == np.floor(values))
-        if not good.all():
-            worst = int(np.argmin(good))
-            rule = f"must be an integer from {lowest} to {highest}" if highest >= lowest else "there are none"
-            raise self.error(f"{what} {values[worst]:.17g}: {rule}", self.token_at(tokens, worst))
+        fault = first_no_integer(values, what, lowest, highest)
+        if fault is not None:
+            raise self.error(fault[1], self.token_at(tokens, fault[0]))
         return values.astype(np.int64)
 
     def token_at(self, tokens: TokenSet, row: int) -> int:
@@ -96,41 +98,104 @@ class NumberText:
             reason = f"the line holds {self.lines.count[line]} numbers: must be {rule}"
             raise DatasetError(self.path, reason, int(self.lines.number[line]))
 
-    def _line_at(self, byte: int) -> int:
-        return self._data.count(b"\n", 0, byte) + 1
-
-    def _parse(self) -> FloatArray:
-        words = int(np.count_nonzero(_word_starts(self._data)))
-        values = _numbers(self._data) if words else np.empty(0)
-        # Lines are found by counting words, so every word must have given one number.
-        if values is None or len(values) != words:
-            raise self._not_a_number()
-        finite = np.isfinite(values)
-        if not finite.all():
-            token = int(np.argmin(finite))
-            raise self.error(f"{values[token]} is not a finite number", token)
-        return values
-
-    def _not_a_number(self) -> DatasetError:
-        match = _NOT_A_NUMBER.search(self._data)
-        if match is None:
-            return DatasetError(self.path, "holds something else than numbers")
-        word = match[0][:_LONGEST_QUOTE].decode("ascii", "backslashreplace")
-        return DatasetError(self.path, f"'{word}' is not a finite number", self._line_at(match.start()))
+    def _not_a_number(self, byte: int) -> DatasetError:
+        word = cast(re.Match[bytes], _WORD.search(self._data, byte))[0]
+        line = self._data.count(b"\n", 0, byte) + 1 + self._before
+        return DatasetError(self.path, f"{_quoted(word)} is not a finite number", line)
 
 
-def _word_starts(data: bytes) -> BoolArray:
-    word = np.frombuffer(data.translate(_IS_WORD), np.bool_)
-    starts: BoolArray = word.copy()
-    starts[1:] &= ~word[:-1]
-    return starts
+class NumberStream:
+    """Numbers of a file of any size, apart by white space, one after another.
+
+    No more of the text is in memory than some megabytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file, plain or compressed.
+
+    Raises
+    ------
+    DatasetError
+        As :class:`NumberText` and :func:`read_pieces`, when the fault is reached.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._texts = _texts(path)
+        self._ahead: FloatArray = np.empty(0)
+        self.taken = 0
+
+    def take(self, most: int) -> FloatArray:
+        """At most so many of the next numbers, and at least one unless there are none left."""
+        if not len(self._ahead):
+            self._ahead = next((text.values for text in self._texts if len(text.values)), self._ahead)
+        taken, self._ahead = self._ahead[:most], self._ahead[most:]
+        self.taken += len(taken)
+        return taken
+
+    def rows(self, count: int, width: int) -> Iterator[FloatArray]:
+        """The next `count` rows of `width` numbers, some thousands at a time; fewer if the file ends."""
+        torn = np.empty(0)
+        while count and len(taken := self.take(count * width - len(torn))):
+            numbers = np.concatenate([torn, taken]) if len(torn) else taken
+            whole = len(numbers) - len(numbers) % width
+            torn, count = numbers[whole:], count - whole // width
+            yield numbers[:whole].reshape(-1, width)
+
+    def table(self, count: int, width: int) -> FloatArray:
+        """The next `count` rows of `width` numbers at once; what the file does not have is left as it is."""
+        table, row = np.empty((count, width)), 0
+        for block in self.rows(count, width):
+            table[row : row + len(block)] = block
+            row += len(block)
+        return table
+
+    def count_all(self) -> int:
+        """Count the numbers of the file, after taking those that are left."""
+        while len(self.take(_MOST)):
+            pass
+        return self.taken
+
+    def error(self, reason: str, token: int) -> DatasetError:
+        """Make a DatasetError at the line of the number `token`, or the last line if there are fewer."""
+        return DatasetError(self.path, reason, self.line_of(token))
+
+    def line_of(self, token: int) -> int:
+        """Line, counted from 1, of the number `token`: the file is read once more."""
+        line = 1
+        for text in _texts(self.path):
+            line = text.line_of(token) if len(text.values) else line
+            token -= len(text.values)
+            if token < 0:
+                break
+        return line
 
 
-def _numbers(data: bytes) -> FloatArray | None:
-    """All numbers of `data`, or None if it holds anything else."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return np.fromstring(data, sep=" ")
-        except (DeprecationWarning, ValueError):
-            return None
+def first_no_integer(values: FloatArray, what: str, lowest: int, highest: int) -> tuple[int, str] | None:
+    """Place and fault of the first of the values that is no integer from `lowest` to `highest`, or None."""
+    good = (values >= lowest) & (values <= highest) & (values == np.floor(values))
+    if good.all():
+        return None
+    worst = int(np.argmin(good))
+    rule = f"must be an integer from {lowest} to {highest}" if highest >= lowest else "there are none"
+    return worst, f"{what} {values[worst]:.17g}: {rule}"
+
+
+def _texts(path: Path) -> Iterator[NumberText]:
+    before = 0
+    for piece in read_pieces(path):
+        yield NumberText(path, piece, before=before)
+        before += piece.count(b"\n")
+
+
+def _quoted(word: bytes) -> str:
+    """The number that a word is, infinite or none, or else the word."""
+    try:
+        return str(float(word)) if b"_" not in word else _excerpt(word)
+    except ValueError:
+        return _excerpt(word)
+
+
+def _excerpt(word: bytes) -> str:
+    return "'" + word[:_LONGEST_QUOTE].decode("ascii", "backslashreplace") + "'"

@@ -1,48 +1,77 @@
-"""Rows of text from columns of numbers, formatted in C rather than row by row, and their order."""
+"""Rows of text from columns of numbers, formatted by the core, and their order."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 
-_CHUNK_ROWS = 1 << 14
-_SEPARATOR = "\0"
+_CHUNK_ROWS = 1 << 17
+_FIELD = re.compile("%([drs])")
 
 Column = NDArray[Any] | Sequence[str]
+Some = slice | NDArray[np.int64]
 
 
-def format_rows(template: str, *columns: Column) -> Iterator[str]:
-    """Rows ``template % (a[i], b[i], …)`` one after another, some thousands at a time.
+@dataclass(frozen=True)
+class Rows:
+    """Rows of text ``template % (a[i], b[i], …)``.
 
-    ``%r`` writes a float with the fewest digits that read back as the same float.
+    ``%d`` writes an integer, ``%s`` a text without NUL, ``%r`` a float with the fewest characters that read
+    back as the same float.
     """
-    for start in range(0, len(columns[0]), _CHUNK_ROWS):
-        parts = [_listed(column[start : start + _CHUNK_ROWS]) for column in columns]
-        yield template * len(parts[0]) % tuple(chain.from_iterable(zip(*parts, strict=True)))
+
+    template: str
+    columns: Sequence[Column] = ()
+
+    def fields(self, some: Some) -> tuple[list[tuple[str, NDArray[Any]]], str]:
+        """Columns of some rows, each with the text before it, and the text after the last one."""
+        *fields, after = _FIELD.split(self.template)
+        pairs = zip(fields[::2], fields[1::2], self.columns, strict=True)
+        return [(before, _converted(kind, column, some)) for before, kind, column in pairs], after
 
 
-def format_strings(template: str, *columns: Column) -> list[str]:
-    """Row by row what :func:`format_rows` writes; no column may hold a NUL."""
-    text = "".join(format_rows(template + _SEPARATOR, *columns))
-    return text.split(_SEPARATOR)[:-1]
+def format_rows(template: str, *columns: Column) -> Iterator[bytes]:
+    """One row of :class:`Rows` after another, some thousands at a time."""
+    yield from format_ragged(Rows(template, columns), Rows(""), np.zeros(len(columns[0]), dtype=np.int64))
 
 
-def ragged_text(heads: Sequence[str], items: Sequence[str], counts: NDArray[np.int64]) -> str:
-    """Each head followed by its items; `items` lie in the order of the heads, ``counts[i]`` for head i."""
-    pieces = np.empty(len(heads) + len(items), dtype=object)
-    is_head = np.zeros(len(pieces), dtype=np.bool_)
-    is_head[np.arange(len(heads)) + exclusive_sums(counts)] = True
-    pieces[is_head] = heads
-    pieces[~is_head] = items
-    return "".join(pieces.tolist())
+def format_ragged(
+    head: Rows,
+    item: Rows,
+    counts: NDArray[np.int64],
+    tail: str = "",
+    order: NDArray[np.int64] | None = None,
+) -> Iterator[bytes]:
+    """Each head, its items and a tail, some thousands at a time.
+
+    The items lie in the order of the heads, or in `order`; ``counts[i]`` are of head i.
+    """
+    ends = np.cumsum(counts)
+    rows = ends + np.arange(1, len(ends) + 1)
+    cuts = np.searchsorted(rows, np.arange(_CHUNK_ROWS, rows[-1] if len(rows) else 0, _CHUNK_ROWS)) + 1
+    first = 0
+    for begin, end in pairwise(np.unique([0, *cuts, len(ends)]).tolist()):
+        items: Some = slice(first, int(ends[end - 1]))
+        first = items.stop
+        if order is not None:
+            items = order[items]
+        yield _core.ragged_text(
+            *head.fields(slice(begin, end)),
+            *item.fields(items),
+            tail,
+            np.ascontiguousarray(counts[begin:end]),
+        )
 
 
 def exclusive_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -69,10 +98,6 @@ def tokens_of_items(first: NDArray[np.int64], counts: NDArray[np.int64], width: 
     """First number of each item, where list i starts at number ``first[i]`` and has ``counts[i]`` items."""
     within = np.arange(int(counts.sum())) - np.repeat(exclusive_sums(counts), counts)
     return np.asarray(np.repeat(first, counts) + width * within)
-
-
-def _listed(column: Column) -> Sequence[Any]:
-    return column.tolist() if isinstance(column, np.ndarray) else column
 
 
 def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.int64]]:
@@ -113,3 +138,12 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     pixels = np.empty((len(place), 2))
     pixels[place] = np.concatenate([problem.pixels, extra.get("colmap_loose_pixels", np.empty((0, 2)))])
     return counts, pixels, place[: problem.num_observations]
+
+
+_DTYPES = {"d": np.int64, "r": np.float64}
+
+
+def _converted(kind: str, column: Column, some: Some) -> NDArray[Any]:
+    if kind == "s":
+        return np.array([text.encode("utf-8") for text in np.asarray(column, dtype=object)[some]], dtype="S")
+    return np.ascontiguousarray(np.asarray(column)[some], dtype=_DTYPES[kind])

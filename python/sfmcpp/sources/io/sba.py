@@ -9,6 +9,7 @@ with ``#`` are comments.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -33,7 +34,7 @@ from sfmcpp.sources.io.intrinsics import (
 )
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_pose, pose_from_cameras
-from sfmcpp.sources.io.rows import by_point, format_rows, format_strings, ragged_text, tokens_of_items
+from sfmcpp.sources.io.rows import Rows, by_point, format_ragged, format_rows, tokens_of_items
 
 INTRINSICS = ("f", "cx", "cy", "aspect", "skew")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
@@ -264,23 +265,24 @@ def write_sba(problem: Problem, path: Path) -> None:
     texts[points_path(path)] = _points_text(problem)
     with atomic_files(*texts) as files:
         for file, text in zip(files, texts.values(), strict=True):
-            file.write(text.encode("ascii"))
+            file.writelines(text)
 
 
-def _cameras_text(problem: Problem, values: FloatArray, names: tuple[str, ...]) -> str:
+def _cameras_text(problem: Problem, values: FloatArray, names: tuple[str, ...]) -> Iterator[bytes]:
     rotations, translations = pose_from_cameras(problem.cameras)
     quaternions = quaternion_from_rotation(rotations)
     table = np.concatenate([values[:, perspective_columns(*names)], quaternions, translations], axis=1)
     head = " ".join((*names, "qw qx qy qz tx ty tz"))
-    return f"# {head}\n" + "".join(format_rows(" ".join(["%r"] * table.shape[1]) + "\n", *table.T))
+    yield f"# {head}\n".encode("ascii")
+    yield from format_rows(" ".join(["%r"] * table.shape[1]) + "\n", *table.T)
 
 
-def _calibration_text(values: FloatArray) -> str:
+def _calibration_text(values: FloatArray) -> Iterator[bytes]:
     f, cx, cy, aspect, skew = values[perspective_columns(*INTRINSICS)].tolist()
-    return f"{f!r} {skew!r} {cx!r}\n0.0 {f * aspect!r} {cy!r}\n0.0 0.0 1.0\n"
+    yield f"{f!r} {skew!r} {cx!r}\n0.0 {f * aspect!r} {cy!r}\n0.0 0.0 1.0\n".encode("ascii")
 
 
-def _points_text(problem: Problem) -> str:
+def _points_text(problem: Problem) -> Iterator[bytes]:
     order, counts = by_point(problem)
     template, columns = " %d %r %r", [problem.camera_index, *problem.pixels.T]
     if problem.sigma_px is not None:
@@ -288,9 +290,9 @@ def _points_text(problem: Problem) -> str:
     if problem.covariance_px2 is not None:
         upper = problem.covariance_px2.reshape(-1, 4)[:, [0, 1, 3]]
         template, columns = template + " %r %r %r", [*columns, *upper.T]
-    heads = format_strings("\n%r %r %r  %d ", *problem.points.T, counts)
-    items = format_strings(template, *(column[order] for column in columns))
-    return "# X Y Z  frames  frame x y ..." + ragged_text(heads, items, counts) + "\n"
+    yield b"# X Y Z  frames  frame x y ...\n"
+    heads = Rows("%r %r %r  %d ", (*problem.points.T, counts))
+    yield from format_ragged(heads, Rows(template, columns), counts, "\n", order)
 
 
 def is_cameras_name(path: Path) -> bool:

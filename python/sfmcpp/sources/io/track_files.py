@@ -123,14 +123,13 @@ def write_tracks(tracks: CameraTracks, path: str | PathLike[str]) -> None:
     """
     target = Path(path)
     with atomic_files(target) as (stream,), compressed_writer(stream, target) as writer:
-        for text in _lines(tracks):
-            writer.write(text.encode("ascii"))
+        writer.writelines(_lines(tracks))
 
 
-def _lines(tracks: CameraTracks) -> Iterator[str]:
+def _lines(tracks: CameraTracks) -> Iterator[bytes]:
     named = zip(_DEFAULTS, tracks.intrinsics.tolist(), strict=True)
-    yield _TITLE + "# intrinsics: " + " ".join(f"{name}={value!r}" for name, value in named) + "\n"
-    yield _COLUMNS + "\n"
+    intrinsics = " ".join(f"{name}={value!r}" for name, value in named)
+    yield f"{_TITLE}# intrinsics: {intrinsics}\n{_COLUMNS}\n".encode("ascii")
     frames = tracks.frame_index
     columns = (tracks.t_s[frames], frames, tracks.track_index, *tracks.pixels.T)
     yield from format_rows("%r,%d,%d,%r,%r\n", *columns)

@@ -90,8 +90,7 @@ def write_trajectory(trajectory: Trajectory, path: str | PathLike[str], *, forma
     if format != "kitti" and not trajectory.stamped:
         raise DatasetError(target, f"the trajectory has no times: format {format} needs them, kitti does not")
     with atomic_files(target) as (stream,):
-        for text in _ROWS[format](trajectory):
-            stream.write(text.encode("ascii"))
+        stream.writelines(_ROWS[format](trajectory))
 
 
 def _reader(path: Path, format: str | None) -> Callable[[Path], Trajectory]:
@@ -184,24 +183,24 @@ def _require_rows(text: NumberText, good: BoolArray, rule: str, values: FloatArr
         raise text.error(rule.format(f"{values[row]:.9g}"), int(text.lines.first[row]))
 
 
-def _tum_rows(trajectory: Trajectory) -> Iterator[str]:
+def _tum_rows(trajectory: Trajectory) -> Iterator[bytes]:
     w, x, y, z = quaternion_from_rotation(trajectory.rotations).T
     return format_rows("%r %r %r %r %r %r %r %r\n", trajectory.t_s, *trajectory.centres.T, x, y, z, w)
 
 
-def _kitti_rows(trajectory: Trajectory) -> Iterator[str]:
+def _kitti_rows(trajectory: Trajectory) -> Iterator[bytes]:
     template = " ".join(["%r"] * 12) + "\n"
     return format_rows(template, *trajectory.poses.reshape(-1, 12).T)
 
 
-def _euroc_rows(trajectory: Trajectory) -> Iterator[str]:
+def _euroc_rows(trajectory: Trajectory) -> Iterator[bytes]:
     quaternions = quaternion_from_rotation(trajectory.rotations)
     stamps = np.round(trajectory.t_s / _NS).astype(np.int64)
-    yield _EUROC_HEADER
+    yield _EUROC_HEADER.encode("ascii")
     yield from format_rows("%d,%r,%r,%r,%r,%r,%r,%r\n", stamps, *trajectory.centres.T, *quaternions.T)
 
 
-_ROWS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
+_ROWS: dict[str, Callable[[Trajectory], Iterator[bytes]]] = {
     "tum": _tum_rows,
     "kitti": _kitti_rows,
     "euroc": _euroc_rows,

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp import _core
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows
 from sfmcpp.sources.io.colmap.camera_models import MODELS, NAME_OF_NUMBER, unsupported
-from sfmcpp.sources.io.colmap.tables import NO_POINT, CameraTable, ImageTable, Int64Array, PointTable, Tables
+from sfmcpp.sources.io.colmap.tables import NO_POINT, CameraTable, ImageTable, PointTable, Tables
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.rows import exclusive_sums
 
@@ -27,6 +28,7 @@ _KEYPOINT = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])
 _POINT = np.dtype(
     [("id", "<i8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_count", "<u8")]
 )
+_POINTS_AT_ONCE = 1 << 16
 _TRACK = np.dtype([("image", "<u4"), ("keypoint", "<u4")])
 
 
@@ -47,6 +49,14 @@ class _Records:
 
     def array(self, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
         return np.frombuffer(self.data, dtype, count, self.skip(count * dtype.itemsize))
+
+    def ragged(self, head: np.dtype[Any], item: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Heads of all records, each ending with a count, and the items that follow them."""
+        sizes = head.itemsize, item.itemsize
+        heads, items, self.offset = _core.split_records(self.data, self.offset, self.count, *sizes)
+        if len(heads) < self.count * head.itemsize:
+            raise self.error("truncated: a record does not fit")
+        return heads.view(head), items.view(item)
 
     def name(self) -> str:
         end = self.data.find(b"\0", self.offset)
@@ -90,8 +100,8 @@ def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
         records.skip(sensors * _SENSOR.size)
 
 
-def binary_files(tables: Tables) -> Iterable[bytes]:
-    """Content of the three binary files, in the order of `FILES`."""
+def binary_files(tables: Tables) -> Iterable[Iterable[bytes]]:
+    """Content of the three binary files, in the order of `FILES`, each in pieces."""
     yield _cameras_bytes(tables.cameras)
     yield _images_bytes(tables.images)
     yield _points_bytes(tables.points)
@@ -160,15 +170,8 @@ def _require_finite_images(images: ImageTable) -> None:
 
 def _read_points(path: Path) -> PointTable:
     records = _Records(path, _POINT.itemsize)
-    starts = _point_starts(records)
+    heads, tracks = records.ragged(_POINT, _TRACK)
     records.require_end()
-    data = np.frombuffer(records.data, np.uint8)
-    heads = data[starts[:, None] + np.arange(_POINT.itemsize)].reshape(-1).view(_POINT)
-    counts = heads["track_count"].astype(np.int64)
-    is_track = np.ones(len(data), dtype=np.bool_)
-    is_track[: _COUNT.size] = False
-    is_track[(starts[:, None] + np.arange(_POINT.itemsize)).ravel()] = False
-    tracks = data[is_track].view(_TRACK)
     points = PointTable(
         path,
         None,
@@ -176,7 +179,7 @@ def _read_points(path: Path) -> PointTable:
         positions=heads["position"].copy(),
         colors=heads["color"].copy(),
         errors=heads["error"].astype(np.float64),
-        track_counts=counts,
+        track_counts=heads["track_count"].astype(np.int64),
         track_images=tracks["image"].astype(np.int64),
         track_keypoints=tracks["keypoint"].astype(np.int64),
     )
@@ -185,48 +188,41 @@ def _read_points(path: Path) -> PointTable:
     return points
 
 
-def _point_starts(records: _Records) -> Int64Array:
-    """Offset of each record: a chain in which only the one before tells where the next one is."""
-    starts = []
-    before_count = _POINT.itemsize - _COUNT.size
-    for _ in range(records.count):
-        starts.append(records.skip(before_count))
-        (track_count,) = records.unpack(_COUNT)
-        records.skip(track_count * _TRACK.itemsize)
-    return np.array(starts, dtype=np.int64)
-
-
-def _cameras_bytes(cameras: CameraTable) -> bytes:
-    parts = [_COUNT.pack(len(cameras.ids))]
+def _cameras_bytes(cameras: CameraTable) -> Iterator[bytes]:
+    yield _COUNT.pack(len(cameras.ids))
     for row, (name, params) in enumerate(zip(cameras.models, cameras.params, strict=True)):
-        parts.append(_CAMERA.pack(int(cameras.ids[row]), MODELS[name].number, *cameras.sizes[row].tolist()))
-        parts.append(np.array(params, dtype="<f8").tobytes())
-    return b"".join(parts)
+        yield _CAMERA.pack(int(cameras.ids[row]), MODELS[name].number, *cameras.sizes[row].tolist())
+        yield np.array(params, dtype="<f8").tobytes()
 
 
-def _images_bytes(images: ImageTable) -> bytes:
-    keypoints = np.empty(len(images.keypoints), dtype=_KEYPOINT)
-    keypoints["pixel"], keypoints["point"] = images.keypoints, images.keypoint_points
-    parts = [_COUNT.pack(len(images.ids))]
+def _images_bytes(images: ImageTable) -> Iterator[bytes]:
+    yield _COUNT.pack(len(images.ids))
     starts = exclusive_sums(images.keypoint_counts)
     for row, (start, count) in enumerate(zip(starts.tolist(), images.keypoint_counts.tolist(), strict=True)):
         pose = (*images.quaternions[row].tolist(), *images.translations[row].tolist())
-        parts.append(_IMAGE.pack(int(images.ids[row]), *pose, int(images.camera_ids[row])))
-        parts += [images.names[row].encode("utf-8"), b"\0", _COUNT.pack(count)]
-        parts.append(keypoints[start : start + count].tobytes())
-    return b"".join(parts)
+        yield _IMAGE.pack(int(images.ids[row]), *pose, int(images.camera_ids[row]))
+        yield images.names[row].encode("utf-8") + b"\0" + _COUNT.pack(count)
+        keypoints = np.empty(count, dtype=_KEYPOINT)
+        keypoints["pixel"] = images.keypoints[start : start + count]
+        keypoints["point"] = images.keypoint_points[start : start + count]
+        yield keypoints.tobytes()
 
 
-def _points_bytes(points: PointTable) -> bytes:
-    heads = np.empty(len(points.ids), dtype=_POINT)
-    heads["id"], heads["position"], heads["color"] = points.ids, points.positions, points.colors
-    heads["error"], heads["track_count"] = points.errors, points.track_counts
-    tracks = np.empty(len(points.track_images), dtype=_TRACK)
-    tracks["image"], tracks["keypoint"] = points.track_images, points.track_keypoints
-    head_bytes = _POINT.itemsize
-    starts = np.arange(len(heads)) * head_bytes + exclusive_sums(points.track_counts) * _TRACK.itemsize
-    data = np.empty(heads.nbytes + tracks.nbytes, dtype=np.uint8)
-    is_head = np.zeros(len(data), dtype=np.bool_)
-    is_head[(starts[:, None] + np.arange(head_bytes)).ravel()] = True
-    data[is_head], data[~is_head] = heads.view(np.uint8), tracks.view(np.uint8)
-    return _COUNT.pack(len(heads)) + data.tobytes()
+def _points_bytes(points: PointTable) -> Iterator[bytes]:
+    yield _COUNT.pack(len(points.ids))
+    ends = np.cumsum(points.track_counts)
+    for begin in range(0, len(ends), _POINTS_AT_ONCE):
+        some = slice(begin, begin + _POINTS_AT_ONCE)
+        items = slice(int(ends[begin] - points.track_counts[begin]), int(ends[some][-1]))
+        heads = np.empty(len(ends[some]), dtype=_POINT)
+        heads["id"], heads["position"], heads["color"] = (
+            points.ids[some],
+            points.positions[some],
+            points.colors[some],
+        )
+        heads["error"], heads["track_count"] = points.errors[some], points.track_counts[some]
+        tracks = np.empty(items.stop - items.start, dtype=_TRACK)
+        tracks["image"], tracks["keypoint"] = points.track_images[items], points.track_keypoints[items]
+        yield _core.join_records(
+            heads.view(np.uint8), tracks.view(np.uint8), _POINT.itemsize, _TRACK.itemsize
+        ).tobytes()

@@ -66,7 +66,10 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
 
 
 def _write(
-    problem: Problem, folder: Path, names: tuple[str, ...], contents: Callable[[Tables], Iterable[bytes]]
+    problem: Problem,
+    folder: Path,
+    names: tuple[str, ...],
+    contents: Callable[[Tables], Iterable[Iterable[bytes]]],
 ) -> None:
     if folder.exists() and not folder.is_dir():
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
@@ -74,7 +77,7 @@ def _write(
     tables = tables_from_problem(problem, folder)
     with atomic_folder(folder, names) as files:
         for file, content in zip(files, contents(tables), strict=True):
-            file.write(content)
+            file.writelines(content)
 
 
 def _require_no_rigs(folder: Path, suffix: str) -> None:

@@ -23,7 +23,7 @@ from sfmcpp.sources.io.colmap.tables import (
 )
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.rows import format_strings, ragged_text, tokens_of_items
+from sfmcpp.sources.io.rows import Rows, format_ragged, tokens_of_items
 
 FILES = ("cameras.txt", "images.txt", "points3D.txt")
 _IMAGE_NUMBERS, _POINT_NUMBERS = 9, 8
@@ -46,11 +46,11 @@ def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
             yield int(words[0]), int(words[1])
 
 
-def text_files(tables: Tables) -> Iterable[bytes]:
-    """Content of the three text files, in the order of `FILES`."""
-    yield _cameras_text(tables.cameras).encode("utf-8")
-    yield _images_text(tables.images).encode("utf-8")
-    yield _points_text(tables.points).encode("ascii")
+def text_files(tables: Tables) -> Iterable[Iterable[bytes]]:
+    """Content of the three text files, in the order of `FILES`, each in pieces."""
+    yield [_cameras_text(tables.cameras).encode("utf-8")]
+    yield _images_text(tables.images)
+    yield _points_text(tables.points)
 
 
 def _read_cameras(path: Path) -> CameraTable:
@@ -155,7 +155,7 @@ def _read_keypoints(text: NumberText, rows: Int64Array) -> tuple[Int64Array, Flo
 
 
 def _read_points(path: Path) -> PointTable:
-    text = NumberText(path, b"\n".join(_read_lines(path)), comments=True)
+    text = NumberText(path, read_bytes(path), comments=True)
     lines = text.lines
     good = (lines.count >= _POINT_NUMBERS) & ((lines.count - _POINT_NUMBERS) % _TRACK == 0)
     text.require_line_counts(good, "8 (id, position, colour, error) and pairs of image id and keypoint")
@@ -191,18 +191,17 @@ def _cameras_text(cameras: CameraTable) -> str:
     return text
 
 
-def _images_text(images: ImageTable) -> str:
+def _images_text(images: ImageTable) -> Iterator[bytes]:
+    yield b"# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then on a line POINTS2D[] as (X Y POINT3D_ID)\n"
     columns = (images.ids, *images.quaternions.T, *images.translations.T, images.camera_ids, images.names)
-    heads = format_strings("\n%d" + " %r" * 7 + " %d %s\n", *columns)
-    items = format_strings(" %r %r %d", *images.keypoints.T, images.keypoint_points)
-    comment = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then on a line POINTS2D[] as (X Y POINT3D_ID)"
-    return comment + ragged_text(heads, items, images.keypoint_counts) + "\n"
+    heads = Rows("%d" + " %r" * 7 + " %d %s\n", columns)
+    items = Rows(" %r %r %d", (*images.keypoints.T, images.keypoint_points))
+    yield from format_ragged(heads, items, images.keypoint_counts, "\n")
 
 
-def _points_text(points: PointTable) -> str:
-    heads = format_strings(
-        "\n%d %r %r %r %d %d %d %r", points.ids, *points.positions.T, *points.colors.T, points.errors
-    )
-    items = format_strings(" %d %d", points.track_images, points.track_keypoints)
-    comment = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID POINT2D_IDX)"
-    return comment + ragged_text(heads, items, points.track_counts) + "\n"
+def _points_text(points: PointTable) -> Iterator[bytes]:
+    yield b"# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID POINT2D_IDX)\n"
+    columns = (points.ids, *points.positions.T, *points.colors.T, points.errors)
+    heads = Rows("%d %r %r %r %d %d %d %r", columns)
+    items = Rows(" %d %d", (points.track_images, points.track_keypoints))
+    yield from format_ragged(heads, items, points.track_counts, "\n")

@@ -1,0 +1,195 @@
+// What files hold: numbers as text, and records.
+#include <cstring>
+#include <limits>
+
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include "options.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/number_text.hpp"
+#include "sfmcpp/core/records.hpp"
+#include "sfmcpp/core/text_rows.hpp"
+
+namespace sfmcpp::bindings {
+namespace {
+
+using Column = std::pair<std::string, py::array>;
+
+constexpr long kBytesOfAThread = 1 << 17, kRowsOfAThread = 1 << 12;
+
+int threads_for(int requested, long work, long work_of_a_thread) {
+  if (requested > 0) return requested;
+  const long machine = resolve_num_threads(0, std::numeric_limits<long>::max());
+  return static_cast<int>(std::max(std::min(machine, work / work_of_a_thread), 1L));
+}
+
+std::string_view bytes_of(const py::buffer_info& info) {
+  return {static_cast<const char*>(info.ptr), static_cast<std::size_t>(info.size * info.itemsize)};
+}
+
+template <class T>
+py::array_t<T> array_of(const std::vector<T>& values) {
+  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
+  const auto text = static_cast<std::string_view>(data);
+  const auto bytes = static_cast<long>(text.size());
+  ThreadPool pool(threads_for(threads, bytes, kBytesOfAThread));
+  const NumberText numbers = [&] {
+    const py::gil_scoped_release release;
+    return NumberText(text, comments, pool);
+  }();
+  py::array_t<double> values(static_cast<py::ssize_t>(numbers.size()));
+  double* out = values.mutable_data();
+  const long bad = [&] {
+    const py::gil_scoped_release release;
+    return numbers.read(out, pool);
+  }();
+  return py::make_tuple(std::move(values), bad);
+}
+
+py::tuple number_lines(const py::bytes& data, bool comments, int threads) {
+  const auto text = static_cast<std::string_view>(data);
+  ThreadPool pool(threads_for(threads, static_cast<long>(text.size()), kBytesOfAThread));
+  const NumberText::Lines lines = [&] {
+    const py::gil_scoped_release release;
+    return NumberText(text, comments, pool).lines(pool);
+  }();
+  return py::make_tuple(array_of(lines.first), array_of(lines.count), array_of(lines.number));
+}
+
+TextColumn text_column(const Column& column, py::ssize_t rows) {
+  const py::array& values = column.second;
+  if (values.ndim() != 1 || values.shape(0) < rows || !(values.flags() & py::array::c_style)) {
+    throw InvalidArgument("columns: must be contiguous, of one dimension, and as long as the rows");
+  }
+  TextColumn result{column.first, {}};
+  if (py::isinstance<py::array_t<double>>(values)) {
+    result.values = static_cast<const double*>(values.data());
+  } else if (py::isinstance<py::array_t<long>>(values)) {
+    result.values = static_cast<const long*>(values.data());
+  } else if (values.dtype().kind() == 'S') {
+    result.values = FixedTexts{static_cast<const char*>(values.data()), values.itemsize()};
+  } else {
+    throw InvalidArgument("columns: must be of float64, int64 or bytes");
+  }
+  return result;
+}
+
+TextRow text_row(const std::vector<Column>& columns, const std::string& after, py::ssize_t rows) {
+  TextRow row{{}, after};
+  for (const Column& column : columns) row.columns.push_back(text_column(column, rows));
+  return row;
+}
+
+py::bytes joined(const std::vector<std::string>& texts) {
+  std::size_t size = 0;
+  for (const std::string& text : texts) size += text.size();
+  PyObject* bytes = PyBytes_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(size));
+  if (bytes == nullptr) throw py::error_already_set();
+  char* out = PyBytes_AS_STRING(bytes);
+  for (const std::string& text : texts) out = std::copy(text.begin(), text.end(), out);
+  return py::reinterpret_steal<py::bytes>(bytes);
+}
+
+py::bytes ragged_text(const std::vector<Column>& head,
+                      const std::string& after_head,
+                      const std::vector<Column>& item,
+                      const std::string& after_item,
+                      const std::string& tail,
+                      const py::array_t<long, py::array::c_style>& counts,
+                      int threads) {
+  const std::span<const long> of_heads(counts.data(), static_cast<std::size_t>(counts.size()));
+  long items = 0;
+  for (const long count : of_heads) {
+    if (count < 0) throw InvalidArgument("counts: must not be negative");
+    items += count;
+  }
+  const TextRow heads = text_row(head, after_head, counts.size());
+  const TextRow rows = text_row(item, after_item, items);
+  ThreadPool pool(threads_for(threads, counts.size() + items, kRowsOfAThread));
+  const std::vector<std::string> texts = [&] {
+    const py::gil_scoped_release release;
+    return ragged_rows(heads, rows, tail, of_heads, pool);
+  }();
+  return joined(texts);
+}
+
+py::tuple split_records_of(const py::buffer& data, long begin, long count, long head, long item) {
+  const py::buffer_info info = data.request();
+  const std::string_view bytes = bytes_of(info).substr(static_cast<std::size_t>(begin));
+  const RecordLayout layout{head, item};
+  const Records records = find_records(bytes, count, layout);
+  const auto heads_size = static_cast<long>(records.begin.size()) * head;
+  py::array_t<std::uint8_t> heads(heads_size), items(records.end - heads_size);
+  split_records(bytes,
+                records,
+                layout,
+                reinterpret_cast<char*>(heads.mutable_data()),
+                reinterpret_cast<char*>(items.mutable_data()));
+  return py::make_tuple(std::move(heads), std::move(items), begin + records.end);
+}
+
+py::array_t<std::uint8_t> join_records_of(const py::buffer& heads,
+                                          const py::buffer& items,
+                                          long head,
+                                          long item) {
+  const py::buffer_info heads_info = heads.request(), items_info = items.request();
+  const std::string_view head_bytes = bytes_of(heads_info), item_bytes = bytes_of(items_info);
+  const RecordLayout layout{head, item};
+  if (!counts_fit(head_bytes, item_bytes, layout)) {
+    throw InvalidArgument("items: must be as many as the heads count");
+  }
+  py::array_t<std::uint8_t> data(static_cast<py::ssize_t>(head_bytes.size() + item_bytes.size()));
+  join_records(head_bytes, item_bytes, layout, reinterpret_cast<char*>(data.mutable_data()));
+  return data;
+}
+
+}  // namespace
+
+void bind_files(py::module_& m) {
+  m.def("read_numbers",
+        &read_numbers,
+        py::arg("text"),
+        py::arg("comments") = false,
+        py::arg("threads") = 0,
+        "All numbers of a text, and the byte of the first word that is no finite number, or -1.");
+  m.def("number_lines",
+        &number_lines,
+        py::arg("text"),
+        py::arg("comments") = false,
+        py::arg("threads") = 0,
+        "Lines that hold words: index of the first word, how many, number of the line from 1.");
+  m.def("ragged_text",
+        &ragged_text,
+        py::arg("head"),
+        py::arg("after_head"),
+        py::arg("item"),
+        py::arg("after_item"),
+        py::arg("tail"),
+        py::arg("counts"),
+        py::arg("threads") = 0,
+        "Rows of text: each head, then the next counts[i] items, then the tail. A column is a pair "
+        "of the text "
+        "before it and its values.");
+  m.def("split_records",
+        &split_records_of,
+        py::arg("data"),
+        py::arg("begin"),
+        py::arg("count"),
+        py::arg("head_bytes"),
+        py::arg("item_bytes"),
+        "Heads and items of the records from byte `begin` on, and where the last one ends that "
+        "fits.");
+  m.def("join_records",
+        &join_records_of,
+        py::arg("heads"),
+        py::arg("items"),
+        py::arg("head_bytes"),
+        py::arg("item_bytes"),
+        "The bytes that split_records takes apart.");
+}
+
+}  // namespace sfmcpp::bindings
