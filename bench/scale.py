@@ -5,8 +5,8 @@
 
 Prints a table and writes DIR/scale.md beside DIR/scale.json. Each run is a process of its own. Seconds are
 those to 1e-3 of the lowest cost that any run of the case ever had; memory is the peak of the process less
-what it had after reading. Results are kept by commit and case: a run that is there is not repeated, so the program
-can be stopped and called again (--again repeats). Scenes are made once, by `sfmcpp synth`.
+what it had after reading. Results are kept by commit and case: a run that is there is not repeated, so the
+program can be stopped and called again (--again repeats). Scenes are made once, by `sfmcpp synth`.
 """
 
 from __future__ import annotations
