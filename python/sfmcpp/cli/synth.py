@@ -40,6 +40,10 @@ PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise on the coor
 Outliers = Annotated[
     float, typer.Option(metavar="SHARE", help="Share of the observations put anywhere in their images.")
 ]
+OutlierSigma = Annotated[
+    float | None,
+    typer.Option(metavar="PX", help="Noise on the coordinates of outliers, instead of putting them anywhere."),
+]
 PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the points.")]
 PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the centres.")]
 RotationSigma = Annotated[float, typer.Option(metavar="DEG", help="Noise on the rotations, about each axis.")]
@@ -73,6 +77,7 @@ def synth(
     distortion: RadialDistortion = None,
     pixel_sigma_px: PixelSigma = 1.0,
     outliers: Outliers = 0.0,
+    outlier_sigma_px: OutlierSigma = None,
     point_sigma_m: PointSigma = 0.0,
     position_sigma_m: PositionSigma = 0.0,
     rotation_sigma_deg: RotationSigma = 0.0,
@@ -97,7 +102,7 @@ def synth(
     _check_targets(output, truth)
     true_problem = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
     if outliers != 0:
-        true_problem, _ = add_outliers(true_problem, outliers, seed=seed)
+        true_problem, _ = add_outliers(true_problem, outliers, sigma_px=outlier_sigma_px, seed=seed)
     start = perturb(true_problem, seed=seed, **noise)
     _write(start, output, true_problem, truth)
     if not quiet:

@@ -1,0 +1,57 @@
+"""One solve in a process of its own: ``python -m scaling.one_run REQUEST.json``, the record on stdout.
+
+The request names the file, the options of the solve and how much memory the process may have.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+def run(request: dict[str, Any]) -> dict[str, Any]:
+    """Read, solve; memory is counted from after reading to the peak of the solve."""
+    import sfmcpp
+
+    if request.get("memory_bytes"):
+        resource.setrlimit(resource.RLIMIT_AS, (request["memory_bytes"], request["memory_bytes"]))
+    problem = sfmcpp.read(request["path"])
+    inputs = status_bytes("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # forgets the peak of reading
+    began, began_cpu = time.perf_counter(), time.process_time()
+    summary = sfmcpp.solve(problem, **request["options"])
+    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - began_cpu
+    state = b"".join(array.tobytes() for array in (problem.cameras, problem.intrinsics, problem.points))
+    return {
+        "observations": problem.num_observations,
+        "cameras": problem.num_cameras,
+        "points": problem.num_points,
+        "solver": summary.linear_solver,
+        "reason": summary.linear_solver_reason,
+        "termination": summary.termination,
+        "threads": summary.threads,
+        "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
+        "seconds_setup": summary.seconds_setup,
+        "peak_bytes": status_bytes("VmHWM") - inputs,
+        "inputs_bytes": inputs,
+        "final_cost": summary.final_cost,
+        "trace": [[step.seconds, step.cost] for step in summary.iterations],
+        "cg_iterations": sum(step.linear_solver_iterations for step in summary.iterations),
+        "state": hashlib.sha256(state).hexdigest()[:16],
+    }
+
+
+def status_bytes(key: str) -> int:
+    """What Linux counts of this process [bytes]."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(key))
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(json.loads(Path(sys.argv[1]).read_text()))))
