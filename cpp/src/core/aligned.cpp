@@ -1,8 +1,6 @@
 #include "sfmcpp/core/aligned.hpp"
 
-#if defined(__linux__)
-#include <sys/mman.h>
-#endif
+#include "buffer_store.hpp"
 
 namespace sfmcpp {
 namespace {
@@ -16,16 +14,15 @@ std::align_val_t alignment_for(std::size_t bytes) {
 }  // namespace
 
 void* allocate_large(std::size_t bytes) {
+  if (void* kept = BufferStore::of_process().allocate(bytes)) return kept;
   void* memory = ::operator new(bytes, alignment_for(bytes));
-#if defined(__linux__)
-  // A wish: where it is refused, the pages are small.
-  if (bytes >= kHugePage) madvise(memory, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
-#endif
+  if (bytes >= kHugePage) wish_for_huge_pages(memory, bytes / kHugePage * kHugePage);
   return memory;
 }
 
 void free_large(void* memory, std::size_t bytes) {
-  ::operator delete(memory, alignment_for(bytes));
+  if (!BufferStore::of_process().take_back(memory, bytes))
+    ::operator delete(memory, alignment_for(bytes));
 }
 
 }  // namespace sfmcpp

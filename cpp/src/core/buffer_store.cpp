@@ -1,0 +1,142 @@
+#include "buffer_store.hpp"
+
+#include <algorithm>
+
+#include "sfmcpp/core/aligned.hpp"
+
+#if defined(__linux__)
+#include <pthread.h>
+
+#include <sys/mman.h>
+#endif
+
+namespace sfmcpp {
+namespace {
+
+constexpr std::size_t kHugePage = std::size_t{1} << 21;
+
+// As much as the solves of some hundred thousand observations need, and as allocators keep too.
+// Sanitizers are to see every array, its end and its death.
+#if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
+constexpr std::size_t kKeptBytes = std::size_t{64} << 20;
+#else
+constexpr std::size_t kKeptBytes = 0;
+#endif
+
+std::size_t rounded(std::size_t bytes, std::size_t multiple) {
+  return (bytes + multiple - 1) / multiple * multiple;
+}
+
+// Address space from a huge page on; its pages are the system's until they are touched.
+char* reserve(std::size_t bytes) {
+#if defined(__linux__)
+  void* memory = mmap(nullptr,
+                      bytes + kHugePage,
+                      PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE,
+                      -1,
+                      0);
+  if (memory == MAP_FAILED) return nullptr;
+  char* begin = static_cast<char*>(memory);
+  const auto past = reinterpret_cast<std::size_t>(begin) % kHugePage;
+  const std::size_t ahead = past == 0 ? 0 : kHugePage - past;
+  if (ahead > 0) munmap(begin, ahead);
+  munmap(begin + ahead + bytes, kHugePage - ahead);
+  return begin + ahead;
+#else
+  static_cast<void>(bytes);
+  return nullptr;
+#endif
+}
+
+}  // namespace
+
+void wish_for_huge_pages(void* memory, std::size_t bytes) {
+#if defined(__linux__)
+  madvise(memory, bytes, MADV_HUGEPAGE);
+#else
+  static_cast<void>(memory), static_cast<void>(bytes);
+#endif
+}
+
+BufferStore& BufferStore::of_process() {
+  // Never destroyed: arrays may live until the process ends. A child that is forked while another
+  // thread is in here finds the lock open.
+  static BufferStore& store = [&]() -> BufferStore& {
+    static auto* made = new BufferStore(kKeptBytes);
+#if defined(__linux__)
+    pthread_atfork(
+        [] { made->mutex_.lock(); }, [] { made->mutex_.unlock(); }, [] { made->mutex_.unlock(); });
+#endif
+    return *made;
+  }();
+  return store;
+}
+
+BufferStore::BufferStore(std::size_t bytes) {
+  if (bytes > 0) begin_ = reserve(rounded(bytes, kHugePage));
+  if (begin_ == nullptr) return;
+  size_ = rounded(bytes, kHugePage);
+  wish_for_huge_pages(begin_, size_);
+  insert(gaps_end(), {begin_, begin_ + size_});
+}
+
+BufferStore::~BufferStore() {
+#if defined(__linux__)
+  if (begin_ != nullptr) munmap(begin_, size_);
+#endif
+}
+
+// The first gap that is large enough: what has been touched is used again first.
+void* BufferStore::allocate(std::size_t bytes) {
+  if (size_ == 0) return nullptr;
+  const std::size_t wanted = rounded(std::max<std::size_t>(bytes, 1), kCacheLine);
+  const std::lock_guard lock(mutex_);
+  if (num_arrays_ + 1 == kMaxGaps) return nullptr;
+  Gap* gap = std::find_if(gaps_.data(), gaps_end(), [&](const Gap& g) {
+    return static_cast<std::size_t>(g.end - g.begin) >= wanted;
+  });
+  if (gap == gaps_end()) return nullptr;
+  char* memory = gap->begin;
+  gap->begin += wanted;
+  if (gap->begin == gap->end) erase(gap);
+  in_use_ += wanted;
+  ++num_arrays_;
+  return memory;
+}
+
+bool BufferStore::take_back(void* memory, std::size_t bytes) {
+  char* begin = static_cast<char*>(memory);
+  if (size_ == 0 || begin < begin_ || begin >= begin_ + size_) return false;
+  char* end = begin + rounded(std::max<std::size_t>(bytes, 1), kCacheLine);
+  const std::lock_guard lock(mutex_);
+  in_use_ -= static_cast<std::size_t>(end - begin);
+  --num_arrays_;
+  Gap* next = std::find_if(gaps_.data(), gaps_end(), [&](const Gap& g) { return g.begin >= end; });
+  const bool joins_previous = next != gaps_.data() && next[-1].end == begin;
+  const bool joins_next = next != gaps_end() && next->begin == end;
+  if (joins_previous && joins_next) {
+    next[-1].end = next->end;
+    erase(next);
+  } else if (joins_previous) {
+    next[-1].end = end;
+  } else if (joins_next) {
+    next->begin = begin;
+  } else {
+    insert(next, {begin, end});
+  }
+  return true;
+}
+
+void BufferStore::insert(Gap* place, const Gap& gap) {
+  std::move_backward(place, gaps_end(), gaps_end() + 1);
+  *place = gap;
+  ++num_gaps_;
+}
+
+void BufferStore::erase(Gap* place) {
+  std::move(place + 1, gaps_end(), place);
+  --num_gaps_;
+}
+
+}  // namespace sfmcpp

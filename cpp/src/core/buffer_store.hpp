@@ -1,0 +1,59 @@
+// Memory for the arrays of solves, kept by the process.
+//
+// A solve lives for milliseconds, and all its arrays are as old as itself: taken from the system,
+// every page of them would be cleared by it when it is touched first, 4 KB at a time, which costs a
+// small problem as much as a step; and given back, they would have to be cleared again for the next
+// solve. So arrays are cut from one piece of address space, for which huge pages are asked, and
+// what they leave is kept for the next solve. The piece is bounded: what does not fit comes from
+// the system.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <mutex>
+
+namespace sfmcpp {
+
+class BufferStore {
+ public:
+  // All solves share this one; it has no room where the system has no such memory.
+  static BufferStore& of_process();
+
+  explicit BufferStore(std::size_t bytes);
+  ~BufferStore();
+  BufferStore(const BufferStore&) = delete;
+  BufferStore& operator=(const BufferStore&) = delete;
+
+  // Starts on a cache line; null where there is no room.
+  void* allocate(std::size_t bytes);
+  // False for memory that is not of this store.
+  bool take_back(void* memory, std::size_t bytes);
+
+  std::size_t bytes_in_use() const { return in_use_; }
+
+ private:
+  // What is free, by address; neighbours are joined, so that there is at most one gap more than
+  // arrays.
+  struct Gap {
+    char* begin;
+    char* end;
+  };
+  static constexpr std::size_t kMaxGaps = 1024;
+
+  Gap* gaps_end() { return gaps_.data() + num_gaps_; }
+  void insert(Gap* place, const Gap& gap);
+  void erase(Gap* place);
+
+  char* begin_ = nullptr;
+  std::size_t size_ = 0;
+  std::size_t in_use_ = 0;
+  std::size_t num_arrays_ = 0;
+  std::array<Gap, kMaxGaps> gaps_;
+  std::size_t num_gaps_ = 0;
+  std::mutex mutex_;
+};
+
+// A wish: where it is refused, the pages are small.
+void wish_for_huge_pages(void* memory, std::size_t bytes);
+
+}  // namespace sfmcpp
