@@ -31,15 +31,19 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
                                      normal_.records() + begin,
                                      graph.point.data() + begin,
                                      factors,
-                                     camera_blocks_.data() + size * size * i,
-                                     camera_rhs_.data() + size * i);
+                                     camera_block(i),
+                                     camera_rhs(i));
   });
+  gather(rhs);
+}
+
+void CameraBlockDiagonal::gather(std::vector<double>& rhs) {
   rhs.assign(map_.num_columns, 0.0);
   std::fill(blocks_.begin(), blocks_.end(), 0.0);
   const bool is_root = normal_.exchange().is_root();
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
-    normal_.fold(camera_rhs_.data() + size * i, i, columns, rhs.data());
-    fold_block(i, camera_blocks_.data() + size * size * i, columns);
+    normal_.fold(camera_rhs(i), i, columns, rhs.data());
+    fold_block(i, camera_block(i), columns);
     normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
       if (j == i && is_root) fold_block(i, block, columns);
     });

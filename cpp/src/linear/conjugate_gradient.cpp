@@ -15,8 +15,7 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
                                            const LinearMap& a,
                                            const LinearMap& preconditioner,
                                            const std::vector<double>& b,
-                                           double tolerance,
-                                           int max_iterations,
+                                           const ConjugateGradientOptions& options,
                                            const std::function<bool()>& should_stop,
                                            std::vector<double>& x) {
   ConjugateGradientResult result;
@@ -25,9 +24,10 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
   preconditioner(residual, z);
   direction = z;
   double rz = dot(pool, residual, z);
-  const double target = tolerance * tolerance * rz;
+  const double target = options.tolerance * options.tolerance * rz;
   const double start = rz;
-  while (rz > target && result.iterations < max_iterations) {
+  double decrease = 0.0;  // −Q of x
+  while (rz > target && result.iterations < options.max_iterations) {
     a(direction, a_direction);
     const double curvature = dot(pool, direction, a_direction);
     if (!(curvature > 0.0)) {
@@ -37,6 +37,8 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
       break;
     }
     const double alpha = rz / curvature;
+    const double gain = 0.5 * alpha * rz;
+    decrease += gain;
     add_scaled(pool, alpha, direction, x);
     add_scaled(pool, -alpha, a_direction, residual);
     preconditioner(residual, z);
@@ -45,6 +47,7 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
     rz = next;
     scale_and_add(pool, beta, z, direction);
     ++result.iterations;
+    if (result.iterations * gain < options.forcing * decrease) break;
     if (result.iterations % kIterationsBetweenStopChecks == 0 && should_stop()) break;
   }
   result.finite = result.finite && std::isfinite(rz);

@@ -1,8 +1,9 @@
 #include <cstdio>
 #include <unistd.h>
 
-#include "implicit_schur.hpp"
+#include "iterative_solver.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
+#include "sfmcpp/linear/iterative_counts.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 
 namespace sfmcpp::linear {
@@ -98,12 +99,33 @@ LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
   return choice;
 }
 
+namespace {
+
+// Null where multiplying from the Jacobian costs less.
+std::shared_ptr<const ReducedStructure> structure_worth_its_blocks(
+    const NormalEquations& normal, std::shared_ptr<const ReducedStructure> structure) {
+  const ObservationGraph& graph = normal.graph();
+  if (normal.exchange().num_ranks() > 1 || graph.num_cameras == 0) return nullptr;
+  IterativeSize size = iterative_size(graph, normal.map().camera_size);
+  if (!structure) {
+    size.blocks = graph.num_cameras;  // at least
+    if (!blocks_pay(size)) return nullptr;
+    structure = std::make_shared<ReducedStructure>(
+        ReducedStructure{.pattern = make_camera_pattern(graph)});
+  }
+  size.blocks = static_cast<double>(structure->pattern.num_blocks());
+  return blocks_pay(size) ? structure : nullptr;
+}
+
+}  // namespace
+
 std::unique_ptr<LinearSolver> make_linear_solver(
     const NormalEquations& normal,
     const LinearSolverOptions& options,
     std::shared_ptr<const ReducedStructure> structure) {
   if (options.kind == LinearSolverKind::kIterative) {
-    return std::make_unique<ImplicitSchurSolver>(normal, options);
+    return std::make_unique<IterativeSolver>(
+        normal, options, structure_worth_its_blocks(normal, std::move(structure)));
   }
   return std::make_unique<ExplicitSchurSolver>(normal, options.kind, std::move(structure));
 }

@@ -39,7 +39,7 @@ class RandomSystem : public testing::TestWithParam<int> {
 
 TEST_P(RandomSystem, ConvergesWithinAsManyIterationsAsUnknowns) {
   const auto result =
-      conjugate_gradient(pool, map_of(a), map_of(MatrixXd::Identity(n, n)), b, 1e-9, n, kGoOn, x);
+      conjugate_gradient(pool, map_of(a), map_of(MatrixXd::Identity(n, n)), b, {.tolerance = 1e-9, .max_iterations = n}, kGoOn, x);
   EXPECT_LE(result.iterations, n);
   EXPECT_LE(result.relative_residual, 1e-9);
   EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
@@ -47,7 +47,7 @@ TEST_P(RandomSystem, ConvergesWithinAsManyIterationsAsUnknowns) {
 
 TEST_P(RandomSystem, WithTheInverseAsPreconditionerTakesOneIteration) {
   const auto result =
-      conjugate_gradient(pool, map_of(a), map_of(a.inverse()), b, 1e-8, 10, kGoOn, x);
+      conjugate_gradient(pool, map_of(a), map_of(a.inverse()), b, {.tolerance = 1e-8, .max_iterations = 10}, kGoOn, x);
   EXPECT_EQ(result.iterations, 1);
   EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
 }
@@ -56,11 +56,11 @@ TEST_P(RandomSystem, WithTheInverseAsPreconditionerTakesOneIteration) {
 TEST_P(RandomSystem, StopsAsSoonAsTheToleranceIsMetInTheNormItNames) {
   const MatrixXd m = a.diagonal().cwiseInverse().asDiagonal();
   const auto norm = [&](const VectorXd& v) { return std::sqrt(v.dot(m * v)); };
-  const auto result = conjugate_gradient(pool, map_of(a), map_of(m), b, 1e-2, 1000, kGoOn, x);
+  const auto result = conjugate_gradient(pool, map_of(a), map_of(m), b, {.tolerance = 1e-2, .max_iterations = 1000}, kGoOn, x);
   EXPECT_LE(norm(residual()), 1.0001e-2 * norm(VectorXd::Ones(n)));
   EXPECT_NEAR(result.relative_residual, norm(residual()) / norm(VectorXd::Ones(n)), 1e-10);
   if (result.iterations == 0) return;
-  conjugate_gradient(pool, map_of(a), map_of(m), b, 1e-2, result.iterations - 1, kGoOn, x);
+  conjugate_gradient(pool, map_of(a), map_of(m), b, {.tolerance = 1e-2, .max_iterations = result.iterations - 1}, kGoOn, x);
   EXPECT_GT(norm(residual()), 1e-2 * norm(VectorXd::Ones(n)));
 }
 
@@ -76,7 +76,7 @@ TEST(ConjugateGradient, StopsSoonAfterItIsAsked) {
   int asked = 0;
   const auto at_third_time = [&] { return ++asked == 3; };
   const auto result =
-      conjugate_gradient(pool, map_of(a), map_of(identity), b, 1e-14, 1000, at_third_time, x);
+      conjugate_gradient(pool, map_of(a), map_of(identity), b, {.tolerance = 1e-14, .max_iterations = 1000}, at_third_time, x);
   EXPECT_EQ(asked, 3);
   EXPECT_LT(result.iterations, 60);
   EXPECT_GT(result.iterations, 0);
@@ -86,7 +86,7 @@ TEST(ConjugateGradient, OfAZeroRightHandSideIsZeroAtOnce) {
   std::vector<double> x(4, 7.0);
   const MatrixXd a = random_spd(4, 1);
   const auto result = conjugate_gradient(
-      pool, map_of(a), map_of(a), std::vector<double>(4, 0.0), 1e-6, 10, kGoOn, x);
+      pool, map_of(a), map_of(a), std::vector<double>(4, 0.0), {.tolerance = 1e-6}, kGoOn, x);
   EXPECT_EQ(result.iterations, 0);
   EXPECT_TRUE(result.finite);
   EXPECT_EQ(x, std::vector<double>(4, 0.0));
@@ -96,7 +96,7 @@ TEST(ConjugateGradient, SaysSoWhenTheRightHandSideIsNotFinite) {
   std::vector<double> x;
   const MatrixXd a = random_spd(3, 1);
   const std::vector<double> b{1.0, std::nan(""), 0.0};
-  EXPECT_FALSE(conjugate_gradient(pool, map_of(a), map_of(a), b, 1e-6, 10, kGoOn, x).finite);
+  EXPECT_FALSE(conjugate_gradient(pool, map_of(a), map_of(a), b, {.tolerance = 1e-6, .max_iterations = 10}, kGoOn, x).finite);
 }
 
 }  // namespace

@@ -131,11 +131,19 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"damping_matrix", "What λ multiplies"},
       [](auto& o) -> auto& { return o.minimizer.damping_matrix; });
   f(
-      O{"pcg_tolerance", "Relative residual at which the iterative linear solver stops", kShare},
+      O{"pcg_tolerance",
+        "Relative residual at which the iterative linear solver stops; else as pcg_forcing says",
+        kShare},
       [](auto& o) -> auto& { return o.linear_solver.pcg_tolerance; });
   f(
       O{"pcg_max_iterations", "Iterations of the iterative linear solver at most", kAtLeastOne},
       [](auto& o) -> auto& { return o.linear_solver.pcg_max_iterations; });
+  f(
+      O{"pcg_forcing",
+        "Without pcg_tolerance, the iterative linear solver stops at an iteration that gains less "
+        "than this share of what the average one did",
+        kShare},
+      [](auto& o) -> auto& { return o.linear_solver.pcg_forcing; });
 }
 
 }  // namespace sfmcpp::ba

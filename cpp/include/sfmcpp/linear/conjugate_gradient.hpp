@@ -8,6 +8,16 @@
 
 namespace sfmcpp::linear {
 
+struct ConjugateGradientOptions {
+  // Of the residual, relative to b in the norm of the preconditioner's inverse.
+  double tolerance = 1e-2;
+  // Stop too at iteration i when it lowers the quadratic model Q(x) = ½ xᵀA x − bᵀx by less than
+  // this share of what an average one of the i did: i (Qᵢ − Qᵢ₋₁) < forcing · Qᵢ (Nash & Sofer 1990,
+  // eq. 13). Zero: never.
+  double forcing = 0.0;
+  int max_iterations = 500;
+};
+
 struct ConjugateGradientResult {
   int iterations = 0;
   double relative_residual = 0.0;
@@ -16,14 +26,12 @@ struct ConjugateGradientResult {
 
 using LinearMap = std::function<void(const std::vector<double>& in, std::vector<double>& out)>;
 
-// Solves A x = b from x = 0 until ‖b − A x‖ ≤ tolerance ‖b‖ in the norm of the preconditioner's
-// inverse, at most `max_iterations`, or until `should_stop`.
+// Solves A x = b from x = 0, until a rule of the options or `should_stop`.
 ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
                                            const LinearMap& a,
                                            const LinearMap& preconditioner,
                                            const std::vector<double>& b,
-                                           double tolerance,
-                                           int max_iterations,
+                                           const ConjugateGradientOptions& options,
                                            const std::function<bool()>& should_stop,
                                            std::vector<double>& x);
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -38,13 +39,19 @@ namespace linear {
 
 struct LinearSolverOptions {
   LinearSolverKind kind = LinearSolverKind::kAuto;
-  double pcg_tolerance = 1e-2;  // relative residual of the reduced system (inexact Newton)
+  // Relative residual of the reduced system at which the iterative solver stops; none: by the
+  // forcing sequence (inexact Newton).
+  std::optional<double> pcg_tolerance = std::nullopt;
   int pcg_max_iterations = 500;
+  double pcg_forcing = 0.1;  // conjugate_gradient.hpp
 };
 
 struct LinearSolveResult {
   bool success = false;  // false: not positive definite, or not finite
   int iterations = 0;    // of the iterative solver
+  // δᵀ (b − A δ) of a system A δ = b solved in part: its quadratic model falls by half of that more
+  // than ½ bᵀ δ.
+  double residual_along_step = 0.0;
 };
 
 class LinearSolver {

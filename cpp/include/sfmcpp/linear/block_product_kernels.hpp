@@ -1,0 +1,28 @@
+// The product of a symmetric matrix of D×D blocks, of which one half is kept in single precision,
+// with a vector. Blocks are widened as they are read: the sums are in double precision, so that the
+// matrix is exactly symmetric and conjugate gradients see rounding of its entries alone.
+#pragma once
+
+namespace sfmcpp::linear {
+
+struct BlockProductKernels {
+  // With the n blocks B_k = (i, column[k]) of row i: out_i += Σ B_k x_k and out_k += B_kᵀ x_i, with
+  // D numbers of `x` and `out` for every camera; `out` begins with camera `first`.
+  void (*add_row)(int n,
+                  const float* blocks,
+                  const int* column,
+                  int i,
+                  int first,
+                  const double* x,
+                  double* out);
+  // out += B x for a block of panel_layout.hpp in double precision.
+  void (*add_block)(const double* block, const double* x, double* out);
+  // Rounds a block of panel_layout.hpp to one as the product wants it: its transpose, in the same
+  // layout.
+  void (*round)(const double* block, float* out);
+};
+
+// `camera_size` must be one of padded_camera_size().
+BlockProductKernels block_product_kernels(int camera_size);
+
+}  // namespace sfmcpp::linear

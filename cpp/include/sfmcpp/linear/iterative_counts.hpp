@@ -1,0 +1,39 @@
+// What the iterative solver does for a step, counted before it is done.
+#pragma once
+
+#include "sfmcpp/linear/observation_graph.hpp"
+
+namespace sfmcpp::linear {
+
+// A problem as these counts see it.
+struct IterativeSize {
+  double cameras = 0.0;
+  double points = 0.0;
+  double observations = 0.0;
+  double pair_updates = 0.0;  // num_pair_updates (reduced_structure.hpp)
+  double blocks = 0.0;        // of S on and above the diagonal, if they are formed
+  int camera_size = 0;
+};
+
+struct IterativeCounts {
+  double setup_flops = 0.0;
+  double setup_bytes = 0.0;
+  double iteration_flops = 0.0;
+  double iteration_bytes = 0.0;  // read and written
+  double kept_bytes = 0.0;       // besides the normal equations
+};
+
+// All but the blocks.
+IterativeSize iterative_size(const ObservationGraph& graph, int camera_size);
+
+IterativeCounts count_from_jacobian(const IterativeSize& size);
+IterativeCounts count_with_blocks(const IterativeSize& size);
+
+// Iterations that a step is expected to take, before any has been taken; later those of the last
+// step tell more (Iteration::linear_solver_iterations).
+double expected_iterations(const IterativeSize& size);
+
+// Whether S is to be formed in blocks.
+bool blocks_pay(const IterativeSize& size);
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,187 @@
+// Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "register_blocks.hpp"
+#include "sfmcpp/linear/block_product_isa.hpp"
+
+namespace sfmcpp::linear::SFMCPP_ISA {
+namespace {
+
+// The compiler's vector types; GCC drops the attribute from a type that depends on a parameter.
+template <int W>
+struct FloatsOf;
+template <>
+struct FloatsOf<2> {
+  typedef float Type __attribute__((vector_size(8)));
+};
+template <>
+struct FloatsOf<4> {
+  typedef float Type __attribute__((vector_size(16)));
+};
+template <>
+struct FloatsOf<8> {
+  typedef float Type __attribute__((vector_size(32)));
+};
+
+// W numbers of single precision as doubles.
+template <int W>
+inline Pack<W> load_floats(const float* p) {
+  if constexpr (W == 1) {
+    return Pack<1>(static_cast<double>(*p));
+  } else {
+    typename FloatsOf<W>::Type in;
+    __builtin_memcpy(&in, p, sizeof(in));
+    return Pack<W>(__builtin_convertvector(in, typename VectorOf<W>::Type));
+  }
+}
+
+template <int D, int kFirst = 0>
+inline void load_row_of_floats(const float* p, Row<D, kFirst>& row) {
+  if constexpr (kFirst < D) {
+    row.head = load_floats<Row<D, kFirst>::kWidth>(p + kFirst);
+    load_row_of_floats(p, row.tail);
+  }
+}
+
+// What of the sums of a row of blocks stays in registers. Of each panel the products with every
+// column, whose lanes are added at the end; a panel one row high is a plain row of the block.
+template <int D, int kFirst = 0, int kWidth = panel_width(D - kFirst)>
+struct RowSums {
+  Pack<kWidth> lanes[D];
+  RowSums<D, kFirst + kWidth> rest;
+};
+template <int D, int kFirst>
+struct RowSums<D, kFirst, 1> {
+  Row<D> row;
+};
+template <int D>
+struct RowSums<D, D, 1> {};
+
+template <int D, int kFirst, int kWidth>
+inline void set_zero(RowSums<D, kFirst, kWidth>& sums) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      set_zero(sums.row);
+    } else {
+      for (int r = 0; r < D; ++r) sums.lanes[r] = Pack<kWidth>(0.0);
+      set_zero(sums.rest);
+    }
+  }
+}
+
+// Of one block B, whose transpose lies in panels: `to_row` += B x and `other` += Bᵀ of_row.
+template <int D, int kFirst, int kWidth>
+inline void multiply(const float* block,
+                     const double* x,
+                     const double* of_row,
+                     RowSums<D, kFirst, kWidth>& to_row,
+                     double* other) {
+  if constexpr (kFirst < D) {
+    const float* panel = block + kFirst * D;
+    if constexpr (kWidth == 1) {
+      Row<D> values, factors;
+      load_row_of_floats(panel, values);
+      load_row(of_row, factors);
+      add_scaled(to_row.row, values, x[kFirst]);
+      other[kFirst] += dot(values, factors);
+    } else {
+      const Pack<kWidth> xs = load<kWidth>(x + kFirst);
+      Pack<kWidth> sum = load<kWidth>(other + kFirst);
+#pragma GCC unroll 18
+      for (int r = 0; r < D; ++r) {
+        const Pack<kWidth> values = load_floats<kWidth>(panel + r * kWidth);
+        to_row.lanes[r] += values * xs;
+        sum += values * of_row[r];
+      }
+      store(other + kFirst, sum);
+      multiply(block, x, of_row, to_row.rest, other);
+    }
+  }
+}
+
+template <int D, int kFirst, int kWidth>
+inline void add_to(double* out, const RowSums<D, kFirst, kWidth>& sums) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      Row<D> row;
+      load_row(out, row);
+      add_scaled(row, sums.row, 1.0);
+      store_row(out, row);
+    } else {
+      for (int r = 0; r < D; ++r) out[r] += sum_of_lanes(sums.lanes[r]);
+      add_to(out, sums.rest);
+    }
+  }
+}
+
+// Blocks follow one another in memory, which the processor foresees; the vectors lie anywhere.
+template <int D>
+void add_row(int n,
+             const float* blocks,
+             const int* column,
+             int i,
+             int first,
+             const double* x,
+             double* out) {
+  constexpr int kAhead = 4;
+  double of_row[D];
+  for (int r = 0; r < D; ++r) of_row[r] = x[static_cast<long>(D) * i + r];
+  RowSums<D> sums;
+  set_zero(sums);
+  for (int k = 0; k < n; ++k) {
+    if (k + kAhead < n) {
+      const long ahead = column[k + kAhead];
+      __builtin_prefetch(x + D * ahead);
+      __builtin_prefetch(out + D * (ahead - first), 1);
+    }
+    const long j = column[k];
+    multiply(blocks + static_cast<long>(D) * D * k, x + D * j, of_row, sums, out + D * (j - first));
+  }
+  add_to(out + static_cast<long>(D) * (i - first), sums);
+}
+
+template <int D, int kFirst = 0>
+inline void add_symmetric_panels(const double* block, const double* x, double* out) {
+  if constexpr (kFirst < D) {
+    constexpr int kWidth = panel_width(D - kFirst);
+    const double* panel = block + kFirst * D;
+    Pack<kWidth> sum = load<kWidth>(out + kFirst);
+    for (int c = 0; c < D; ++c) sum += load<kWidth>(panel + c * kWidth) * x[c];
+    store(out + kFirst, sum);
+    add_symmetric_panels<D, kFirst + kWidth>(block, x, out);
+  }
+}
+
+template <int D>
+void add_block(const double* block, const double* x, double* out) {
+  add_symmetric_panels<D>(block, x, out);
+}
+
+template <int D>
+void round_transposed(const double* block, float* out) {
+  for (int row = 0; row < D; ++row) {
+    for (int column = 0; column < D; ++column) {
+      out[panel_index(D, column, row)] = static_cast<float>(block[panel_index(D, row, column)]);
+    }
+  }
+}
+
+template <int D>
+BlockProductKernels kernels() {
+  return {  .add_row = &add_row<D>, .add_block = &add_block<D>, .round = &round_transposed<D>};
+}
+
+}  // namespace
+
+BlockProductKernels product_kernels_for(int camera_size) {
+  switch (camera_size) {
+    case 6:
+      return kernels<6>();
+    case 9:
+      return kernels<9>();
+    case 12:
+      return kernels<12>();
+    default:
+      return kernels<18>();
+  }
+}
+
+}  // namespace sfmcpp::linear::SFMCPP_ISA

@@ -1,0 +1,108 @@
+#include "iterative_solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sfmcpp/linear/vector_algebra.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+// What is asked of a system whose entries are rounded to single precision, at most.
+constexpr double kTrustedTolerance = 1e-4;
+// Where the forcing sequence decides: no residual needs to be smaller.
+constexpr double kFloor = 1e-4;
+
+}  // namespace
+
+IterativeSolver::IterativeSolver(const NormalEquations& normal,
+                                 const LinearSolverOptions& options,
+                                 std::shared_ptr<const ReducedStructure> structure)
+    : normal_(normal), options_(options), elimination_(normal), preconditioner_(normal) {
+  implicit_ = make_implicit_schur(normal, elimination_);
+  if (structure) blocks_ = make_block_sparse_schur(normal, elimination_, std::move(structure));
+}
+
+LinearSolveResult IterativeSolver::solve(const Damping& damping,
+                                         Step& step,
+                                         const std::function<bool()>& should_stop) {
+  elimination_.factor(damping);
+  diagonal_ = normal_.camera_damping(damping);
+  SchurOperator& schur = blocks_ ? *blocks_ : *implicit_;
+  schur.assemble(preconditioner_, rhs_);
+  preconditioner_.factor(diagonal_);
+  const double tolerance = options_.pcg_tolerance.value_or(kFloor);
+  ConjugateGradientResult result =
+      correct(rhs_,
+              schur.is_rounded() ? std::max(tolerance, kTrustedTolerance) : tolerance,
+              options_.pcg_max_iterations,
+              should_stop,
+              step.camera);
+  if (schur.is_rounded() && tolerance < kTrustedTolerance)
+    refine(tolerance, should_stop, result, step.camera);
+  if (!result.finite) return {.success = false, .iterations = result.iterations};
+  elimination_.back_substitute(step);
+  return {.success = true, .iterations = result.iterations};
+}
+
+ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
+                                                 double tolerance,
+                                                 int max_iterations,
+                                                 const std::function<bool()>& should_stop,
+                                                 Vector& x) {
+  SchurOperator& schur = blocks_ ? *blocks_ : *implicit_;
+  return conjugate_gradient(
+      normal_.pool(),
+      [&](const auto& in, auto& out) { apply(schur, in, out); },
+      [this](const auto& in, auto& out) { preconditioner_.solve(in, out); },
+      residual,
+      {.tolerance = tolerance,
+       .forcing = options_.pcg_tolerance ? 0.0 : options_.pcg_forcing,
+       .max_iterations = max_iterations},
+      should_stop,
+      x);
+}
+
+void IterativeSolver::refine(double tolerance,
+                             const std::function<bool()>& should_stop,
+                             ConjugateGradientResult& result,
+                             Vector& x) {
+  const auto norm = [this](const Vector& r) {
+    Vector z(r.size());
+    preconditioner_.solve(r, z);
+    return std::sqrt(dot(normal_.pool(), r, z));
+  };
+  const double target = tolerance * norm(rhs_);
+  Vector residual = residual_of(*implicit_, x), correction;
+  double size = norm(residual);
+  while (result.finite && size > target && result.iterations < options_.pcg_max_iterations) {
+    const ConjugateGradientResult next = correct(residual,
+                                                 std::max(target / size, kTrustedTolerance),
+                                                 options_.pcg_max_iterations - result.iterations,
+                                                 should_stop,
+                                                 correction);
+    result.iterations += next.iterations;
+    result.finite = next.finite;
+    add_scaled(normal_.pool(), 1.0, correction, x);
+    residual = residual_of(*implicit_, x);
+    const double before = std::exchange(size, norm(residual));
+    if (!(size < 0.5 * before)) break;  // rounding of the blocks has the last word, or a user
+  }
+}
+
+IterativeSolver::Vector IterativeSolver::residual_of(SchurOperator& schur, const Vector& x) const {
+  Vector product(x.size());
+  apply(schur, x, product);
+  for (std::size_t k = 0; k < product.size(); ++k) product[k] = rhs_[k] - product[k];
+  return product;
+}
+
+void IterativeSolver::apply(SchurOperator& schur, const Vector& x, Vector& out) const {
+  for (std::size_t k = 0; k < out.size(); ++k)
+    out[k] = normal_.exchange().is_root() ? diagonal_[k] * x[k] : 0.0;
+  schur.add_product(x, out);
+  normal_.exchange().sum(out);
+  normal_.camera_terms().add_product(normal_.map(), x, out);
+}
+
+}  // namespace sfmcpp::linear
