@@ -111,7 +111,7 @@ std::shared_ptr<const ReducedStructure> structure_worth_its_blocks(
     size.blocks = graph.num_cameras;  // at least
     if (!blocks_pay(size)) return nullptr;
     structure = std::make_shared<ReducedStructure>(
-        ReducedStructure{.pattern = make_camera_pattern(graph)});
+        ReducedStructure{.pattern = make_camera_pattern(graph, {}, normal.pool())});
   }
   size.blocks = static_cast<double>(structure->pattern.num_blocks());
   return blocks_pay(size) ? structure : nullptr;
