@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'projection_matrices', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SPARSE_CHOLESKY', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -563,6 +563,10 @@ def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.S
     """
     Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
     """
+def join_records(heads: numpy.typing.NDArray[numpy.uint8], items: numpy.typing.NDArray[numpy.uint8], head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    The bytes that split_records takes apart.
+    """
 def linearize_pose(view: dict, constraints: collections.abc.Sequence[dict], pose: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> dict:
     """
     Normal equations of the images, residuals and Jacobians of the constraints.
@@ -579,9 +583,21 @@ def nearest_of_first(first: numpy.typing.NDArray[numpy.uint8], second: numpy.typ
     """
     Nearest of `second` to each of `first`: its number (-1: none), the squared distances to it and to the second nearest (2**29: none).
     """
+def number_lines(text: bytes, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+    """
+    Lines that hold words: index of the first word, how many, number of the line from 1.
+    """
 def projection_matrices(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (C, 3, 4) projection matrices to pixels, distortion left out.
+    """
+def ragged_text(head: collections.abc.Sequence[tuple[str, numpy.ndarray]], after_head: str, item: collections.abc.Sequence[tuple[str, numpy.ndarray]], after_item: str, tail: str, counts: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> bytes:
+    """
+    Rows of text: each head, then the next counts[i] items, then the tail. A column is a pair of the text before it and its values.
+    """
+def read_numbers(text: bytes, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+    """
+    All numbers of a text, and the byte of the first word that is no finite number, or -1.
     """
 def refine_pose(view: dict, constraints: collections.abc.Sequence[dict], start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], options: PoseSweepOptions) -> dict:
     """
@@ -598,6 +614,10 @@ def sample_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typin
 def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> CoreSummary:
     """
     Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
+    """
+def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
+    """
+    Heads and items of the records from byte `begin` on, and where the last one ends that fits.
     """
 def sweep_pose_weights(view: dict, constraints: collections.abc.Sequence[dict], selected: typing.SupportsInt | typing.SupportsIndex, weights: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], options: PoseSweepOptions) -> dict:
     """

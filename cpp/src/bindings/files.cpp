@@ -14,6 +14,7 @@
 namespace sfmcpp::bindings {
 namespace {
 
+using Bytes = py::array_t<std::uint8_t, py::array::c_style>;
 using Column = std::pair<std::string, py::array>;
 
 constexpr long kBytesOfAThread = 1 << 17, kRowsOfAThread = 1 << 12;
@@ -24,8 +25,8 @@ int threads_for(int requested, long work, long work_of_a_thread) {
   return static_cast<int>(std::max(std::min(machine, work / work_of_a_thread), 1L));
 }
 
-std::string_view bytes_of(const py::buffer_info& info) {
-  return {static_cast<const char*>(info.ptr), static_cast<std::size_t>(info.size * info.itemsize)};
+std::string_view bytes_of(const Bytes& array) {
+  return {reinterpret_cast<const char*>(array.data()), static_cast<std::size_t>(array.size())};
 }
 
 template <class T>
@@ -117,9 +118,8 @@ py::bytes ragged_text(const std::vector<Column>& head,
   return joined(texts);
 }
 
-py::tuple split_records_of(const py::buffer& data, long begin, long count, long head, long item) {
-  const py::buffer_info info = data.request();
-  const std::string_view bytes = bytes_of(info).substr(static_cast<std::size_t>(begin));
+py::tuple split_records_of(const py::bytes& data, long begin, long count, long head, long item) {
+  const std::string_view bytes = static_cast<std::string_view>(data).substr(begin);
   const RecordLayout layout{head, item};
   const Records records = find_records(bytes, count, layout);
   const auto heads_size = static_cast<long>(records.begin.size()) * head;
@@ -132,12 +132,11 @@ py::tuple split_records_of(const py::buffer& data, long begin, long count, long 
   return py::make_tuple(std::move(heads), std::move(items), begin + records.end);
 }
 
-py::array_t<std::uint8_t> join_records_of(const py::buffer& heads,
-                                          const py::buffer& items,
+py::array_t<std::uint8_t> join_records_of(const Bytes& heads,
+                                          const Bytes& items,
                                           long head,
                                           long item) {
-  const py::buffer_info heads_info = heads.request(), items_info = items.request();
-  const std::string_view head_bytes = bytes_of(heads_info), item_bytes = bytes_of(items_info);
+  const std::string_view head_bytes = bytes_of(heads), item_bytes = bytes_of(items);
   const RecordLayout layout{head, item};
   if (!counts_fit(head_bytes, item_bytes, layout)) {
     throw InvalidArgument("items: must be as many as the heads count");
@@ -185,8 +184,8 @@ void bind_files(py::module_& m) {
         "fits.");
   m.def("join_records",
         &join_records_of,
-        py::arg("heads"),
-        py::arg("items"),
+        py::arg("heads").noconvert(),
+        py::arg("items").noconvert(),
         py::arg("head_bytes"),
         py::arg("item_bytes"),
         "The bytes that split_records takes apart.");

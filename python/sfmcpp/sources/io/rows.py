@@ -62,16 +62,10 @@ def format_ragged(
     cuts = np.searchsorted(rows, np.arange(_CHUNK_ROWS, rows[-1] if len(rows) else 0, _CHUNK_ROWS)) + 1
     first = 0
     for begin, end in pairwise(np.unique([0, *cuts, len(ends)]).tolist()):
-        items: Some = slice(first, int(ends[end - 1]))
-        first = items.stop
-        if order is not None:
-            items = order[items]
-        yield _core.ragged_text(
-            *head.fields(slice(begin, end)),
-            *item.fields(items),
-            tail,
-            np.ascontiguousarray(counts[begin:end]),
-        )
+        among = slice(first, int(ends[end - 1]))
+        first = among.stop
+        heads, items = head.fields(slice(begin, end)), item.fields(among if order is None else order[among])
+        yield _core.ragged_text(*heads, *items, tail, counts[begin:end])
 
 
 def exclusive_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
