@@ -59,14 +59,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="BAL file, .bz2 or plain")
+    parser.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="BAL text, .bz2 or plain, or any file that sfmcpp reads",
+    )
     parser.add_argument("--out", type=Path, default=Path("peers-results"), help="folder of JSON and pictures")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--tuning-repeats", type=int, default=2, help="per round; 0: first variants")
     parser.add_argument("--only", default="", help="names of peers, separated by commas")
     parser.add_argument("--best", type=float, nargs="*", default=[], metavar="COST", help="one per file")
-    parser.add_argument("--max-seconds", type=float, default=120.0, help="limit of a single run")
+    parser.add_argument("--max-seconds", type=float, default=120.0, help="limit of a single process")
+    parser.add_argument(
+        "--solve-seconds", type=float, default=1e6, help="limit of a solve, which then tells how far it came"
+    )
+    parser.add_argument(
+        "--labels", default="", help="only these ways of Ceres, such as sparse,iterative explicit S"
+    )
     parser.add_argument("--build", type=Path, default=DEFAULT_BUILD_FOLDER, help="where drivers are built")
     args = parser.parse_args(arguments)
     unknown = set(names(args.only)) - set(solvers.all_peers())
@@ -83,8 +95,8 @@ def names(only: str) -> list[str]:
 
 
 def stem(path: Path) -> str:
-    """The file's name without .txt and .bz2."""
-    return path.name.removesuffix(".bz2").removesuffix(".txt")
+    """The file's name without its suffixes."""
+    return path.name.split(".")[0]
 
 
 def limit_processors(threads: int) -> None:
@@ -112,13 +124,14 @@ def compare_on(
     """Tune, repeat and summarise on one file."""
     plain = plain_copy(path, folder)
     problem = read_bal(plain)
-    job = Job(plain, folder / "run", args.threads, StoppingRule(), args.max_seconds)
+    rule = StoppingRule(max_seconds=args.solve_seconds)
+    job = Job(plain, folder / "run", args.threads, rule, args.max_seconds)
     print(f"\n{stem(path)}: choosing the fastest settings of each solver", flush=True)
     entrants: list[Entrant] = []
     tuning: list[Run] = []
     failures: dict[str, str] = {}
     for peer in peers:
-        chosen, trials, reasons = tune(peer, job, problem, args.tuning_repeats, best, say)
+        chosen, trials, reasons = tune(peer, job, problem, args.tuning_repeats, best, say, names(args.labels))
         entrants += chosen
         tuning += trials
         failures.update(reasons)
@@ -173,7 +186,7 @@ def environment(args: argparse.Namespace) -> dict[str, Any]:
         "machine": platform.platform(),
         "processors": os.cpu_count(),
         "threads": args.threads,
-        "stopping_rule": asdict(StoppingRule()),
+        "stopping_rule": asdict(StoppingRule(max_seconds=args.solve_seconds)),
     }
 
 

@@ -44,7 +44,8 @@ class Case:
         return target
 
 
-def _case(shape: str, stem: str, cameras: int, *more: str) -> Case:
+def scene_of(shape: str, stem: str, cameras: int, *more: str) -> Case:
+    """A scene with the start of its shape."""
     start = PHOTOS_START if shape == "photo-collection" else POOR_START
     return Case(f"{stem}{cameras}", shape, cameras, (shape, "--cameras", str(cameras), *more, *start))
 
@@ -52,11 +53,11 @@ def _case(shape: str, stem: str, cameras: int, *more: str) -> Case:
 CASES: dict[str, Case] = {
     case.name: case
     for case in (
-        *(_case("city-blocks", "city", count) for count in (1000, 3000, 10_000, 30_000, 100_000)),
-        *(_case("photo-collection", "photos", count) for count in (600, 1000, 3000)),
-        *(_case("drive-with-loops", "drive", count) for count in (1000, 3000, 10_000)),
-        _case("corridor", "corridor", 600, "--points", "40000", "--camera-model", "bal"),
-        _case("sphere", "sphere", 600, "--points", "24000", "--camera-model", "bal"),
+        *(scene_of("city-blocks", "city", count) for count in (1000, 3000, 10_000, 30_000, 100_000)),
+        *(scene_of("photo-collection", "photos", count) for count in (600, 1000, 3000)),
+        *(scene_of("drive-with-loops", "drive", count) for count in (1000, 3000, 10_000)),
+        scene_of("corridor", "corridor", 600, "--points", "40000", "--camera-model", "bal"),
+        scene_of("sphere", "sphere", 600, "--points", "24000", "--camera-model", "bal"),
     )
 }
 QUICK = ("city1000", "photos600", "drive1000")

@@ -2,8 +2,8 @@
 //
 //     ceres_driver FILE OUTCOME.json STATE.f64 [key=value ...]
 //
-// Keys: linear_solver, dense_library, explicit_schur, jacobian, threads, max_iterations,
-// function_tolerance.
+// Keys: linear_solver, preconditioner, dense_library, explicit_schur, jacobian, threads,
+// max_iterations, max_seconds, function_tolerance.
 #include <cstdlib>
 #include <iostream>
 #include <map>
@@ -24,11 +24,13 @@ using Settings = std::map<std::string, std::string>;
 
 Settings ParseSettings(int argc, char** argv) {
   Settings settings{{"linear_solver", "DENSE_SCHUR"},
+                    {"preconditioner", "SCHUR_JACOBI"},
                     {"dense_library", "LAPACK"},
                     {"explicit_schur", "0"},
                     {"jacobian", "analytic"},
                     {"threads", "2"},
                     {"max_iterations", "50"},
+                    {"max_seconds", "1e6"},
                     {"function_tolerance", "1e-6"}};
   for (int i = 4; i < argc; ++i) {
     const std::string argument = argv[i];
@@ -46,13 +48,15 @@ ceres::Solver::Options MakeOptions(const Settings& settings) {
   ceres::Solver::Options options;
   if (!ceres::StringToLinearSolverType(settings.at("linear_solver"), &options.linear_solver_type) ||
       !ceres::StringToDenseLinearAlgebraLibraryType(settings.at("dense_library"),
-                                                    &options.dense_linear_algebra_library_type)) {
-    throw std::runtime_error("linear_solver or dense_library: unknown to Ceres");
+                                                    &options.dense_linear_algebra_library_type) ||
+      !ceres::StringToPreconditionerType(settings.at("preconditioner"),
+                                         &options.preconditioner_type)) {
+    throw std::runtime_error("linear_solver, preconditioner or dense_library: unknown to Ceres");
   }
   options.use_explicit_schur_complement = settings.at("explicit_schur") == "1";
-  options.preconditioner_type = ceres::SCHUR_JACOBI;
   options.num_threads = std::stoi(settings.at("threads"));
   options.max_num_iterations = std::stoi(settings.at("max_iterations"));
+  options.max_solver_time_in_seconds = std::stod(settings.at("max_seconds"));
   options.function_tolerance = std::stod(settings.at("function_tolerance"));
   options.gradient_tolerance = 0.0;
   options.parameter_tolerance = 0.0;

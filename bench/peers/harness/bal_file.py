@@ -65,12 +65,22 @@ class State:
 
 
 def plain_copy(path: Path, folder: Path) -> Path:
-    """The file itself, or its decompressed copy in `folder` when it ends in .bz2."""
-    if path.suffix != ".bz2":
+    """The file itself if it is BAL text, else a copy in `folder`: decompressed, or converted by sfmcpp.
+
+    Converted files lose what BAL does not hold (masks, standard deviations); a principal point is subtracted
+    from the pixels. All solvers, sfmcpp too, then read the same text.
+    """
+    if path.suffix == ".txt" and path.is_file():
         return path
-    copy = folder / path.stem
-    with bz2.open(path) as source, copy.open("wb") as target:
-        shutil.copyfileobj(source, target)
+    if path.suffixes[-2:] == [".txt", ".bz2"]:
+        copy = folder / path.stem
+        with bz2.open(path) as source, copy.open("wb") as target:
+            shutil.copyfileobj(source, target)
+        return copy
+    import sfmcpp
+
+    copy = folder / f"{path.name.split('.')[0]}.txt"
+    sfmcpp.write(sfmcpp.read(path), copy)
     return copy
 
 

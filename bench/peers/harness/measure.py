@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -98,9 +98,17 @@ def _execute(entrant: Entrant, job: Job) -> None:
 
 
 def tune(
-    peer: Peer, job: Job, problem: BalProblem, repeats: int, best: float | None, say: Callable[[str], None]
+    peer: Peer,
+    job: Job,
+    problem: BalProblem,
+    repeats: int,
+    best: float | None,
+    say: Callable[[str], None],
+    labels: Sequence[str] = (),
 ) -> tuple[list[Entrant], list[Run], dict[str, str]]:
     """For each label of a peer, the variant that is fastest to 1e-3 of the best cost, by knock-out.
+
+    `labels`, if any, are the only ones tried of a peer that has several.
 
     Returns
     -------
@@ -113,6 +121,8 @@ def tune(
     """
     by_label: dict[str, list[Variant]] = {}
     for variant in peer.variants(job.threads):
+        if labels and variant.label and variant.label not in labels:
+            continue
         by_label.setdefault(variant.label, []).append(variant)
     entrants, runs, failures = [], [], {}
     for variants in by_label.values():

@@ -20,10 +20,14 @@ class Objective(str, Enum):
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """Stop when the cost changes by at most `function_tolerance` of itself; no other tolerance."""
+    """Stop when the cost changes by at most `function_tolerance` of itself; no other tolerance.
+
+    Solvers that know the time also stop after `max_seconds`, with what they have; none is killed for it.
+    """
 
     max_iterations: int = 50
     function_tolerance: float = 1e-6
+    max_seconds: float = 1e6
 
 
 @dataclass(frozen=True)

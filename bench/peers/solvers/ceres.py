@@ -16,7 +16,12 @@ SCHUR_SOLVERS = {
     "dense": {"linear_solver": "DENSE_SCHUR"},
     "sparse": {"linear_solver": "SPARSE_SCHUR"},
     "iterative": {"linear_solver": "ITERATIVE_SCHUR", "explicit_schur": "0"},
-    "iterative, explicit S": {"linear_solver": "ITERATIVE_SCHUR", "explicit_schur": "1"},
+    "iterative explicit S": {"linear_solver": "ITERATIVE_SCHUR", "explicit_schur": "1"},
+    "iterative clusters": {"linear_solver": "ITERATIVE_SCHUR", "preconditioner": "CLUSTER_JACOBI"},
+    "iterative cluster trees": {
+        "linear_solver": "ITERATIVE_SCHUR",
+        "preconditioner": "CLUSTER_TRIDIAGONAL",
+    },
 }
 
 
@@ -59,6 +64,7 @@ class Ceres(Peer):
             **variant.settings,
             "max_iterations": job.rule.max_iterations,
             "function_tolerance": job.rule.function_tolerance,
+            "max_seconds": job.rule.max_seconds,
         }
         outputs = [str(job.folder / "outcome.json"), str(job.folder / "state.f64")]
         return [str(self.driver), str(job.bal_path), *outputs, *(f"{k}={v}" for k, v in settings.items())]

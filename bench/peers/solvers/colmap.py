@@ -119,6 +119,7 @@ def make_options(rule: StoppingRule, settings: dict[str, str]) -> Any:
     solver.preconditioner_type = type(solver.preconditioner_type).__members__["SCHUR_JACOBI"]
     solver.num_threads = int(settings["threads"])
     solver.max_num_iterations = rule.max_iterations
+    solver.max_solver_time_in_seconds = rule.max_seconds
     solver.function_tolerance = rule.function_tolerance
     solver.gradient_tolerance = solver.parameter_tolerance = 0.0
     solver.logging_type = type(solver.logging_type).__members__["PER_MINIMIZER_ITERATION"]

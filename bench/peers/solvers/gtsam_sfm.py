@@ -86,6 +86,8 @@ def iterate(optimizer: Any, rule: StoppingRule, began: float) -> tuple[list[tupl
         optimizer.iterate()
         before, now = trace[-1][1], optimizer.error()
         trace.append((time.perf_counter() - began, now))
+        if trace[-1][0] > rule.max_seconds:
+            return trace, "time limit"
         if before - now <= rule.function_tolerance * before:
             return trace, "function tolerance"
     return trace, "maximal number of iterations"

@@ -37,6 +37,7 @@ class Sfmcpp(InProcessPeer):
                 own,
                 threads=job.threads,
                 max_iterations=job.rule.max_iterations,
+                max_seconds=job.rule.max_seconds,
                 function_tolerance=job.rule.function_tolerance,
                 gradient_tolerance=0.0,
                 parameter_tolerance=0.0,
