@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan tsan no-cholmod bench stubs clean
+.PHONY: help demo test install lint format asan tsan bench stubs clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -80,10 +80,9 @@ bench: cpp-build ## the C++ benchmarks
 	ctest --test-dir $(PYTHON_BUILD) --label-regex bench --verbose
 
 asan: ## the C++ tests under the address and undefined-behaviour sanitizers
-tsan: ## the C++ tests that use threads or a sparse factor, under the thread sanitizer, without SuiteSparse
-no-cholmod: ## all C++ tests of a build without SuiteSparse
+tsan: ## the C++ tests that use threads, under the thread sanitizer
 
-asan tsan no-cholmod: $(BUILD_PACKAGES_STAMP)
+asan tsan: $(BUILD_PACKAGES_STAMP)
 	cmake --preset $@
 	cmake --build --preset $@
 	$(call run_cpp_tests,build/$@)

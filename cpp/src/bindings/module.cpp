@@ -3,7 +3,6 @@
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/linear/sparse_cholesky.hpp"
 
 namespace py = pybind11;
 
@@ -29,7 +28,6 @@ void register_errors() {
 PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of sfmcpp; the public interface is the package sfmcpp.";
   m.attr("__version__") = SFMCPP_VERSION;
-  m.attr("SPARSE_CHOLESKY") = py::str(std::string(sfmcpp::linear::sparse_cholesky_name()));
   m.attr("INSTRUCTION_SET") = py::str(std::string(sfmcpp::isa_name(sfmcpp::active_isa())));
   register_errors();
   sfmcpp::bindings::bind_options(m);

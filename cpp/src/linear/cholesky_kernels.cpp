@@ -12,7 +12,9 @@ using Real = Pack<kLanes>;
 constexpr int kTileRows = 2 * kLanes;
 constexpr int kTileColumns = kLanes == 8 ? 8 : 4;
 
-inline void update_tile(const double* a, const double* b, double* c, long ld, int inner) {
+// Columns of a are `lda` apart, of b `ldb`, of c `ld`.
+inline void update_tile(
+    const double* a, long lda, const double* b, long ldb, double* c, long ld, int inner) {
   Real low[kTileColumns], high[kTileColumns];
 #pragma GCC unroll 8
   for (int j = 0; j < kTileColumns; ++j) {
@@ -20,10 +22,10 @@ inline void update_tile(const double* a, const double* b, double* c, long ld, in
     high[j] = load<kLanes>(c + j * ld + kLanes);
   }
   for (int p = 0; p < inner; ++p) {
-    const Real a_low = load<kLanes>(a + p * ld), a_high = load<kLanes>(a + p * ld + kLanes);
+    const Real a_low = load<kLanes>(a + p * lda), a_high = load<kLanes>(a + p * lda + kLanes);
 #pragma GCC unroll 8
     for (int j = 0; j < kTileColumns; ++j) {
-      const Real factor = -b[p * ld + j];
+      const Real factor = -b[p * ldb + j];
       low[j] += a_low * factor;
       high[j] += a_high * factor;
     }
@@ -38,7 +40,25 @@ inline void update_tile(const double* a, const double* b, double* c, long ld, in
 void update(const double* a, const double* b, double* c, long ld, int inner, int columns) {
   for (int j = 0; j < columns; j += kTileColumns) {
     for (int i = 0; i < kStrip; i += kTileRows)
-      update_tile(a + i, b + j, c + i + j * ld, ld, inner);
+      update_tile(a + i, ld, b + j, ld, c + i + j * ld, ld, inner);
+  }
+}
+
+void pack(const double* a, long ld, int rows, int inner, double* packed) {
+  for (int row = 0; row < rows; row += kStrip) {
+    for (int p = 0; p < inner; ++p) {
+      for (int i = 0; i < kStrip; i += kLanes)
+        store(packed + i, load<kLanes>(a + row + i + p * ld));
+      packed += kStrip;
+    }
+  }
+}
+
+void update_packed(const double* a, const double* b, double* c, long ld, int inner, int columns) {
+  for (int j = 0; j < columns; j += kTileColumns) {
+    const double* columns_of_b = b + static_cast<long>(j / kStrip * kStrip) * inner + j % kStrip;
+    for (int i = 0; i < kStrip; i += kTileRows)
+      update_tile(a + i, kStrip, columns_of_b, kStrip, c + i + j * ld, ld, inner);
   }
 }
 
@@ -112,41 +132,97 @@ bool factor(double* a, long ld, int size) {
   return true;
 }
 
-// x[i] += s · column[i] for i in [begin, size).
-inline void add_scaled(const double* column, double s, int begin, int size, double* x) {
-  int i = begin;
-  for (; i + kLanes <= size; i += kLanes)
-    store(x + i, load<kLanes>(x + i) + load<kLanes>(column + i) * s);
-  for (; i < size; ++i) x[i] += column[i] * s;
-}
-
-inline double dot(const double* column, const double* x, int begin, int size) {
-  Real sum(0.0);
-  int i = begin;
-  for (; i + kLanes <= size; i += kLanes) sum += load<kLanes>(column + i) * load<kLanes>(x + i);
-  double total = sum_of_lanes(sum);
-  for (; i < size; ++i) total += column[i] * x[i];
-  return total;
-}
-
-void forward(const double* l, long ld, int size, double* x) {
-  for (int j = 0; j < size; ++j) {
-    x[j] /= l[j + j * ld];
-    add_scaled(l + j * ld, -x[j], j + 1, size, x);
+void add_runs(
+    const double* source, double* target, const RowRun* runs, int begin, int end) {
+  for (; begin < end; ++runs) {
+    const int stop = runs->source + runs->length < end ? runs->source + runs->length : end;
+    double* to = target + (runs->target - runs->source);
+    int row = begin > runs->source ? begin : runs->source;
+    for (; row + kLanes <= stop; row += kLanes)
+      store(to + row, load<kLanes>(to + row) + load<kLanes>(source + row));
+    for (; row < stop; ++row) to[row] += source[row];
+    begin = stop;
   }
 }
 
-void backward(const double* l, long ld, int size, double* x) {
-  for (int j = size - 1; j >= 0; --j)
-    x[j] = (x[j] - dot(l + j * ld, x, j + 1, size)) / l[j + j * ld];
+// Four columns at a time: x is loaded and stored once for them.
+constexpr int kColumnsAtOnce = 4;
+
+// x[i] −= Σ s[c] l[i + c ld] for i in [begin, size).
+inline void subtract_columns(
+    const double* l, long ld, const double* s, int begin, int size, double* x) {
+  int i = begin;
+  for (; i + kLanes <= size; i += kLanes) {
+    Real sum = load<kLanes>(x + i);
+    for (int c = 0; c < kColumnsAtOnce; ++c) sum += load<kLanes>(l + i + c * ld) * -s[c];
+    store(x + i, sum);
+  }
+  for (; i < size; ++i) {
+    for (int c = 0; c < kColumnsAtOnce; ++c) x[i] -= s[c] * l[i + c * ld];
+  }
+}
+
+// sums[c] = Σ l[i + c ld] x[i] for i in [begin, size).
+inline void dot_columns(
+    const double* l, long ld, const double* x, int begin, int size, double* sums) {
+  Real sum[kColumnsAtOnce];
+  for (int c = 0; c < kColumnsAtOnce; ++c) sum[c] = Real(0.0);
+  int i = begin;
+  for (; i + kLanes <= size; i += kLanes) {
+    const Real values = load<kLanes>(x + i);
+    for (int c = 0; c < kColumnsAtOnce; ++c) sum[c] += load<kLanes>(l + i + c * ld) * values;
+  }
+  for (int c = 0; c < kColumnsAtOnce; ++c) {
+    sums[c] = sum_of_lanes(sum[c]);
+    for (int k = i; k < size; ++k) sums[c] += l[k + c * ld] * x[k];
+  }
+}
+
+void forward(const double* l, long ld, int columns, int rows, double* x) {
+  int j = 0;
+  for (; j + kColumnsAtOnce <= columns; j += kColumnsAtOnce) {
+    const double* part = l + j * ld;
+    for (int c = 0; c < kColumnsAtOnce; ++c) {
+      for (int p = 0; p < c; ++p) x[j + c] -= part[j + c + p * ld] * x[j + p];
+      x[j + c] /= part[j + c + c * ld];
+    }
+    subtract_columns(part, ld, x + j, j + kColumnsAtOnce, rows, x);
+  }
+  for (; j < columns; ++j) {
+    x[j] /= l[j + j * ld];
+    for (int i = j + 1; i < rows; ++i) x[i] -= l[i + j * ld] * x[j];
+  }
+}
+
+void backward(const double* l, long ld, int columns, int rows, double* x) {
+  int j = columns;
+  for (; j % kColumnsAtOnce != 0; --j) {
+    double sum = x[j - 1];
+    for (int i = j; i < rows; ++i) sum -= l[i + (j - 1) * ld] * x[i];
+    x[j - 1] = sum / l[(j - 1) * (ld + 1)];
+  }
+  while (j > 0) {
+    j -= kColumnsAtOnce;
+    const double* part = l + j * ld;
+    double sums[kColumnsAtOnce];
+    dot_columns(part, ld, x, j + kColumnsAtOnce, rows, sums);
+    for (int c = kColumnsAtOnce - 1; c >= 0; --c) {
+      double sum = x[j + c] - sums[c];
+      for (int i = c + 1; i < kColumnsAtOnce; ++i) sum -= part[j + i + c * ld] * x[j + i];
+      x[j + c] = sum / part[j + c + c * ld];
+    }
+  }
 }
 
 }  // namespace
 
 CholeskyKernels cholesky_kernels_of() {
   return {.update = &update,
+          .pack = &pack,
+          .update_packed = &update_packed,
           .factor = &factor,
           .solve_strip = &solve_strip,
+          .add_runs = &add_runs,
           .forward = &forward,
           .backward = &backward};
 }

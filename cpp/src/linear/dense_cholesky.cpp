@@ -9,71 +9,9 @@
 namespace sfmcpp::linear {
 namespace {
 
-// From this size on, tiles of columns are wider, and tasks are several strips that share a block of
-// b.
-constexpr int kLarge = 1024;
 constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
-constexpr int kInnerBlock = 256;     // columns of b that stay in the cache
 
 int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
-
-// One factorisation under way.
-class Factorization {
- public:
-  Factorization(const CholeskyKernels& kernels, double* matrix, long ld, int size, ThreadPool& pool)
-      : kernels_(kernels),
-        matrix_(matrix),
-        ld_(ld),
-        size_(size),
-        tile_(size < kLarge ? 32 : 64),
-        rows_per_task_(size < kLarge ? kStrip : 4 * kStrip),
-        pool_(pool) {}
-
-  bool run() {
-    for (int column = 0; column < size_; column += tile_) {
-      const int width = std::min(tile_, size_ - column);
-      for_each_task(column, [&](int begin, int end) { update(begin, end, column, width); });
-      if (!kernels_.factor(at(column, column), ld_, width)) return false;
-      for_each_task(column + width, [&](int begin, int end) { solve(begin, end, column, width); });
-    }
-    return true;
-  }
-
- private:
-  double* at(int row, int column) const { return matrix_ + column * ld_ + row; }
-
-  // f(begin, end) for the rows from `first` on, in parallel.
-  template <class F>
-  void for_each_task(int first, const F& f) {
-    pool_.parallel_for((size_ - first + rows_per_task_ - 1) / rows_per_task_, [&](int task) {
-      const int begin = first + task * rows_per_task_;
-      f(begin, std::min(begin + rows_per_task_, size_));
-    });
-  }
-
-  void update(int begin, int end, int column, int width) const {
-    for (int inner = 0; inner < column; inner += kInnerBlock) {
-      const int count = std::min(kInnerBlock, column - inner);
-      for (int row = begin; row < end; row += kStrip) {
-        kernels_.update(at(row, inner), at(column, inner), at(row, column), ld_, count, width);
-      }
-    }
-  }
-
-  void solve(int begin, int end, int column, int width) const {
-    for (int row = begin; row < end; row += kStrip) {
-      kernels_.solve_strip(at(column, column), at(row, column), ld_, width);
-    }
-  }
-
-  const CholeskyKernels& kernels_;
-  double* matrix_;
-  long ld_;
-  int size_;
-  int tile_;  // columns factored at a time
-  int rows_per_task_;
-  ThreadPool& pool_;
-};
 
 }  // namespace
 
@@ -97,12 +35,14 @@ void DenseCholesky::set_zero(ThreadPool& pool) {
 }
 
 bool DenseCholesky::factorize(ThreadPool& pool) {
-  return Factorization(kernels_, matrix_.data(), ld_, padded_size_, pool).run();
+  scratch_.resize(pool.num_threads());
+  return factor_panel(
+      kernels_, matrix_.data(), ld_, padded_size_, padded_size_, &pool, scratch_.data());
 }
 
 void DenseCholesky::solve(std::span<double> x) {
-  kernels_.forward(matrix_.data(), ld_, size_, x.data());
-  kernels_.backward(matrix_.data(), ld_, size_, x.data());
+  kernels_.forward(matrix_.data(), ld_, size_, size_, x.data());
+  kernels_.backward(matrix_.data(), ld_, size_, size_, x.data());
 }
 
 void DenseCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {

@@ -5,8 +5,7 @@
 
 #include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/panel_layout.hpp"
-#include "sfmcpp/linear/sparse_cholesky.hpp"
-#include "sfmcpp/linear/vector_algebra.hpp"
+#include "sfmcpp/linear/supernodal_cholesky.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -43,63 +42,49 @@ class SparseReducedSolver final : public ReducedSolver {
   SparseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
       : ReducedSolver(structure.pattern, map),
         pool_(pool),
-        position_(structure.ordering.position),
-        layout_(structure.graph, position_) {
-    fill_pattern();
-    cholesky_ = make_sparse_cholesky(matrix_);
-  }
+        supernodes_(structure.supernodes),
+        cholesky_(structure.supernodes) {}
 
   void start(const std::vector<double>& diagonal) override {
-    for_each_part(pool_, matrix_.value, [this](long begin, long end) {
-      part(matrix_.value, begin, end).setZero();
-    });
+    cholesky_.set_zero(pool_);
     for (int block = 0; block < map().num_blocks(); ++block) {
-      const BlockPlace at = place(position_[block], position_[block]);
+      const BlockPlace at = place(position(block), position(block));
       const int first = map().block_begin[block];
       for (int k = first; k < map().block_begin[block + 1]; ++k)
-        matrix_.value[at.of(k - first, k - first)] = diagonal[k];
+        values()[at.of(k - first, k - first)] = diagonal[k];
     }
   }
-  std::span<double> values() override { return matrix_.value; }
-  bool factorize() override { return cholesky_->factorize(matrix_); }
-  double log_determinant() const override { return cholesky_->log_determinant(); }
+  std::span<double> values() override { return cholesky_.values(); }
+  bool factorize() override { return cholesky_.factorize(pool_); }
+  double log_determinant() const override { return cholesky_.log_determinant(); }
+
+  void solve_columns(Eigen::MatrixXd& x) override {
+    Eigen::MatrixXd placed(x.rows(), x.cols());
+    for (int k = 0; k < map().num_columns; ++k) placed.row(place_of(k)) = x.row(k);
+    cholesky_.solve(placed, pool_);
+    for (int k = 0; k < map().num_columns; ++k) x.row(k) = placed.row(place_of(k));
+  }
 
  private:
-  int position(int block) const override { return position_[block]; }
+  int position(int block) const override { return supernodes_.position[block]; }
   BlockPlace place(int row_block, int column_block) const override {
-    return layout_.place(row_block, column_block);
+    return cholesky_.place(row_block, column_block);
   }
 
   void solve_in_place(std::vector<double>& x) override {
     std::vector<double> placed(x.size());
     for (int k = 0; k < map().num_columns; ++k) placed[place_of(k)] = x[k];
-    cholesky_->solve(placed);
+    cholesky_.solve(placed, pool_);
     for (int k = 0; k < map().num_columns; ++k) x[k] = placed[place_of(k)];
   }
   int place_of(int column) const {
     const int block = map().block_of[column];
-    return layout_.first_column(position_[block]) + column - map().block_begin[block];
-  }
-
-  void fill_pattern() {
-    const auto entries = static_cast<std::size_t>(layout_.num_entries());
-    matrix_.size = layout_.num_columns();
-    matrix_.row.reserve(entries);
-    for (int block = 0; block < layout_.num_blocks(); ++block) {
-      for (int c = layout_.first_column(block); c < layout_.first_column(block + 1); ++c) {
-        matrix_.column_begin.push_back(static_cast<std::int64_t>(matrix_.row.size()));
-        layout_.for_each_row(block, c, [this](int row) { matrix_.row.push_back(row); });
-      }
-    }
-    matrix_.column_begin.push_back(static_cast<std::int64_t>(matrix_.row.size()));
-    matrix_.value.resize(entries);
+    return supernodes_.first_column[position(block)] + column - map().block_begin[block];
   }
 
   ThreadPool& pool_;
-  const std::vector<int>& position_;
-  BlockLayout layout_;
-  SparseLower matrix_;
-  std::unique_ptr<SparseCholesky> cholesky_;
+  const Supernodes& supernodes_;
+  SupernodalCholesky cholesky_;
 };
 
 // Calls f(row, column, value), both within their variable blocks, for the entries of a camera block
@@ -206,14 +191,6 @@ void ReducedSolver::add_within(const Segment& rows,
 bool ReducedSolver::solve(std::vector<double>& x) {
   solve_in_place(x);
   return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
-}
-
-void ReducedSolver::solve_columns(Eigen::MatrixXd& x) {
-  for (auto column : x.colwise()) {
-    std::vector<double> values(column.begin(), column.end());
-    solve_in_place(values);
-    std::copy(values.begin(), values.end(), column.begin());
-  }
 }
 
 std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,

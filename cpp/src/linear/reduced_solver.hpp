@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/block_place.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {
@@ -33,7 +34,7 @@ class ReducedSolver {
   // `x` holds the right-hand side before and the solution after; false if that is not finite.
   bool solve(std::vector<double>& x);
   // The same for every column of `x`, which need not come out finite.
-  virtual void solve_columns(Eigen::MatrixXd& x);
+  virtual void solve_columns(Eigen::MatrixXd& x) = 0;
   // Of the factorised matrix.
   virtual double log_determinant() const = 0;
 
@@ -68,7 +69,7 @@ class ReducedSolver {
   std::vector<std::size_t> segment_begin_;  // of each camera
 };
 
-// The references must outlive the solver. The sparse one analyses the structure here.
+// The references must outlive the solver.
 std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,
                                                          const ParameterMap& map,
                                                          ThreadPool& pool);

@@ -1,9 +1,6 @@
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 #include <algorithm>
-#include <numeric>
-
-#include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -55,48 +52,10 @@ ReducedStructure make_sparse_structure(CameraPattern pattern, const ParameterMap
   ReducedStructure structure{.pattern = std::move(pattern)};
   structure.graph = make_block_graph(structure.pattern, map);
   structure.ordering = order_blocks(structure.graph);
+  structure.supernodes = make_supernodes(structure.graph, structure.ordering);
+  structure.ordering.position = structure.supernodes.position;
+  structure.ordering.factor_bytes = structure.supernodes.num_bytes();
   return structure;
-}
-
-BlockLayout::BlockLayout(const BlockGraph& graph, const std::vector<int>& position)
-    : first_column_(graph.size.size() + 1), begin_(1), rows_begin_(1) {
-  const std::size_t n = graph.size.size();
-  std::vector<std::vector<int>> rows(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    first_column_[position[k] + 1] = graph.size[k];
-    rows[k].push_back(static_cast<int>(k));
-  }
-  std::partial_sum(first_column_.begin(), first_column_.end(), first_column_.begin());
-  for (const auto& [a, b] : graph.edges) {
-    const auto [low, high] = std::minmax(position[a], position[b]);
-    rows[low].push_back(high);
-  }
-  for (std::size_t k = 0; k < n; ++k) {
-    std::sort(rows[k].begin(), rows[k].end());
-    std::int64_t height = 0;
-    for (int row : rows[k]) {
-      rows_.push_back(row);
-      offset_.push_back(static_cast<int>(height));
-      height += first_column_[row + 1] - first_column_[row];
-    }
-    const std::int64_t width = first_column_[k + 1] - first_column_[k];
-    rows_begin_.push_back(static_cast<std::int64_t>(rows_.size()));
-    begin_.push_back(begin_.back() + width * height - width * (width - 1) / 2);
-  }
-}
-
-BlockPlace BlockLayout::place(int row_block, int column_block) const {
-  const auto begin = rows_.begin() + rows_begin_[column_block];
-  const auto end = rows_.begin() + rows_begin_[column_block + 1];
-  const auto found = std::lower_bound(begin, end, row_block);
-  if (found == end || *found != row_block)
-    throw Error("a block of the reduced system lies outside its analysed pattern");
-  const int last = rows_[rows_begin_[column_block + 1] - 1];
-  const std::int64_t height =
-      offset_[rows_begin_[column_block + 1] - 1] + first_column_[last + 1] - first_column_[last];
-  return {.first = begin_[column_block] + offset_[found - rows_.begin()],
-          .stride = height - 1,
-          .packed = true};
 }
 
 }  // namespace sfmcpp::linear

@@ -2,12 +2,12 @@
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 #include <algorithm>
-#include <random>
 #include <set>
 
 #include <Eigen/SparseCholesky>
 #include <gtest/gtest.h>
 
+#include "support/random_blocks.hpp"
 #include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
@@ -18,19 +18,6 @@ using Matrix = Eigen::SparseMatrix<double>;
 CameraPattern pattern_of(const support::SystemOptions& options) {
   ThreadPool pool(1);
   return make_camera_pattern(make_graph(options), {}, pool);
-}
-
-BlockGraph random_block_graph(unsigned seed, int blocks, double density) {
-  std::mt19937 random(seed);
-  std::bernoulli_distribution coupled(density);
-  BlockGraph graph;
-  for (int k = 0; k < blocks; ++k) graph.size.push_back(1 + static_cast<int>(random() % 9));
-  for (int a = 0; a < blocks; ++a) {
-    for (int b = a + 1; b < blocks; ++b) {
-      if (coupled(random)) graph.edges.emplace_back(a, b);
-    }
-  }
-  return graph;
 }
 
 // A positive definite matrix of the graph's pattern, its blocks in elimination order.
@@ -64,7 +51,8 @@ double factor_entries(const Matrix& matrix) {
 
 class RandomBlockGraph : public testing::TestWithParam<std::tuple<unsigned, double>> {
  protected:
-  BlockGraph graph = random_block_graph(std::get<0>(GetParam()), 25, std::get<1>(GetParam()));
+  BlockGraph graph =
+      support::random_block_graph(std::get<0>(GetParam()), 25, std::get<1>(GetParam()));
   BlockOrdering ordering = order_blocks(graph);
 };
 
@@ -126,41 +114,6 @@ TEST(OrderBlocks, IntrinsicsThatAllCamerasShareComeLast) {
       .cameras = 300, .points = 600, .camera_size = 9, .shared = 3, .groups = 1, .window = 3};
   const ReducedStructure structure = make_sparse_structure(pattern_of(options), make_map(options));
   EXPECT_EQ(structure.ordering.position.back(), 300);
-}
-
-// The places of all pairs of blocks, in the order of the columns, are 0, 1, 2, …
-TEST_P(RandomBlockGraph, LayoutNumbersTheLowerTriangleColumnByColumn) {
-  const BlockLayout layout(graph, ordering.position);
-  std::int64_t next = 0;
-  for (int block = 0; block < layout.num_blocks(); ++block) {
-    for (int c = layout.first_column(block); c < layout.first_column(block + 1); ++c) {
-      layout.for_each_row(block, c, [&](int row) {
-        int row_block = block;
-        while (layout.first_column(row_block + 1) <= row) ++row_block;
-        const BlockPlace place = layout.place(row_block, block);
-        EXPECT_EQ(place.of(row - layout.first_column(row_block), c - layout.first_column(block)),
-                  next++);
-      });
-    }
-  }
-  EXPECT_EQ(next, layout.num_entries());
-}
-
-// 160,000 columns that all meet have 1.28e10 entries: six times what 31 bits count.
-TEST(BlockLayout, CountsMoreEntriesThan31Bits) {
-  BlockGraph graph;
-  constexpr int kBlocks = 40, kSize = 4000;
-  graph.size.assign(kBlocks, kSize);
-  for (int a = 0; a < kBlocks; ++a) {
-    for (int b = a + 1; b < kBlocks; ++b) graph.edges.emplace_back(a, b);
-  }
-  const BlockOrdering ordering = order_blocks(graph);
-  const BlockLayout layout(graph, ordering.position);
-  constexpr std::int64_t kColumns = kBlocks * kSize, kEntries = kColumns * (kColumns + 1) / 2;
-  EXPECT_EQ(layout.num_entries(), kEntries);
-  EXPECT_EQ(ordering.factor_entries, static_cast<double>(kEntries));
-  EXPECT_EQ(layout.place(kBlocks - 1, kBlocks - 1).of(kSize - 1, kSize - 1), kEntries - 1);
-  EXPECT_EQ(layout.place(kBlocks - 1, 0).of(kSize - 1, 0), kColumns - 1);
 }
 
 }  // namespace

@@ -9,17 +9,34 @@ namespace sfmcpp::linear {
 inline constexpr int kStrip = 16;
 inline constexpr int kPanel = 8;
 
+// Consecutive rows of one panel that are consecutive in another.
+struct RowRun {
+  int source;
+  int target;
+  int length;
+};
+
 struct CholeskyKernels {
   // c −= a bᵀ for one strip: a is kStrip × inner, b is columns × inner, c is kStrip × columns.
   void (*update)(const double* a, const double* b, double* c, long ld, int inner, int columns);
-  // a ← its Cholesky factor, a square of `size` (a multiple of kStrip). The strict upper triangle
-  // is overwritten with anything. False: not positive definite.
+  // Strips of rows, each of them kStrip × inner without gaps, one after the other.
+  void (*pack)(const double* a, long ld, int rows, int inner, double* packed);
+  // The same as update for packed strips a (one) and b (as many as have the columns).
+  void (*update_packed)(
+      const double* a, const double* b, double* c, long ld, int inner, int columns);
+  // a ← its Cholesky factor, a square of `size` (a multiple of kPanel; rows to whole strips). The
+  // strict upper triangle is overwritten with anything. False: not positive definite.
   bool (*factor)(double* a, long ld, int size);
   // x ← x l⁻ᵀ for one strip x of `size` columns and a factor l of that size.
   void (*solve_strip)(const double* l, double* x, long ld, int size);
-  // x ← l⁻¹ x, and x ← l⁻ᵀ x.
-  void (*forward)(const double* l, long ld, int size, double* x);
-  void (*backward)(const double* l, long ld, int size, double* x);
+  // target[run.target + k] += source[run.source + k] for the rows of the runs within [begin, end)
+  // of the source.
+  void (*add_runs)(
+      const double* source, double* target, const RowRun* runs, int begin, int end);
+  // For l of `columns` columns and, in all, `rows` rows: x ← l⁻¹ x for the first, what they
+  // contribute is taken from the others; and back: x ← l⁻ᵀ x for the first, given the others.
+  void (*forward)(const double* l, long ld, int columns, int rows, double* x);
+  void (*backward)(const double* l, long ld, int columns, int rows, double* x);
 };
 
 CholeskyKernels cholesky_kernels();

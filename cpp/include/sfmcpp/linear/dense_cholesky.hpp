@@ -1,12 +1,14 @@
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include <Eigen/Core>
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
+#include "sfmcpp/linear/panel_products.hpp"
 
 namespace sfmcpp::linear {
 
@@ -14,10 +16,8 @@ namespace sfmcpp::linear {
 // in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
 // (a power of two would map whole rows to a few sets of the cache).
 //
-// The factorisation is left-looking by tiles of columns; the strips of a tile are independent
-// tasks, so the bits do not depend on the number of threads. It is our own because
-// OpenBLAS' threads spin against ours, and tiles of its single-threaded calls gained nothing from a
-// second thread.
+// The factorisation (panel_products.hpp) is our own because OpenBLAS' threads spin against ours, and
+// tiles of its single-threaded calls gained nothing from a second thread.
 class DenseCholesky {
  public:
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
@@ -43,6 +43,7 @@ class DenseCholesky {
   int size_;
   long ld_;
   AlignedVector<double> matrix_;
+  std::vector<ProductScratch> scratch_;
 };
 
 }  // namespace sfmcpp::linear
