@@ -225,6 +225,14 @@ class SolveOptions:
     def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
+    def precision(self) -> str:
+        """
+        How the Jacobian of the observations is stored
+        """
+    @precision.setter
+    def precision(self, arg1: str) -> None:
+        ...
+    @property
     def threads(self) -> int:
         """
         Threads, the result has the same bits for any; 0: as many as the machine has and the problem is worth
@@ -642,6 +650,7 @@ class SolveKeywords(typing.TypedDict, total=False):
     backtracking_test: str
     algebraic_weights: str
     linear_solver: str
+    precision: str
     loss: str
     loss_scale_px: float | typing.Literal['auto']
     max_iterations: int

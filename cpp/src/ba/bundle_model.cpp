@@ -41,7 +41,8 @@ BundleModel::BundleModel(const Problem& problem,
                          const linear::ParameterMap& map,
                          std::vector<int> free_intrinsics,
                          ThreadPool& pool,
-                         Exchange& exchange)
+                         Exchange& exchange,
+                         linear::Precision stored)
     : problem_(problem),
       graph_(graph),
       map_(map),
@@ -50,7 +51,7 @@ BundleModel::BundleModel(const Problem& problem,
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
       constraints_(problem, map, free_intrinsics_),
-      normal_(graph, map, pool, constraints_.pairs(), exchange),
+      normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_) {}
 
 void BundleModel::set_loss(const Loss& loss) {
@@ -78,38 +79,37 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
 }
 
 ImageFit BundleModel::linearize_chunk(const State& state, int c) {
-  const Chunk& chunk = graph_.chunks[c];
   ImageFit fit;
-  fit.behind_camera = images_.linearize(state,
-                                        chunk,
-                                        jacobian_output(normal_.camera_jacobian(chunk.begin),
-                                                        normal_.point_records_from(chunk.begin)));
-  for (int k = chunk.begin; k < chunk.end; ++k)
-    fit.sum_of_squares += squared_residual(normal_.point_record(k));
-  fit.cost = images_.is_robust() ? apply_loss(chunk) : fit.sum_of_squares;
-  normal_.accumulate(c);
+  normal_.fill(c, [&](const Chunk& part, double* jacobian, linear::PointRecord* records) {
+    fit.behind_camera +=
+        images_.linearize(state, part, jacobian_output(jacobian, records->row[0].by_point));
+    for (int k = 0; k < part.end - part.begin; ++k)
+      fit.sum_of_squares += squared_residual(records[k]);
+    if (images_.is_robust()) apply_loss(part, jacobian, records, fit.cost);
+  });
+  if (!images_.is_robust()) fit.cost = fit.sum_of_squares;
   return fit;
 }
 
 // Scaling residual and Jacobian by √ρ′ gives JᵀJ and Jᵀr the weights of the robust cost: its
-// gradient is exact, its Hessian the positive part (iteratively reweighted least squares). Returns
-// Σ ρ.
-double BundleModel::apply_loss(const Chunk& chunk) {
-  double sum = 0.0;
-  for (int k = chunk.begin; k < chunk.end; ++k) {
-    linear::PointRecord& record = normal_.point_record(k);
-    const double squared = squared_residual(record);
+// gradient is exact, its Hessian the positive part (iteratively reweighted least squares). Adds
+// Σ ρ to the cost.
+void BundleModel::apply_loss(const Chunk& part,
+                             double* jacobian,
+                             linear::PointRecord* records,
+                             double& cost) {
+  const int size = 2 * map_.camera_size;
+  for (int k = 0; k < part.end - part.begin; ++k) {
+    const double squared = squared_residual(records[k]);
     const double weight = std::sqrt(images_.loss().derivative(squared));
-    sum += images_.loss().rho(squared);
-    weights_[k] = weight * images_.inverse_sigma()[k];
-    double* jacobian = normal_.camera_jacobian(k);
-    for (auto& [by_point, residual] : record.row) {
+    cost += images_.loss().rho(squared);
+    weights_[part.begin + k] = weight * images_.inverse_sigma()[part.begin + k];
+    for (auto& [by_point, residual] : records[k].row) {
       for (double& value : by_point) value *= weight;
       residual *= weight;
     }
-    for (int e = 0; e < 2 * map_.camera_size; ++e) jacobian[e] *= weight;
+    for (int e = 0; e < size; ++e) jacobian[e + static_cast<long>(size) * k] *= weight;
   }
-  return sum;
 }
 
 void BundleModel::plus(const State& state,

@@ -12,6 +12,7 @@ SolveOptions inner_options(const Problem& problem, SolveOptions options) {
   options.minimizer.method = optim::Method::kLevenbergMarquardtNielsen;
   options.gauge = is_metric(problem.camera_model) ? Gauge::kFixed : Gauge::kFree;
   options.linear_solver.kind = linear::LinearSolverKind::kIterative;
+  options.precision = linear::Precision::kDouble;  // covariances are of J itself
   return options;
 }
 

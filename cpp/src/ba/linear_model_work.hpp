@@ -39,9 +39,9 @@ struct LinearModel::Work {
 
   // Derivatives of the projection, times √ρ′: J of the residuals with its sign turned.
   Eigen::Map<const CameraRows> by_camera(int a) const {
-    return {normal().jacobian() + 2L * size() * a, 2, size()};
+    return {normal().camera_jacobian(a), 2, size()};
   }
-  PointView by_point(int a) const { return PointView(normal().records()[a].row[0].by_point); }
+  PointView by_point(int a) const { return PointView(normal().point_record(a).row[0].by_point); }
   // V⁻¹; zero in what no observation of the point determines.
   Matrix3d point_inverse(int p) const {
     const linear::PointFactor& m = solver->elimination().factor(p);

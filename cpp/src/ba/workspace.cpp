@@ -136,7 +136,14 @@ Workspace::Workspace(const Problem& problem,
       map(make_parameter_map(
           problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
       pool(resolve_num_threads(options.num_threads, problem.num_observations())),
-      model(problem, graph, map, intrinsics, pool, ranks) {
+      model(problem,
+            graph,
+            map,
+            intrinsics,
+            pool,
+            ranks,
+            linear::choose_precision(options.precision,
+                                     ranks.sum(double(problem.num_observations())))) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_constrained_cameras_observed(problem, graph);
   check_determined(graph, map, model.constraints().num_equations(), exchange);

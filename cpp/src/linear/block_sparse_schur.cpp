@@ -133,7 +133,6 @@ class BlockSparseSchur final : public SchurOperator {
                                  .begin = graph.camera_begin[i],
                                  .end = graph.camera_begin[i + 1],
                                  .jacobian = normal_.jacobian(),
-                                 .records = normal_.records(),
                                  .factors = elimination_.factors(),
                                  .block_of_camera = scratch.block_of_camera.data(),
                                  .diagonal = diagonal.camera_block(i),

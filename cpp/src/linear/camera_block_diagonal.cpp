@@ -25,11 +25,10 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
   const ObservationGraph& graph = normal_.graph();
   const long size = map_.camera_size;
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
-    const int begin = graph.camera_begin[i];
-    normal_.kernels().schur_diagonal(graph.observations_of_camera(i),
-                                     normal_.jacobian() + 2 * size * begin,
-                                     normal_.records() + begin,
-                                     graph.point.data() + begin,
+    normal_.kernels().schur_diagonal(normal_.jacobian(),
+                                     graph.camera_begin[i],
+                                     graph.camera_begin[i + 1],
+                                     graph.point.data(),
                                      factors,
                                      camera_block(i),
                                      camera_rhs(i));

@@ -103,7 +103,6 @@ void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row
                                .begin = graph.camera_begin[i],
                                .end = graph.camera_begin[i + 1],
                                .jacobian = normal_.jacobian(),
-                               .records = normal_.records(),
                                .factors = elimination_.factors(),
                                .block_of_camera = block_of_camera,
                                .diagonal = row.data(),

@@ -27,10 +27,10 @@ class ImplicitSchur final : public SchurOperator {
       const Chunk& c = graph.chunks[chunk];
       double* sum = chunk_sums_.data() + size * chunk;
       std::fill_n(sum, size, 0.0);
-      normal_.kernels().schur_product(c.end - c.begin,
-                                      normal_.jacobian() + 2 * size * c.begin,
-                                      normal_.records() + c.begin,
-                                      graph.point.data() + c.begin,
+      normal_.kernels().schur_product(normal_.jacobian(),
+                                      c.begin,
+                                      c.end,
+                                      graph.point.data(),
                                       shifts_.data(),
                                       elimination_.expanded(c.camera),
                                       sum);

@@ -20,25 +20,15 @@ constexpr int kAhead = 12;
 
 // Σ ‖Jc δc + A δp‖² over the observations of a chunk.
 double chunk_curvature(const NormalEquations& normal, const Chunk& chunk, const Step& step) {
-  const int size = normal.map().camera_size;
   double x[kMaxCameraSize];
   normal.map().expand(step.camera.data(), chunk.camera, x);
-  double sum = 0.0;
-  for (long a = chunk.begin; a < chunk.end; ++a) {
-    const double* point = step.point.data() + 3L * normal.graph().point[a];
-    for (int row = 0; row < 2; ++row) {
-      const double* j = normal.jacobian() + (2 * a + row) * size;
-      const double* by_point = normal.records()[a].row[row].by_point;
-      double e = by_point[0] * point[0] + by_point[1] * point[1] + by_point[2] * point[2];
-      for (int k = 0; k < size; ++k) e += j[k] * x[k];
-      sum += e * e;
-    }
-  }
-  return sum;
+  return normal.kernels().curvature(
+      normal.jacobian(), chunk.begin, chunk.end, normal.graph().point.data(), step.point.data(), x);
 }
 
-void add_row(const PointRecord::Row& row, PointBlock& block) {
-  const double* a = row.by_point;
+template <class Row>
+void add_row(const Row& row, PointBlock& block) {
+  const double a[3] = {row.by_point[0], row.by_point[1], row.by_point[2]};
   block.v00 += a[0] * a[0];
   block.v10 += a[1] * a[0];
   block.v11 += a[1] * a[1];
@@ -83,8 +73,8 @@ double largest_magnitude(const double* values, std::size_t count) {
 
 }  // namespace
 
-SchurKernels schur_kernels(int camera_size) {
-  return SFMCPP_FOR_ACTIVE_ISA(kernels_for(camera_size));
+SchurKernels schur_kernels(int camera_size, Precision stored) {
+  return SFMCPP_FOR_ACTIVE_ISA(kernels_for(camera_size, stored));
 }
 
 double Damping::operator()(double diagonal_entry) const {
@@ -96,30 +86,71 @@ NormalEquations::NormalEquations(const ObservationGraph& graph,
                                  const ParameterMap& map,
                                  ThreadPool& pool,
                                  CameraPairs camera_pairs,
-                                 Exchange& exchange)
+                                 Exchange& exchange,
+                                 Precision stored)
     : graph_(graph),
       map_(map),
       pool_(pool),
       exchange_(exchange),
-      kernels_(schur_kernels(map.camera_size)),
+      kernels_(schur_kernels(map.camera_size, stored)),
       camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)),
       shared_(shared_columns(map)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
-  jacobian_.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
-  records_.resize(observations);
+  if (stored == Precision::kSingle) blocks_.emplace<Blocks<float>>();
+  std::visit(
+      [&](auto& blocks) {
+        blocks.jacobian.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
+        blocks.records.resize(observations);
+      },
+      blocks_);
   point_blocks_.resize(static_cast<std::size_t>(graph.num_points));
   chunk_sums_.resize(graph.chunks.size() * 2 * static_cast<std::size_t>(map.camera_size));
 }
 
-void NormalEquations::accumulate(int chunk) {
-  const Chunk& c = graph_.chunks[chunk];
-  double* sums = chunk_sums_.data() + 2L * map_.camera_size * chunk;
-  std::fill_n(sums, 2 * map_.camera_size, 0.0);
-  kernels_.camera_gradient(c.end - c.begin,
-                           camera_jacobian(c.begin),
-                           records_.data() + c.begin,
-                           sums,
-                           sums + map_.camera_size);
+Precision NormalEquations::precision() const {
+  return std::holds_alternative<Blocks<float>>(blocks_) ? Precision::kSingle : Precision::kDouble;
+}
+
+StoredJacobian NormalEquations::jacobian() const {
+  return std::visit(
+      [](const auto& blocks) {
+        return StoredJacobian{blocks.jacobian.data(), blocks.records.data()};
+      },
+      blocks_);
+}
+
+const double* NormalEquations::camera_jacobian(int observation) const {
+  return std::get<Blocks<double>>(blocks_).jacobian.data() + 2L * map_.camera_size * observation;
+}
+
+const PointRecord& NormalEquations::point_record(int observation) const {
+  return std::get<Blocks<double>>(blocks_).records[observation];
+}
+
+void NormalEquations::start(int chunk) {
+  std::fill_n(chunk_sums_.data() + 2L * map_.camera_size * chunk, 2 * map_.camera_size, 0.0);
+}
+
+NormalEquations::Place NormalEquations::place_of(const Chunk& part, Draft& draft) {
+  auto* stored = std::get_if<Blocks<double>>(&blocks_);
+  if (stored == nullptr) return {draft.jacobian, draft.records};
+  return {stored->jacobian.data() + 2L * map_.camera_size * part.begin,
+          stored->records.data() + part.begin};
+}
+
+// The gradient is summed before anything is rounded.
+void NormalEquations::take(const Chunk& part,
+                           const double* jacobian,
+                           const PointRecord* records,
+                           int chunk) {
+  const long size = 2L * map_.camera_size;
+  const int count = part.end - part.begin;
+  double* sums = chunk_sums_.data() + size * chunk;
+  kernels_.camera_gradient(count, jacobian, records, sums, sums + map_.camera_size);
+  if (auto* stored = std::get_if<Blocks<float>>(&blocks_)) {
+    kernels_.round(size * count, jacobian, stored->jacobian.data() + size * part.begin);
+    kernels_.round(8L * count, records->row[0].by_point, stored->records.data() + part.begin);
+  }
 }
 
 void NormalEquations::finish() {
@@ -132,24 +163,28 @@ void NormalEquations::finish() {
   exchange_.sum(camera_diagonal_);
   camera_terms_.add_rhs(map_, camera_rhs_);
   camera_terms_.add_diagonal(map_, camera_diagonal_);
-  const double of_points = max_over_points(*this, [this](int p) {
-    gather_point(p);
-    return largest_magnitude(point_block(p).rhs, 3);
-  });
+  const double of_points = std::visit(
+      [this](const auto& blocks) {
+        return max_over_points(*this, [&](int p) {
+          point_blocks_[p] = gathered(blocks, p);
+          return largest_magnitude(point_block(p).rhs, 3);
+        });
+      },
+      blocks_);
   gradient_max_norm_ =
       std::max(largest_magnitude(camera_rhs_.data(), camera_rhs_.size()), of_points);
 }
 
-void NormalEquations::gather_point(int p) {
+template <class T>
+PointBlock NormalEquations::gathered(const Blocks<T>& blocks, int p) const {
   PointBlock block{};
-  if (map_.free_point[p]) {
-    const auto last = static_cast<int>(graph_.of_point.size()) - 1;
-    for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
-      __builtin_prefetch(records_.data() + graph_.of_point[std::min(k + kAhead, last)]);
-      for (const PointRecord::Row& row : records_[graph_.of_point[k]].row) add_row(row, block);
-    }
+  if (!map_.free_point[p]) return block;
+  const auto last = static_cast<int>(graph_.of_point.size()) - 1;
+  for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
+    __builtin_prefetch(blocks.records.data() + graph_.of_point[std::min(k + kAhead, last)]);
+    for (const auto& row : blocks.records[graph_.of_point[k]].row) add_row(row, block);
   }
-  point_blocks_[p] = block;
+  return block;
 }
 
 void NormalEquations::fold(const double* block,

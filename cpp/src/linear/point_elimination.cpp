@@ -72,7 +72,6 @@ const double* PointElimination::point_sums(const std::vector<double>& x) {
                                  begin,
                                  end,
                                  normal_.jacobian(),
-                                 normal_.records(),
                                  factors_.data(),
                                  steps_.data(),
                                  sums_.data() + 3L * begin);

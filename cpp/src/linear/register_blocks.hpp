@@ -19,11 +19,11 @@ struct Row {
 template <int D>
 struct Row<D, D> {};
 
-template <int D, int kFirst = 0>
-inline void load_row(const double* p, Row<D, kFirst>& row, double factor = 1.0) {
+template <int D, int kFirst = 0, class T>
+inline void load_row(const T* p, Row<D, kFirst>& row) {
   if constexpr (kFirst < D) {
-    row.head = load<Row<D, kFirst>::kWidth>(p + kFirst) * factor;
-    load_row(p, row.tail, factor);
+    row.head = load<Row<D, kFirst>::kWidth>(p + kFirst);
+    load_row(p, row.tail);
   }
 }
 

@@ -23,17 +23,65 @@ void camera_gradient(
   store_row(diagonal, squares);
 }
 
+template <class T>
+void round(long count, const double* in, void* out) {
+  constexpr int kWidth = 8;
+  T* rounded = static_cast<T*>(out);
+  long k = 0;
+  for (; k + kWidth <= count; k += kWidth) store(rounded + k, load<kWidth>(in + k));
+  for (; k < count; ++k) rounded[k] = static_cast<T>(in[k]);
+}
+
+// J and A|r of an observation, of D columns in numbers T.
+template <int D, class T>
+struct Stored {
+  const T* by_camera;
+  const PointRecordOf<T>* records;
+
+  explicit Stored(const StoredJacobian& all)
+      : by_camera(static_cast<const T*>(all.by_camera)),
+        records(static_cast<const PointRecordOf<T>*>(all.records)) {}
+
+  const T* j(long a) const { return by_camera + a * 2 * D; }
+  const PointRecordOf<T>& record(long a) const { return records[a]; }
+  void prefetch(long a) const {
+    constexpr int kLine = 64 / sizeof(T);
+    for (int k = 0; k < 2 * D; k += kLine) __builtin_prefetch(j(a) + k);
+    __builtin_prefetch(records + a);
+  }
+};
+
+// J of one observation as doubles in memory, which broadcasts take their numbers from.
+template <int D, class T>
+struct Widened {
+  alignas(64) double numbers[2 * D];
+
+  explicit Widened(const T* j) {
+    Row<2 * D> row;
+    load_row(j, row);
+    store_row(numbers, row);
+  }
+};
+template <int D>
+struct Widened<D, double> {
+  const double* numbers;
+
+  explicit Widened(const double* j) : numbers(j) {}
+};
+
 // G of one observation from A|r and the factor M of its point: two rows of three.
-inline void whiten(const PointRecord& record, const PointFactor& m, double* g) {
+template <class T>
+inline void whiten(const PointRecordOf<T>& record, const PointFactor& m, double* g) {
   for (int row = 0; row < 2; ++row) {
-    const double* a = record.row[row].by_point;
+    const T* a = record.row[row].by_point;
     g[3 * row] = a[0] * m.m00;
     g[3 * row + 1] = a[0] * m.m10 + a[1] * m.m11;
     g[3 * row + 2] = a[0] * m.m20 + a[1] * m.m21 + a[2] * m.m22;
   }
 }
 
-inline double dot3(const double* a, const double* b) {
+template <class T>
+inline double dot3(const double* a, const T* b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
@@ -42,7 +90,8 @@ template <int D>
 struct Rows {
   Row<D> first, second;
 
-  explicit Rows(const double* jacobian) {
+  template <class T>
+  explicit Rows(const T* jacobian) {
     load_row(jacobian, first);
     load_row(jacobian + D, second);
   }
@@ -56,31 +105,32 @@ struct Rows {
 };
 
 // diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄.
-template <int D>
-void schur_diagonal(int n,
-                    const double* jacobian,
-                    const PointRecord* records,
+template <int D, class T>
+void schur_diagonal(const StoredJacobian& jacobian,
+                    int begin,
+                    int end,
                     const int* point,
                     const PointFactor* factors,
                     double* diagonal,
                     double* rhs) {
+  const Stored<D, T> stored(jacobian);
   Block<D> block;
   set_zero(block);
   Row<D> sum;
   set_zero(sum);
-  for (long a = 0; a < n; ++a) {
-    const double* j = jacobian + a * 2 * D;
-    const PointRecord& record = records[a];
+  for (long a = begin; a < end; ++a) {
+    const Widened<D, T> j(stored.j(a));
+    const PointRecordOf<T>& record = stored.record(a);
     const PointFactor& m = factors[point[a]];
     double g[6];
     whiten(record, m, g);
-    const Rows<D> rows(j);
+    const Rows<D> rows(j.numbers);
     const double cross = -dot3(g, g + 3);
     Row<D> weighted;
     rows.combine(1.0 - dot3(g, g), cross, weighted);
-    add_outer(block, weighted, j);
+    add_outer(block, weighted, j.numbers);
     rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted);
-    add_outer(block, weighted, j + D);
+    add_outer(block, weighted, j.numbers + D);
     add_scaled(sum, rows.first, record.row[0].residual - dot3(g, m.y));
     add_scaled(sum, rows.second, record.row[1].residual - dot3(g + 3, m.y));
   }
@@ -90,15 +140,12 @@ void schur_diagonal(int n,
 
 // Asks for what the observations that share the point of observation a hold. It lies anywhere in
 // memory, and waiting for it took longer than the arithmetic.
-template <int D>
-inline void prefetch_partners(const SchurRow& in, int a) {
+template <int D, class T>
+inline void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, int a) {
   if (a >= in.end) return;
   const int end = in.graph.point_begin[in.graph.point[a] + 1];
   for (int position = in.graph.rank[a] + 1; position < end; ++position) {
-    const long b = in.graph.of_point[position];
-    const double* jacobian = in.jacobian + 2 * D * b;
-    for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + k);
-    __builtin_prefetch(in.records + b);
+    stored.prefetch(in.graph.of_point[position]);
   }
 }
 
@@ -114,72 +161,62 @@ inline void unwhiten(const double* g, const PointFactor& m, double* t) {
 }
 
 // block −= J_aᵀ (t_a A_bᵀ) J_b.
-template <int D>
+template <int D, class T>
 inline void subtract_pair(
-    const Rows<D>& rows, const double* t, const double* jb, const PointRecord& b, double* block) {
+    const Rows<D>& rows, const double* t, const T* jb, const PointRecordOf<T>& b, double* block) {
   Row<D> weighted[2];
   for (int row = 0; row < 2; ++row) {
-    const double* a_b = b.row[row].by_point;
+    const T* a_b = b.row[row].by_point;
     rows.combine(-dot3(t, a_b), -dot3(t + 3, a_b), weighted[row]);
   }
   const Row<D>* pointers[2] = {&weighted[0], &weighted[1]};
-  rank_update<D, 2>(pointers, jb, block);
+  rank_update<D, 2>(pointers, Widened<D, T>(jb).numbers, block);
 }
 
-template <int D>
+template <int D, class T>
 void schur_row(const SchurRow& in) {
   constexpr int kAhead = 4;
   const GraphView& graph = in.graph;
-  const long first = in.begin;
-  schur_diagonal<D>(in.end - in.begin,
-                    in.jacobian + first * 2 * D,
-                    in.records + first,
-                    graph.point + first,
-                    in.factors,
-                    in.diagonal,
-                    in.rhs);
+  const Stored<D, T> stored(in.jacobian);
+  schur_diagonal<D, T>(in.jacobian, in.begin, in.end, graph.point, in.factors, in.diagonal, in.rhs);
   for (int a = in.begin; a < in.end; ++a) {
-    prefetch_partners<D>(in, a + kAhead);
+    prefetch_partners(in, stored, a + kAhead);
     const PointFactor& m = in.factors[graph.point[a]];
-    const Rows<D> rows(in.jacobian + 2L * D * a);
+    const Rows<D> rows(stored.j(a));
     double g[6], t[6];
-    whiten(in.records[a], m, g);
+    whiten(stored.record(a), m, g);
     unwhiten(g, m, t);
     const int end = graph.point_begin[graph.point[a] + 1];
     for (int position = graph.rank[a] + 1; position < end; ++position) {
       const long b = graph.of_point[position];
       const long block = in.block_of_camera[graph.camera[b]];
-      subtract_pair<D>(rows, t, in.jacobian + b * 2 * D, in.records[b], in.blocks + block * D * D);
+      subtract_pair<D, T>(rows, t, stored.j(b), stored.record(b), in.blocks + block * D * D);
     }
   }
 }
 
 // Σ Gᵀ J x = M Σ Aᵀ J x.
-template <int D>
+template <int D, class T>
 void point_sums(const GraphView& graph,
                 int begin,
                 int end,
-                const double* jacobian,
-                const PointRecord* records,
+                const StoredJacobian& jacobian,
                 const PointFactor* factors,
                 const double* steps,
                 double* sums) {
   constexpr int kAhead = 8;
+  const Stored<D, T> stored(jacobian);
   const int last = graph.point_begin[end];
   for (int p = begin; p < end; ++p) {
     double s[3] = {0.0, 0.0, 0.0};
     for (int position = graph.point_begin[p]; position < graph.point_begin[p + 1]; ++position) {
-      if (position + kAhead < last) {
-        const long ahead = graph.of_point[position + kAhead];
-        for (int k = 0; k < 2 * D; k += 8) __builtin_prefetch(jacobian + ahead * 2 * D + k);
-        __builtin_prefetch(records + ahead);
-      }
+      if (position + kAhead < last) stored.prefetch(graph.of_point[position + kAhead]);
       const long b = graph.of_point[position];
-      const Rows<D> rows(jacobian + b * 2 * D);
+      const Rows<D> rows(stored.j(b));
       Row<D> step;
       load_row(steps + static_cast<long>(D) * graph.camera[b], step);
       const double e0 = dot(rows.first, step), e1 = dot(rows.second, step);
-      const PointRecord::Row* a = records[b].row;
+      const auto& a = stored.record(b).row;
       for (int k = 0; k < 3; ++k) s[k] += a[0].by_point[k] * e0 + a[1].by_point[k] * e1;
     }
     const PointFactor& m = factors[p];
@@ -190,49 +227,79 @@ void point_sums(const GraphView& graph,
   }
 }
 
-template <int D>
-void schur_product(int n,
-                   const double* jacobian,
-                   const PointRecord* records,
+template <int D, class T>
+void schur_product(const StoredJacobian& jacobian,
+                   int begin,
+                   int end,
                    const int* point,
                    const double* shifts,
                    const double* x,
                    double* out) {
+  const Stored<D, T> stored(jacobian);
   Row<D> step, sum;
   load_row(x, step);
   load_row(out, sum);
-  for (long a = 0; a < n; ++a) {
-    const Rows<D> rows(jacobian + a * 2 * D);
-    const PointRecord::Row* row = records[a].row;
+  for (long a = begin; a < end; ++a) {
+    const Rows<D> rows(stored.j(a));
+    const auto& row = stored.record(a).row;
     const double* t = shifts + 3L * point[a];
-    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(row[0].by_point, t));
-    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(row[1].by_point, t));
+    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(t, row[0].by_point));
+    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(t, row[1].by_point));
   }
   store_row(out, sum);
 }
 
-template <int D>
+template <int D, class T>
+double curvature(const StoredJacobian& jacobian,
+                 int begin,
+                 int end,
+                 const int* point,
+                 const double* shifts,
+                 const double* x) {
+  const Stored<D, T> stored(jacobian);
+  Row<D> step;
+  load_row(x, step);
+  double sum = 0.0;
+  for (long a = begin; a < end; ++a) {
+    const Rows<D> rows(stored.j(a));
+    const auto& row = stored.record(a).row;
+    const double* t = shifts + 3L * point[a];
+    const double u = dot(rows.first, step) + dot3(t, row[0].by_point);
+    const double v = dot(rows.second, step) + dot3(t, row[1].by_point);
+    sum += u * u + v * v;
+  }
+  return sum;
+}
+
+template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
-          .schur_row = &schur_row<D>,
-          .schur_diagonal = &schur_diagonal<D>,
-          .point_sums = &point_sums<D>,
-          .schur_product = &schur_product<D>};
+          .schur_row = &schur_row<D, T>,
+          .round = &round<T>,
+          .schur_diagonal = &schur_diagonal<D, T>,
+          .point_sums = &point_sums<D, T>,
+          .schur_product = &schur_product<D, T>,
+          .curvature = &curvature<D, T>};
+}
+
+template <class T>
+SchurKernels kernels(int camera_size) {
+  switch (camera_size) {
+    case 6:
+      return kernels<6, T>();
+    case 9:
+      return kernels<9, T>();
+    case 12:
+      return kernels<12, T>();
+    default:
+      return kernels<18, T>();
+  }
 }
 
 }  // namespace
 
-SchurKernels kernels_for(int camera_size) {
-  switch (camera_size) {
-    case 6:
-      return kernels<6>();
-    case 9:
-      return kernels<9>();
-    case 12:
-      return kernels<12>();
-    default:
-      return kernels<18>();
-  }
+SchurKernels kernels_for(int camera_size, Precision stored) {
+  return stored == Precision::kSingle ? kernels<float>(camera_size) : kernels<double>(camera_size);
 }
 
 }  // namespace sfmcpp::linear::SFMCPP_ISA

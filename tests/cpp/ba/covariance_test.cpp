@@ -93,10 +93,10 @@ TEST_P(CovariancesOf, TheJacobianIsTheNumericDerivativeOfTheResiduals) {
     work.map.expand(step.camera.data(), work.graph.camera[k], by_camera.data());
     const double* by_point = step.point.data() + 3L * work.graph.point[k];
     for (int row = 0; row < 2; ++row) {
-      const auto& record = work.normal().records()[k].row[row];
+      const auto& record = work.normal().point_record(k).row[row];
       double change = 0.0;
       for (int c = 0; c < size; ++c)
-        change += work.normal().jacobian()[(2L * k + row) * size + c] * by_camera[c];
+        change += work.normal().camera_jacobian(k)[row * size + c] * by_camera[c];
       for (int c = 0; c < 3; ++c) change += record.by_point[c] * by_point[c];
       analytic[2 * k + row] = -change;
     }

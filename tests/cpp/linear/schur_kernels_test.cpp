@@ -1,5 +1,6 @@
-// The kernels of every instruction set and block size against the formulas of schur_kernels.hpp in
-// dense matrices, on a random graph.
+// The kernels of every instruction set, block size and precision against the formulas of
+// schur_kernels.hpp in dense matrices, on a random graph. Coefficients are numbers that single
+// precision holds, so that nothing is lost by storing them.
 #include "sfmcpp/linear/schur_kernels.hpp"
 
 #include <ostream>
@@ -25,13 +26,19 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 struct Case {
   support::InstructionSet isa;
   int size;
+  Precision stored;
 };
-void PrintTo(const Case& c, std::ostream* out) { *out << c.isa.name << " " << c.size; }
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.isa.name << " " << c.size << " " << enum_name(c.stored);
+}
 
 std::vector<Case> all_cases() {
   std::vector<Case> cases;
   for (const auto& isa : support::instruction_sets()) {
-    for (int size : {6, 9, 12, 18}) cases.push_back({isa, size});
+    for (int size : {6, 9, 12, 18}) {
+      for (Precision stored : {Precision::kDouble, Precision::kSingle})
+        cases.push_back({isa, size, stored});
+    }
   }
   return cases;
 }
@@ -61,19 +68,31 @@ class SchurKernel : public testing::TestWithParam<Case> {
     graph = make_observation_graph(kCameras, kPoints, cameras, points);
     count = graph.num_observations();
     jacobian.resize(2UL * count * size);
-    for (double& x : jacobian) x = normal(random);
+    for (double& x : jacobian) x = static_cast<float>(normal(random));
     records.resize(count);
     factors.resize(kPoints);
     for (PointRecord& record : records) {
       for (auto& [by_point, residual] : record.row) {
-        for (double& x : by_point) x = normal(random);
-        residual = normal(random);
+        for (double& x : by_point) x = static_cast<float>(normal(random));
+        residual = static_cast<float>(normal(random));
       }
     }
     for (auto& [m00, m10, m11, m20, m21, m22, y] : factors) {
       for (double* x : {&m00, &m10, &m11, &m20, &m21, &m22, &y[0], &y[1], &y[2]})
         *x = normal(random);
     }
+    narrow_jacobian.resize(jacobian.size());
+    narrow_records.resize(8 * records.size());
+    if (GetParam().stored == Precision::kDouble) return;
+    kernels.round(static_cast<long>(jacobian.size()), jacobian.data(), narrow_jacobian.data());
+    kernels.round(static_cast<long>(narrow_records.size()),
+                  records[0].row[0].by_point,
+                  narrow_records.data());
+  }
+
+  StoredJacobian stored() const {
+    if (GetParam().stored == Precision::kDouble) return {jacobian.data(), records.data()};
+    return {narrow_jacobian.data(), narrow_records.data()};
   }
 
   MatrixXd j_of(int a) const {
@@ -136,12 +155,13 @@ class SchurKernel : public testing::TestWithParam<Case> {
   }
 
   int size = GetParam().size;
-  SchurKernels kernels = GetParam().isa.schur(GetParam().size);
+  SchurKernels kernels = GetParam().isa.schur(GetParam().size, GetParam().stored);
   std::mt19937 random{17};
   ObservationGraph graph;
   int count = 0;
   AlignedVector<double> jacobian;
   AlignedVector<PointRecord> records;
+  AlignedVector<float> narrow_jacobian, narrow_records;
   AlignedVector<PointFactor> factors;
 };
 
@@ -167,8 +187,7 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
     kernels.schur_row({.graph = graph.view(),
                        .begin = graph.camera_begin[i],
                        .end = graph.camera_begin[i + 1],
-                       .jacobian = jacobian.data(),
-                       .records = records.data(),
+                       .jacobian = stored(),
                        .factors = factors.data(),
                        .block_of_camera = block_of_camera.data(),
                        .diagonal = blocks.data(),
@@ -183,13 +202,12 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
 
 TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
   for (int i = 0; i < kCameras; ++i) {
-    const std::size_t begin = graph.camera_begin[i];
     AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan(""));
     AlignedVector<double> rhs(size, std::nan(""));
-    kernels.schur_diagonal(graph.observations_of_camera(i),
-                           &jacobian[2 * begin * size],
-                           &records[begin],
-                           graph.point.data() + begin,
+    kernels.schur_diagonal(stored(),
+                           graph.camera_begin[i],
+                           graph.camera_begin[i + 1],
+                           graph.point.data(),
                            factors.data(),
                            block.data(),
                            rhs.data());
@@ -202,14 +220,7 @@ TEST_P(SchurKernel, PointSumsAddTheWhitenedStepsOfThePointsCameras) {
   const AlignedVector<double> steps =
       random_numbers(static_cast<std::size_t>(kCameras) * size, random);
   AlignedVector<double> sums(3UL * kPoints, std::nan(""));
-  kernels.point_sums(graph.view(),
-                     0,
-                     kPoints,
-                     jacobian.data(),
-                     records.data(),
-                     factors.data(),
-                     steps.data(),
-                     sums.data());
+  kernels.point_sums(graph.view(), 0, kPoints, stored(), factors.data(), steps.data(), sums.data());
   VectorXd expected = VectorXd::Zero(3L * kPoints);
   for (int a = 0; a < count; ++a) {
     const Eigen::Map<const VectorXd> step(&steps[static_cast<std::size_t>(size) * graph.camera[a]],
@@ -223,13 +234,8 @@ TEST_P(SchurKernel, SchurProductAddsWhatTheShiftedPointsLeaveOfTheStep) {
   const AlignedVector<double> x = random_numbers(size, random),
                               shifts = random_numbers(3UL * kPoints, random);
   AlignedVector<double> out(size, 3.0);
-  kernels.schur_product(count,
-                        jacobian.data(),
-                        records.data(),
-                        graph.point.data(),
-                        shifts.data(),
-                        x.data(),
-                        out.data());
+  kernels.schur_product(
+      stored(), 0, count, graph.point.data(), shifts.data(), x.data(), out.data());
   VectorXd expected = VectorXd::Constant(size, 3.0);
   for (int a = 0; a < count; ++a) {
     const Eigen::Map<const VectorXd> step(x.data(), size);
@@ -237,6 +243,20 @@ TEST_P(SchurKernel, SchurProductAddsWhatTheShiftedPointsLeaveOfTheStep) {
     expected += j_of(a).transpose() * (j_of(a) * step - record_of(a).leftCols(3) * shift);
   }
   expect_numbers(out, expected);
+}
+
+TEST_P(SchurKernel, CurvatureIsTheSquareOfWhatTheResidualsMove) {
+  const AlignedVector<double> x = random_numbers(size, random),
+                              shifts = random_numbers(3UL * kPoints, random);
+  double expected = 0.0;
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Map<const VectorXd> step(x.data(), size);
+    const Eigen::Map<const Eigen::Vector3d> shift(&shifts[3UL * graph.point[a]]);
+    expected += (j_of(a) * step + record_of(a).leftCols(3) * shift).squaredNorm();
+  }
+  const double actual =
+      kernels.curvature(stored(), 0, count, graph.point.data(), shifts.data(), x.data());
+  EXPECT_NEAR(actual / expected, 1.0, 1e-12);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernels, SchurKernel, testing::ValuesIn(all_cases()));

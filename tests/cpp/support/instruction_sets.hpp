@@ -17,7 +17,7 @@ struct InstructionSet {
   residuals::ReprojectionKernels (*reprojection)(CameraModelId);
   residuals::AlgebraicKernel (*algebraic)(CameraModelId);
   residuals::ResectionKernels (*resection)(CameraModelId);
-  linear::SchurKernels (*schur)(int camera_size);
+  linear::SchurKernels (*schur)(int camera_size, linear::Precision stored);
   linear::CholeskyKernels (*cholesky)();
   features::NearestKernels (*nearest)(bool byte_products);
 };

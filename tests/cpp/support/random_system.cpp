@@ -92,10 +92,11 @@ RandomSystem::RandomSystem(const SystemOptions& options, Exchange& exchange)
       map(make_map(options, exchange.rank(), exchange.num_ranks())),
       pool_(options.threads),
       exchange_(exchange),
-      normal_(graph, map, pool_, options.pairs, exchange),
+      normal_(graph, map, pool_, options.pairs, exchange, options.stored),
       random_(options.seed) {
   add_observations(options);
   add_pairs(options);
+  if (options.stored == linear::Precision::kSingle) round_coefficients();
   make_dense(options);
   fill();
 }
@@ -145,6 +146,14 @@ void RandomSystem::add_pairs(const SystemOptions& options) {
   }
 }
 
+// What single precision holds exactly.
+void RandomSystem::round_coefficients() {
+  for (Block& block : blocks_) {
+    for (Matrix* matrix : {&block.by_camera, &block.by_other})
+      *matrix = matrix->cast<float>().cast<double>().eval();
+  }
+}
+
 void RandomSystem::make_dense(const SystemOptions& options) {
   dense_.camera_columns = map.num_columns;
   int columns = map.num_columns;
@@ -155,6 +164,8 @@ void RandomSystem::make_dense(const SystemOptions& options) {
   }
   const int rows = blocks_.back().row + static_cast<int>(blocks_.back().by_camera.rows());
   dense_.residual = 10.0 * random_matrix(rows, 1);
+  if (options.stored == linear::Precision::kSingle)
+    dense_.residual = dense_.residual.cast<float>().cast<double>().eval();
   if (!options.dense) return;
   dense_.jacobian.setZero(rows, columns);
   const auto place = [&](const Block& block, int camera, const Matrix& jacobian) {
@@ -174,7 +185,7 @@ void RandomSystem::make_dense(const SystemOptions& options) {
 
 void RandomSystem::fill() {
   normal_.camera_terms().set_zero();
-  int stored = 0;
+  std::vector<const Block*> stored;
   for (const Block& block : blocks_) {
     if (block.point < 0) {
       const Eigen::VectorXd residual = dense_.residual.segment(block.row, block.by_camera.rows());
@@ -185,17 +196,25 @@ void RandomSystem::fill() {
                                   .other = block.other,
                                   .by_other = block.by_other.data()});
     } else if (block.point % exchange_.num_ranks() == exchange_.rank()) {
-      fill(stored++, block);
+      stored.push_back(&block);
     }
   }
-  for (std::size_t c = 0; c < graph.chunks.size(); ++c) normal_.accumulate(static_cast<int>(c));
+  for (std::size_t c = 0; c < graph.chunks.size(); ++c) {
+    normal_.fill(static_cast<int>(c),
+                 [&](const linear::Chunk& part, double* jacobian, linear::PointRecord* records) {
+                   for (int a = part.begin; a < part.end; ++a, ++records) {
+                     fill(*stored[a], jacobian, *records);
+                     jacobian += stored[a]->by_camera.size();
+                   }
+                 });
+  }
   normal_.finish();
 }
 
-void RandomSystem::fill(int stored, const Block& block) {
-  std::copy_n(block.by_camera.data(), block.by_camera.size(), normal_.camera_jacobian(stored));
+void RandomSystem::fill(const Block& block, double* jacobian, linear::PointRecord& record) const {
+  std::copy_n(block.by_camera.data(), block.by_camera.size(), jacobian);
   for (int row = 0; row < 2; ++row) {
-    auto& [by_point, residual] = normal_.point_record(stored).row[row];
+    auto& [by_point, residual] = record.row[row];
     for (int k = 0; k < 3; ++k) by_point[k] = block.by_other(row, k);
     residual = dense_.residual[block.row + row];
   }

@@ -29,6 +29,7 @@ struct SystemOptions {
   std::function<bool(int camera, int point)> sees{};  // instead of the window
   linear::CameraPairs pairs{};  // that residuals relate; equal: of one camera alone
   bool dense = true;            // whether the dense Jacobian is made
+  linear::Precision stored = linear::Precision::kDouble;  // single: coefficients are rounded too
   int threads = 1;
   unsigned seed = 1;
 };
@@ -71,9 +72,10 @@ class RandomSystem {
   void add_pairs(const SystemOptions& options);
   Matrix random_matrix(int rows, int columns);
   Matrix random_camera_matrix(int rows, const SystemOptions& options);
+  void round_coefficients();
   void make_dense(const SystemOptions& options);
   void fill();
-  void fill(int stored, const Block& block);
+  void fill(const Block& block, double* jacobian, linear::PointRecord& record) const;
 
   ThreadPool pool_;
   Exchange& exchange_;

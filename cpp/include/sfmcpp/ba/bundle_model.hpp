@@ -15,13 +15,14 @@ namespace sfmcpp::ba {
 class BundleModel final : public optim::LeastSquaresModel {
  public:
   // The references must outlive the model, the constraints of the problem too. `free_intrinsics` as
-  // in mask.hpp.
+  // in mask.hpp; `stored`: how the Jacobian is, not auto.
   BundleModel(const Problem& problem,
               const linear::ObservationGraph& graph,
               const linear::ParameterMap& map,
               std::vector<int> free_intrinsics,
               ThreadPool& pool,
-              Exchange& exchange = this_process());
+              Exchange& exchange = this_process(),
+              linear::Precision stored = linear::Precision::kDouble);
   BundleModel(const BundleModel&) = delete;
   BundleModel& operator=(const BundleModel&) = delete;
 
@@ -50,7 +51,10 @@ class BundleModel final : public optim::LeastSquaresModel {
  private:
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   ImageFit linearize_chunk(const optim::State& state, int chunk);
-  double apply_loss(const linear::Chunk& chunk);
+  void apply_loss(const linear::Chunk& part,
+                  double* jacobian,
+                  linear::PointRecord* records,
+                  double& cost);
   double chunk_slope(const optim::State& state, const linear::Step& step, int chunk) const;
   std::vector<double> transported(const optim::State& start,
                                   const linear::Step& step,

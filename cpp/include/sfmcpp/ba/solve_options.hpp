@@ -21,6 +21,7 @@ struct SolveOptions {
   std::optional<double> loss_scale_px = 1.0;
   Gauge gauge = Gauge::kAuto;
   AlgebraicWeights algebraic_weights = AlgebraicWeights::kUniform;  // of the algebraic line search
+  linear::Precision precision = linear::Precision::kAuto;
   int num_threads = 0;  // 0: as many as the machine has and the problem is worth
 
   // Throws InvalidArgument listing every option out of its range.
@@ -81,6 +82,9 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
   f(
       O{"linear_solver", "Solver of the reduced camera system"},
       [](auto& o) -> auto& { return o.linear_solver.kind; });
+  f(
+      O{"precision", "How the Jacobian of the observations is stored"},
+      [](auto& o) -> auto& { return o.precision; });
   f(
       O{"loss", "Robust loss"}, [](auto& o) -> auto& { return o.loss; });
   f(

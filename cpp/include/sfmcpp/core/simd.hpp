@@ -12,21 +12,25 @@ template <int W>
 struct VectorOf;
 template <>
 struct VectorOf<1> {
+  typedef float Single __attribute__((vector_size(4)));
   typedef double Type __attribute__((vector_size(8)));
   typedef long long Mask __attribute__((vector_size(8)));
 };
 template <>
 struct VectorOf<2> {
+  typedef float Single __attribute__((vector_size(8)));
   typedef double Type __attribute__((vector_size(16)));
   typedef long long Mask __attribute__((vector_size(16)));
 };
 template <>
 struct VectorOf<4> {
+  typedef float Single __attribute__((vector_size(16)));
   typedef double Type __attribute__((vector_size(32)));
   typedef long long Mask __attribute__((vector_size(32)));
 };
 template <>
 struct VectorOf<8> {
+  typedef float Single __attribute__((vector_size(32)));
   typedef double Type __attribute__((vector_size(64)));
   typedef long long Mask __attribute__((vector_size(64)));
 };
@@ -75,6 +79,20 @@ SFMCPP_INLINE Pack<W> load(const double* p) {
 template <int W>
 SFMCPP_INLINE void store(double* p, Pack<W> a) {
   __builtin_memcpy(p, &a.v, sizeof(a.v));
+}
+
+// The same in memory in single precision.
+template <int W>
+SFMCPP_INLINE Pack<W> load(const float* p) {
+  typename VectorOf<W>::Single narrow;
+  __builtin_memcpy(&narrow, p, sizeof(narrow));
+  return Pack<W>(__builtin_convertvector(narrow, typename VectorOf<W>::Type));
+}
+
+template <int W>
+SFMCPP_INLINE void store(float* p, Pack<W> a) {
+  const auto narrow = __builtin_convertvector(a.v, typename VectorOf<W>::Single);
+  __builtin_memcpy(p, &narrow, sizeof(narrow));
 }
 
 // Sum over the lanes, halves first: the same order for every width of register.

@@ -7,7 +7,9 @@
 // (camera_terms.hpp).
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <variant>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -16,6 +18,7 @@
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
+#include "sfmcpp/linear/precision.hpp"
 #include "sfmcpp/linear/schur_kernels.hpp"
 
 namespace sfmcpp::linear {
@@ -59,23 +62,30 @@ inline constexpr int kCamerasPerTask = 64;
 class NormalEquations {
  public:
   // The references must outlive this object. `camera_pairs`: cameras that other residuals than
-  // observations relate.
+  // observations relate. `stored`: not auto.
   NormalEquations(const ObservationGraph& graph,
                   const ParameterMap& map,
                   ThreadPool& pool,
                   CameraPairs camera_pairs = {},
-                  Exchange& exchange = this_process());
+                  Exchange& exchange = this_process(),
+                  Precision stored = Precision::kDouble);
 
-  // Filling: first the Jacobian of every observation (schur_kernels.hpp) …
-  double* camera_jacobian(int observation) {
-    return jacobian_.data() + 2L * map_.camera_size * observation;
+  // Filling: first the Jacobian (schur_kernels.hpp), chunk by chunk, in any order. Of a few
+  // observations at a time, write(part, jacobian, records) sets J and A|r in double precision,
+  // while they are in the nearest cache; J is 2×D, row-major …
+  template <class F>
+  void fill(int chunk, const F& write) {
+    const Chunk& c = graph_.chunks[chunk];
+    Draft draft;
+    start(chunk);
+    for (int begin = c.begin; begin < c.end; begin += kPartSize) {
+      const Chunk part{c.camera, begin, std::min(begin + kPartSize, c.end)};
+      const auto [jacobian, records] = place_of(part, draft);
+      write(part, jacobian, records);
+      take(part, jacobian, records, chunk);
+    }
   }
-  PointRecord& point_record(int observation) { return records_[observation]; }
-  // The same as numbers, those of later observations behind: 2×4, row-major.
-  double* point_records_from(int observation) { return records_[observation].row[0].by_point; }
-  // … chunk by chunk, each followed by `accumulate(chunk)`, in any order, and the terms of cameras
-  // alone; then `finish`.
-  void accumulate(int chunk);
+  // … and the terms of cameras alone; then `finish`.
   CameraTerms& camera_terms() { return camera_terms_; }
   void finish();
 
@@ -86,8 +96,12 @@ class NormalEquations {
   const SchurKernels& kernels() const { return kernels_; }
   const CameraTerms& camera_terms() const { return camera_terms_; }
 
-  const double* jacobian() const { return jacobian_.data(); }
-  const PointRecord* records() const { return records_.data(); }
+  Precision precision() const;
+  // For the kernels.
+  StoredJacobian jacobian() const;
+  // J and A|r of an observation. Only where stored in double precision.
+  const double* camera_jacobian(int observation) const;
+  const PointRecord& point_record(int observation) const;
   // Zeros for a point that may not move.
   const PointBlock& point_block(int p) const { return point_blocks_[p]; }
 
@@ -124,7 +138,27 @@ class NormalEquations {
   bool is_shared(int column) const { return shared_[column] != 0; }
 
  private:
-  void gather_point(int p);
+  template <class T>
+  struct Blocks {
+    AlignedVector<T> jacobian;
+    AlignedVector<PointRecordOf<T>> records;
+  };
+  static constexpr int kPartSize = 64;
+  // Where a part is written that is not stored in double precision.
+  struct Draft {
+    alignas(64) double jacobian[kPartSize * 2 * kMaxCameraSize];
+    PointRecord records[kPartSize];
+  };
+  struct Place {
+    double* jacobian;
+    PointRecord* records;
+  };
+
+  void start(int chunk);
+  Place place_of(const Chunk& part, Draft& draft);
+  void take(const Chunk& part, const double* jacobian, const PointRecord* records, int chunk);
+  template <class T>
+  PointBlock gathered(const Blocks<T>& blocks, int p) const;
 
   const ObservationGraph& graph_;
   const ParameterMap& map_;
@@ -133,8 +167,7 @@ class NormalEquations {
   SchurKernels kernels_;
   CameraTerms camera_terms_;
   std::vector<char> shared_;  // per reduced column
-  AlignedVector<double> jacobian_;
-  AlignedVector<PointRecord> records_;
+  std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block
   std::vector<double> camera_rhs_;

@@ -3,9 +3,9 @@
 
 #include "sfmcpp/linear/schur_kernels.hpp"
 
-#define SFMCPP_DECLARE_SCHUR(isa)            \
-  namespace sfmcpp::linear::isa {            \
-  SchurKernels kernels_for(int camera_size); \
+#define SFMCPP_DECLARE_SCHUR(isa)                              \
+  namespace sfmcpp::linear::isa {                              \
+  SchurKernels kernels_for(int camera_size, Precision stored); \
   }
 
 SFMCPP_DECLARE_SCHUR(baseline)

@@ -10,17 +10,29 @@
 // the right-hand side is Σ Jᵀ r̄, and δp = Mᵀ (y − Σ Gᵀ J δc).
 //
 // G and r̄ are not stored either: they follow from A|r and the factor of the point.
+//
+// J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
+
+#include "sfmcpp/linear/precision.hpp"
 
 namespace sfmcpp::linear {
 
-// A|r of an observation (a cache line).
-struct PointRecord {
+// A|r of an observation (a cache line, or half of one).
+template <class T>
+struct PointRecordOf {
   struct Row {
-    double by_point[3];
-    double residual;
+    T by_point[3];
+    T residual;
   };
   Row row[2];
+};
+using PointRecord = PointRecordOf<double>;
+
+// J and A|r of every observation, in numbers that only kernels made for this precision read.
+struct StoredJacobian {
+  const void* by_camera;
+  const void* records;
 };
 
 // M and y of a point.
@@ -41,9 +53,8 @@ struct GraphView {
 // One block row of S: the blocks (i, j), j ≥ i, of camera i, in panel layout.
 struct SchurRow {
   GraphView graph;
-  int begin, end;              // observations of camera i
-  const double* jacobian;      // J of every observation
-  const PointRecord* records;  // A|r of every observation
+  int begin, end;  // observations of camera i
+  StoredJacobian jacobian;
   const PointFactor* factors;  // M, y of every point
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
@@ -51,18 +62,21 @@ struct SchurRow {
   double* rhs;                 // D numbers; overwritten
 };
 
+// Observations [begin, end) are of one camera; `point` is that of every observation.
 struct SchurKernels {
-  // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations.
+  // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations before they are stored.
   void (*camera_gradient)(int n,
                           const double* jacobian,
                           const PointRecord* records,
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
-  // Block (i, i) and the right-hand side alone, over the n observations of camera i.
-  void (*schur_diagonal)(int n,
-                         const double* jacobian,
-                         const PointRecord* records,
+  // Numbers before they are stored, rounded.
+  void (*round)(long count, const double* in, void* out);
+  // Block (i, i) and the right-hand side alone.
+  void (*schur_diagonal)(const StoredJacobian& jacobian,
+                         int begin,
+                         int end,
                          const int* point,
                          const PointFactor* factors,
                          double* diagonal,
@@ -71,22 +85,28 @@ struct SchurKernels {
   void (*point_sums)(const GraphView& graph,
                      int begin,
                      int end,
-                     const double* jacobian,
-                     const PointRecord* records,
+                     const StoredJacobian& jacobian,
                      const PointFactor* factors,
                      const double* steps,
                      double* sums);
   // out += Jᵀ (J x − A t), with t of every point in `shifts`, three numbers each.
-  void (*schur_product)(int n,
-                        const double* jacobian,
-                        const PointRecord* records,
+  void (*schur_product)(const StoredJacobian& jacobian,
+                        int begin,
+                        int end,
                         const int* point,
                         const double* shifts,
                         const double* x,
                         double* out);
+  // Σ ‖J x + A t‖², likewise.
+  double (*curvature)(const StoredJacobian& jacobian,
+                      int begin,
+                      int end,
+                      const int* point,
+                      const double* shifts,
+                      const double* x);
 };
 
-// `camera_size` must be one of padded_camera_size().
-SchurKernels schur_kernels(int camera_size);
+// `camera_size` must be one of padded_camera_size(), the precision not auto.
+SchurKernels schur_kernels(int camera_size, Precision stored);
 
 }  // namespace sfmcpp::linear

@@ -1,0 +1,33 @@
+// How the Jacobian of the observations is stored. Whatever is computed with it is computed and
+// summed in double precision: single precision halves the memory that a step passes through, and
+// rounds each coefficient of the linear model by at most 2⁻²⁴ of itself, not the residuals that are
+// minimised.
+#pragma once
+
+#include <array>
+#include <string_view>
+
+#include "sfmcpp/core/enum_names.hpp"
+
+namespace sfmcpp {
+
+namespace linear {
+enum class Precision { kAuto, kSingle, kDouble };
+}
+
+template <>
+struct EnumTraits<linear::Precision> {
+  static constexpr std::string_view kWhat = "precision";
+  static constexpr auto kTable = std::to_array<EnumRow<linear::Precision>>(
+      {{linear::Precision::kAuto, "auto", "single for large problems, where it is faster"},
+       {linear::Precision::kSingle, "single", "single precision, all sums double"},
+       {linear::Precision::kDouble, "double", "double precision"}});
+};
+
+namespace linear {
+
+// `auto` for so many observations on all ranks; anything else is returned as it is.
+Precision choose_precision(Precision requested, double num_observations);
+
+}  // namespace linear
+}  // namespace sfmcpp
