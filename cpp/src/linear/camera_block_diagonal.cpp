@@ -23,7 +23,6 @@ CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
 
 void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<double>& rhs) {
   const ObservationGraph& graph = normal_.graph();
-  const long size = map_.camera_size;
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
     normal_.kernels().schur_diagonal(normal_.jacobian(),
                                      graph.camera_begin[i],
