@@ -6,7 +6,6 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-import typing_extensions
 __all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
@@ -572,7 +571,7 @@ def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.S
     """
     Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
     """
-def join_records(heads: typing_extensions.Buffer, items: typing_extensions.Buffer, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+def join_records(heads: numpy.typing.NDArray[numpy.uint8], items: numpy.typing.NDArray[numpy.uint8], head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
     """
     The bytes that split_records takes apart.
     """
@@ -624,7 +623,7 @@ def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> C
     """
     Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
     """
-def split_records(data: typing_extensions.Buffer, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
+def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
     """
     Heads and items of the records from byte `begin` on, and where the last one ends that fits.
     """
