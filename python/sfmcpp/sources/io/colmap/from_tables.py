@@ -92,6 +92,8 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
     _require_single(points, point, image, keypoint)
     _require_complete(images, keypoint)
+    if first_duplicate(image, point, len(images.ids)) is None:
+        return point, image, keypoint
     _, first = np.unique(point * len(images.ids) + image, return_index=True)
     kept = np.sort(first)
     return point[kept], image[kept], keypoint[kept]
