@@ -79,14 +79,15 @@ def read_pieces(path: Path) -> Iterator[bytes]:
     DatasetError
         As :func:`read_bytes`, but not before the fault is reached.
     """
-    waiting, size = [], 0
+    is_empty, waiting, size = True, [], 0
     for chunk in _content(path):
         waiting.append(chunk)
         size += len(chunk)
+        is_empty = is_empty and not chunk
         if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
             yield b"".join([*waiting[:-1], chunk[:end]])
             waiting, size = [chunk[end:]], len(chunk) - end
-    if not any(waiting):
+    if is_empty:
         raise DatasetError(path, "the file is empty")
     yield b"".join(waiting)
 
