@@ -69,7 +69,10 @@ def require_valid(problem: Problem, path: Path) -> None:
 
 def finite_rows(array: NDArray[np.float64]) -> BoolArray:
     """Whether all numbers of each ``array[i]`` are finite."""
-    return np.asarray(np.isfinite(array).all(axis=tuple(range(1, array.ndim))))
+    finite = np.isfinite(array)
+    if finite.all():
+        return np.ones(len(array), dtype=np.bool_)
+    return np.asarray(finite.all(axis=tuple(range(1, array.ndim))))
 
 
 def require_metadata_length(what: str, value: Any, length: int, path: Path) -> None:

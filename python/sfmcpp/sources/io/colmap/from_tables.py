@@ -122,13 +122,14 @@ def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
 
 
 def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
-    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
-    number = np.arange(len(image)) - exclusive_sums(images.keypoint_counts)[image]
-    loose = np.ones(len(image), dtype=np.bool_)
-    loose[keypoint] = False
+    counts = images.keypoint_counts
+    number = np.arange(len(images.keypoints)) - np.repeat(exclusive_sums(counts), counts)
+    is_loose = np.ones(len(number), dtype=np.bool_)
+    is_loose[keypoint] = False
+    loose = np.flatnonzero(is_loose)
     return {
         "colmap_keypoint_index": number[keypoint],
-        "colmap_loose_image": image[loose],
+        "colmap_loose_image": np.searchsorted(np.cumsum(counts), loose, side="right"),
         "colmap_loose_keypoint_index": number[loose],
         "colmap_loose_pixels": images.keypoints[loose],
     }
