@@ -6,8 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-import typing_extensions
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -209,6 +208,14 @@ class SolveOptions:
     def parameter_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
+    def pcg_forcing(self) -> float:
+        """
+        Without pcg_tolerance, the iterative linear solver stops at an iteration that gains less than this share of what the average one did
+        """
+    @pcg_forcing.setter
+    def pcg_forcing(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
     def pcg_max_iterations(self) -> int:
         """
         Iterations of the iterative linear solver at most
@@ -217,12 +224,12 @@ class SolveOptions:
     def pcg_max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     @property
-    def pcg_tolerance(self) -> float:
+    def pcg_tolerance(self) -> float | None:
         """
-        Relative residual at which the iterative linear solver stops
+        Relative residual at which the iterative linear solver stops; else as pcg_forcing says
         """
     @pcg_tolerance.setter
-    def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
         ...
     @property
     def precision(self) -> str:
@@ -572,7 +579,11 @@ def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.S
     """
     Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
     """
-def join_records(heads: typing_extensions.Buffer, items: typing_extensions.Buffer, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+def group_ranks(group: numpy.typing.NDArray[numpy.int32], num_groups: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.int64]:
+    """
+    How many elements of the same group come before each one.
+    """
+def join_records(heads: numpy.typing.NDArray[numpy.uint8], items: numpy.typing.NDArray[numpy.uint8], head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
     """
     The bytes that split_records takes apart.
     """
@@ -624,7 +635,7 @@ def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> C
     """
     Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
     """
-def split_records(data: typing_extensions.Buffer, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
+def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
     """
     Heads and items of the records from byte `begin` on, and where the last one ends that fits.
     """
@@ -663,5 +674,6 @@ class SolveKeywords(typing.TypedDict, total=False):
     initial_damping: float | None
     initial_radius: float | None
     damping_matrix: str
-    pcg_tolerance: float
+    pcg_tolerance: float | None
     pcg_max_iterations: int
+    pcg_forcing: float

@@ -1,4 +1,4 @@
-// What files hold: numbers as text, and records.
+// What files hold: numbers as text, records, and lists in groups.
 #include <cstring>
 #include <limits>
 
@@ -7,6 +7,7 @@
 
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/group_ranks.hpp"
 #include "sfmcpp/core/number_text.hpp"
 #include "sfmcpp/core/records.hpp"
 #include "sfmcpp/core/text_rows.hpp"
@@ -15,6 +16,7 @@ namespace sfmcpp::bindings {
 namespace {
 
 using Bytes = py::array_t<std::uint8_t, py::array::c_style>;
+using Indices = py::array_t<std::int32_t, py::array::c_style>;
 using Column = std::pair<std::string, py::array>;
 
 constexpr long kBytesOfAThread = 1 << 17, kRowsOfAThread = 1 << 12;
@@ -146,6 +148,15 @@ py::array_t<std::uint8_t> join_records_of(const Bytes& heads,
   return data;
 }
 
+py::array_t<long> group_ranks_of(const Indices& group, long num_groups) {
+  py::array_t<long> ranks(group.size());
+  const std::span<const std::int32_t> groups(group.data(), static_cast<std::size_t>(group.size()));
+  if (num_groups < 0 || !group_ranks(groups, num_groups, ranks.mutable_data())) {
+    throw InvalidArgument("group: must be from 0 to " + std::to_string(num_groups - 1));
+  }
+  return ranks;
+}
+
 }  // namespace
 
 void bind_files(py::module_& m) {
@@ -189,6 +200,11 @@ void bind_files(py::module_& m) {
         py::arg("head_bytes"),
         py::arg("item_bytes"),
         "The bytes that split_records takes apart.");
+  m.def("group_ranks",
+        &group_ranks_of,
+        py::arg("group").noconvert(),
+        py::arg("num_groups"),
+        "How many elements of the same group come before each one.");
 }
 
 }  // namespace sfmcpp::bindings

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, pinhole_rows, to_normalised, undistorted_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+
+_OBSERVATIONS_OF_A_PART = 1 << 18
 
 
 def require_metric(problem: Problem) -> None:
@@ -37,6 +41,25 @@ def _require_in_range(name: str, index: IndexArray, size: int) -> None:
     if not good.all():
         worst = int(np.argmin(good))
         raise InvalidArgument(f"{name}[{worst}] = {index[worst]}: must be from 0 to {size - 1}")
+
+
+def in_parts(problem: Problem) -> Iterator[tuple[slice, Problem]]:
+    """The problem with some hundred thousand of its observations at a time, and which they are."""
+    for begin in range(0, problem.num_observations, _OBSERVATIONS_OF_A_PART):
+        rows = slice(begin, begin + _OBSERVATIONS_OF_A_PART)
+        index = problem.camera_index[rows], problem.point_index[rows]
+        yield (
+            rows,
+            Problem(
+                problem.camera_model,
+                problem.cameras,
+                problem.intrinsics,
+                problem.points,
+                *index,
+                problem.pixels[rows],
+                intrinsics_index=problem.intrinsics_index,
+            ),
+        )
 
 
 def intrinsics_of_observations(problem: Problem) -> FloatArray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry._tracks import (
+    in_parts,
     intrinsics_of_observations,
     num_views,
     points_in_cameras,
@@ -77,11 +78,15 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
         Errors [px]; infinite where the point is not in front of the camera or not a number.
     """
     require_metric(problem)
-    in_camera = points_in_cameras(problem, require_points(problem, points))
-    in_front = in_camera[:, 2] > 0
-    in_camera[~in_front] = 1.0
-    pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
-    return np.where(in_front, np.linalg.norm(pixels - problem.pixels, axis=1), np.inf)
+    world = require_points(problem, points)
+    errors = np.empty(problem.num_observations)
+    for rows, part in in_parts(problem):
+        in_camera = points_in_cameras(part, world)
+        in_front = in_camera[:, 2] > 0
+        in_camera[~in_front] = 1.0
+        pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(part))
+        errors[rows] = np.where(in_front, np.linalg.norm(pixels - part.pixels, axis=1), np.inf)
+    return errors
 
 
 def mean_reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ from sfmcpp.sources.io.number_text import NumberStream, first_no_integer
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
 from sfmcpp.sources.io.rows import format_rows
 
+_ROWS_AT_ONCE = 1 << 17
 _HEADER, _OBSERVATION, _CAMERA, _POINT = 3, 4, 9, 3
 
 
@@ -72,7 +73,7 @@ def write_bal(problem: Problem, path: Path) -> None:
     require_valid(problem, path)
     intrinsics, pixels = as_bal(problem, "BAL", path)
     with atomic_files(path) as (raw,), compressed_writer(raw, path) as stream:
-        stream.writelines(_chunks(problem, intrinsics, turned_pixels(pixels)))
+        stream.writelines(_chunks(problem, intrinsics, pixels))
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,10 @@ def _chunks(problem: Problem, intrinsics: FloatArray, pixels: FloatArray) -> Ite
     rotations, translations = y_up_pose_from_cameras(problem.cameras)
     vectors = angle_axis_from_rotation(rotations)
     yield f"{problem.num_cameras} {problem.num_points} {problem.num_observations}\n".encode("ascii")
-    yield from format_rows("%d %d %r %r\n", problem.camera_index, problem.point_index, *pixels.T)
+    for begin in range(0, problem.num_observations, _ROWS_AT_ONCE):
+        rows = slice(begin, begin + _ROWS_AT_ONCE)
+        index = problem.camera_index[rows], problem.point_index[rows]
+        yield from format_rows("%d %d %r %r\n", *index, *turned_pixels(pixels[rows]).T)
     yield from format_rows("%r\n", np.concatenate([vectors, translations, intrinsics], axis=1).ravel())
     yield from format_rows("%r\n", problem.points.ravel())
 

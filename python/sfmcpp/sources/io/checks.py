@@ -15,6 +15,7 @@ from sfmcpp.model.problem import Problem
 from sfmcpp.model.uncertainty import first_bad_covariance
 
 LARGEST_MAGNITUDE = 1e150
+_ROWS_AT_ONCE = 1 << 18
 LARGEST_COUNT = int(np.iinfo(np.int32).max)
 
 
@@ -22,15 +23,28 @@ def first_duplicate(
     camera_index: NDArray[Any], point_index: NDArray[Any], num_cameras: int
 ) -> tuple[int, int] | None:
     """Two observations of the same point by the same camera, the earlier first, or None."""
-    keys = point_index.astype(np.int64) * num_cameras + camera_index
-    if (np.diff(keys) > 0).all():
+    if _increases(point_index, camera_index) or _increases(camera_index, point_index):
+        return None
+    keys = point_index.astype(np.int64)
+    keys *= num_cameras
+    keys += camera_index
+    ordered = np.sort(keys)
+    if (ordered[1:] != ordered[:-1]).all():
         return None
     order = np.argsort(keys, kind="stable")
     repeated = np.flatnonzero(np.diff(keys[order]) == 0)
-    if not len(repeated):
-        return None
     worst = int(repeated[np.argmin(order[repeated + 1])])
     return int(order[worst]), int(order[worst + 1])
+
+
+def _increases(first: NDArray[Any], second: NDArray[Any]) -> bool:
+    """Whether each pair (first[i], second[i]) comes after the one before it, as words in a dictionary do."""
+    for begin in range(0, len(first) - 1, _ROWS_AT_ONCE):
+        rows = slice(begin, begin + _ROWS_AT_ONCE + 1)
+        a, b = first[rows], second[rows]
+        if not ((a[1:] > a[:-1]) | ((a[1:] == a[:-1]) & (b[1:] > b[:-1]))).all():
+            return False
+    return True
 
 
 def require_valid(problem: Problem, path: Path) -> None:
@@ -55,7 +69,10 @@ def require_valid(problem: Problem, path: Path) -> None:
 
 def finite_rows(array: NDArray[np.float64]) -> BoolArray:
     """Whether all numbers of each ``array[i]`` are finite."""
-    return np.asarray(np.isfinite(array).all(axis=tuple(range(1, array.ndim))))
+    finite = np.isfinite(array)
+    if finite.all():
+        return np.ones(len(array), dtype=np.bool_)
+    return np.asarray(finite.all(axis=tuple(range(1, array.ndim))))
 
 
 def require_metadata_length(what: str, value: Any, length: int, path: Path) -> None:
@@ -76,18 +93,22 @@ def point_colors(problem: Problem, default: tuple[int, int, int], path: Path) ->
     return colors
 
 
+def _within(array: NDArray[Any], lowest: float, highest: float) -> bool:
+    """Whether all numbers are from `lowest` to `highest`, and none is not a number; takes no memory."""
+    return not array.size or bool(array.min() >= lowest and array.max() <= highest)
+
+
 def _require_finite(name: str, array: NDArray[np.float64], path: Path) -> None:
-    good = np.abs(array) <= LARGEST_MAGNITUDE
-    if not good.all():
+    if not _within(array, -LARGEST_MAGNITUDE, LARGEST_MAGNITUDE):
+        good = np.abs(array) <= LARGEST_MAGNITUDE
         where = np.argwhere(~good)[0].tolist()
         rule = f"must be finite, at most {LARGEST_MAGNITUDE:g} in magnitude"
         raise DatasetError(path, f"{name}{where} is {array[tuple(where)]}: {rule}")
 
 
 def _require_in_range(name: str, index: IndexArray, size: int, path: Path) -> None:
-    good = (index >= 0) & (index < size)
-    if not good.all():
-        worst = int(np.argmin(good))
+    if not _within(index, 0, size - 1):
+        worst = int(np.argmin((index >= 0) & (index < size)))
         raise DatasetError(path, f"{name}[{worst}] is {index[worst]}: must be from 0 to {size - 1}")
 
 
@@ -104,9 +125,8 @@ def _require_positive_sigma(problem: Problem, path: Path) -> None:
     if problem.sigma_px is None:
         return
     lowest, highest = 1 / LARGEST_MAGNITUDE, LARGEST_MAGNITUDE
-    good = (problem.sigma_px >= lowest) & (problem.sigma_px <= highest)
-    if not good.all():
-        worst = int(np.argmin(good))
+    if not _within(problem.sigma_px, lowest, highest):
+        worst = int(np.argmin((problem.sigma_px >= lowest) & (problem.sigma_px <= highest)))
         rule = f"must be positive, from {lowest:g} to {highest:g}"
         raise DatasetError(path, f"sigma_px[{worst}] is {problem.sigma_px[worst]}: {rule}")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import lzma
 import os
 import secrets
@@ -78,16 +79,26 @@ def read_pieces(path: Path) -> Iterator[bytes]:
     DatasetError
         As :func:`read_bytes`, but not before the fault is reached.
     """
-    waiting, size = [], 0
+    is_empty, waiting, size = True, [], 0
     for chunk in _content(path):
         waiting.append(chunk)
         size += len(chunk)
+        is_empty = is_empty and not chunk
         if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
             yield b"".join([*waiting[:-1], chunk[:end]])
             waiting, size = [chunk[end:]], len(chunk) - end
-    if not any(waiting):
+    if is_empty:
         raise DatasetError(path, "the file is empty")
     yield b"".join(waiting)
+
+
+@contextmanager
+def open_content(path: Path) -> Iterator[IO[bytes]]:
+    """What :func:`read_bytes` gives, to be read at any place; a plain file is not read before."""
+    with failures_named(path), ExitStack() as stack:
+        require_regular_file(path)
+        is_plain = path.suffix.lower() not in _DECOMPRESSORS and path.stat().st_size
+        yield stack.enter_context(path.open("rb") if is_plain else io.BytesIO(read_bytes(path)))
 
 
 def largest_content(path: Path) -> int:

@@ -89,4 +89,5 @@ def as_bal(problem: Problem, format_name: str, path: Path) -> tuple[FloatArray, 
     require_defaults_except(values, (*BAL, "cx", "cy"), format_name, path)
     private = values[problem.intrinsics_index]
     principal = private[:, perspective_columns("cx", "cy")]
-    return private[:, perspective_columns(*BAL)], problem.pixels - principal[problem.camera_index]
+    pixels = problem.pixels - principal[problem.camera_index] if principal.any() else problem.pixels
+    return private[:, perspective_columns(*BAL)], pixels

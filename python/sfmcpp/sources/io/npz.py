@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.files import READABLE_EXPANSION, atomic_files, read_bytes
+from sfmcpp.sources.io.files import READABLE_EXPANSION, atomic_files, open_content
 from sfmcpp.sources.io.format import Format
 
 VERSION = 1
 
 _ZIP_MAGIC = b"PK"
+_PIECE_BYTES = 1 << 20
 _OLDEST_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 METADATA, _EXTRA = "metadata", "extra."
 _NOT_ARRAYS = ("camera_model", METADATA)
@@ -113,27 +114,29 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
     DatasetError
         If the file is no such archive: zip and npy parsers fail in many ways, all of which mean a bad file.
     """
-    data = read_bytes(path)
-    if not data.startswith(_ZIP_MAGIC):
-        raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                _require_plausible_sizes(path, archive, len(data))
+    with open_content(path) as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        if file.read(len(_ZIP_MAGIC)) != _ZIP_MAGIC:
+            raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
+        try:
+            with warnings.catch_warnings(), zipfile.ZipFile(file) as archive:
+                warnings.simplefilter("error")
+                _require_plausible_sizes(path, archive, size)
                 return {
                     info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()
                 }
-    except DatasetError:
-        raise
-    except Exception as error:
-        reason = f"not a valid .npz archive ({type(error).__name__}: {error})".splitlines()[0]
-        raise DatasetError(path, reason) from error
+        except DatasetError:
+            raise
+        except Exception as error:
+            reason = f"not a valid .npz archive ({type(error).__name__}: {error})".splitlines()[0]
+            raise DatasetError(path, reason) from error
 
 
 def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int) -> None:
+    stored = sum(info.file_size for info in archive.infolist() if info.compress_type == zipfile.ZIP_STORED)
     expanded = sum(info.file_size for info in archive.infolist())
-    if expanded > READABLE_EXPANSION * size:
+    if expanded > READABLE_EXPANSION * size or stored > size:
         raise DatasetError(path, f"its members claim {expanded} bytes, it has {size}: refused")
 
 
@@ -141,14 +144,24 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     """One member; its size is compared with what its header promises before anything is allocated."""
     with archive.open(info) as member:
         shape, fortran, dtype = _read_npy_header(member)
-        content = member.read()
-    count = 1
-    for length in shape:
-        count *= length
-    if dtype.hasobject or min(shape, default=0) < 0 or len(content) != count * dtype.itemsize:
-        raise ValueError(f"{info.filename}: {len(content)} bytes are not {shape} of {dtype}")
-    array: NDArray[Any] = np.array(np.frombuffer(content, dtype))
+        present, count = info.file_size - member.tell(), 1
+        for length in shape:
+            count *= length
+        if dtype.hasobject or min(shape, default=0) < 0 or present != count * dtype.itemsize:
+            raise ValueError(f"{info.filename}: {present} bytes are not {shape} of {dtype}")
+        array: NDArray[Any] = np.empty(count, dtype)
+        _read_into(array.view(np.uint8) if count else np.empty(0, np.uint8), member)
     return np.reshape(array, shape, order="F" if fortran else "C")
+
+
+def _read_into(target: NDArray[np.uint8], member: IO[bytes]) -> None:
+    """Fill `target` with all that is left of a member, in pieces: its checksum is compared at its end."""
+    done = 0
+    while piece := member.read(_PIECE_BYTES):
+        target[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
+        done += len(piece)
+    if done != len(target):
+        raise ValueError(f"{done} bytes instead of {len(target)}")
 
 
 def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -75,17 +75,16 @@ def exclusive_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def by_point(problem: Problem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Order (M,) that groups the observations by point, otherwise unchanged, and how many each point has."""
-    order = np.argsort(problem.point_index, kind="stable")
-    return order, np.bincount(problem.point_index, minlength=problem.num_points)
+    counts = np.bincount(problem.point_index, minlength=problem.num_points)
+    order = np.empty(problem.num_observations, dtype=np.int64)
+    ranks = _core.group_ranks(problem.point_index, problem.num_points)
+    order[exclusive_sums(counts)[problem.point_index] + ranks] = np.arange(len(order))
+    return order, counts
 
 
 def keypoint_ranks(problem: Problem) -> NDArray[np.int64]:
     """Give each observation its number (M,) among those of its camera, from 0."""
-    order = np.argsort(problem.camera_index, kind="stable")
-    counts = np.bincount(problem.camera_index, minlength=problem.num_cameras)
-    ranks = np.empty(problem.num_observations, dtype=np.int64)
-    ranks[order] = np.arange(len(order)) - np.repeat(exclusive_sums(counts), counts)
-    return ranks
+    return _core.group_ranks(problem.camera_index, problem.num_cameras)
 
 
 def tokens_of_items(first: NDArray[np.int64], counts: NDArray[np.int64], width: int) -> NDArray[np.int64]:
@@ -127,11 +126,18 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     index = np.concatenate([ranks, extra.get("colmap_loose_keypoint_index", np.empty(0, np.int64))])
     counts = np.bincount(image, minlength=problem.num_cameras)
     place = exclusive_sums(counts)[image] + index
-    if ((index < 0) | (index >= counts[image])).any() or len(np.unique(place)) != len(place):
+    if ((index < 0) | (index >= counts[image])).any() or not _each_once(place):
         raise InvalidArgument("metadata colmap_keypoint_index does not number each image's keypoints once")
     pixels = np.empty((len(place), 2))
     pixels[place] = np.concatenate([problem.pixels, extra.get("colmap_loose_pixels", np.empty((0, 2)))])
     return counts, pixels, place[: problem.num_observations]
+
+
+def _each_once(places: NDArray[np.int64]) -> bool:
+    """Whether all of the numbers 0, 1, … occur, given that none is larger than they are many."""
+    found = np.zeros(len(places), dtype=np.bool_)
+    found[places] = True
+    return bool(found.all())
 
 
 _DTYPES = {"d": np.int64, "r": np.float64}

@@ -87,7 +87,7 @@ def write_tables(tables: Tables, folder: Path, format: str) -> Path:
     names = text.FILES if is_text else binary.FILES
     contents = text.text_files(tables) if is_text else binary.binary_files(tables)
     for name, content in zip(names, contents, strict=True):
-        (folder / name).write_bytes(content)
+        (folder / name).write_bytes(b"".join(content))
     return folder
 
 

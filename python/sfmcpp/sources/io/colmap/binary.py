@@ -132,15 +132,18 @@ def _read_cameras(path: Path) -> CameraTable:
 
 def _read_images(path: Path) -> ImageTable:
     records = _Records(path, _IMAGE.size + 1 + _COUNT.size)
-    heads, names, keypoints = [], [], [np.empty(0, _KEYPOINT)]
+    heads, names, keypoints = [], [], []
     for _ in range(records.count):
         heads.append(records.unpack(_IMAGE))
         names.append(records.name())
         keypoints.append(records.array(_KEYPOINT, records.unpack(_COUNT)[0]))
     records.require_end()
     head = np.array(heads, dtype=np.float64).reshape(-1, 9)
-    joined = np.concatenate(keypoints)
-    counts = np.array([len(k) for k in keypoints[1:]], dtype=np.int64)
+    counts = np.array([len(part) for part in keypoints], dtype=np.int64)
+    pixels, keypoint_points = np.empty((counts.sum(), 2)), np.empty(counts.sum(), dtype=np.int64)
+    for end, part in zip(np.cumsum(counts).tolist(), keypoints, strict=True):
+        pixels[end - len(part) : end] = part["pixel"]
+        keypoint_points[end - len(part) : end] = part["point"]
     images = ImageTable(
         path,
         None,
@@ -150,8 +153,8 @@ def _read_images(path: Path) -> ImageTable:
         camera_ids=head[:, 8].astype(np.int64),
         names=names,
         keypoint_counts=counts,
-        keypoints=joined["pixel"].copy(),
-        keypoint_points=joined["point"].astype(np.int64),
+        keypoints=pixels,
+        keypoint_points=keypoint_points,
     )
     _require_finite_images(images)
     return images
@@ -160,10 +163,10 @@ def _read_images(path: Path) -> ImageTable:
 def _require_finite_images(images: ImageTable) -> None:
     poses = np.concatenate([images.quaternions, images.translations], axis=1)
     images.require(finite_rows(poses), "its pose is not finite")
-    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
     good = finite_rows(images.keypoints) & (images.keypoint_points >= NO_POINT)
     if not good.all():
         row = int(np.argmin(good))
+        image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
         pixel, point = images.keypoints[row], images.keypoint_points[row]
         raise images.error(int(image[row]), f"keypoint {pixel} of point {point} is impossible")
 

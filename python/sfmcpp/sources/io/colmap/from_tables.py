@@ -92,6 +92,8 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
     _require_single(points, point, image, keypoint)
     _require_complete(images, keypoint)
+    if first_duplicate(image, point, len(images.ids)) is None:
+        return point, image, keypoint
     _, first = np.unique(point * len(images.ids) + image, return_index=True)
     kept = np.sort(first)
     return point[kept], image[kept], keypoint[kept]
@@ -120,13 +122,14 @@ def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
 
 
 def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
-    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
-    number = np.arange(len(image)) - exclusive_sums(images.keypoint_counts)[image]
-    loose = np.ones(len(image), dtype=np.bool_)
-    loose[keypoint] = False
+    counts = images.keypoint_counts
+    number = np.arange(len(images.keypoints)) - np.repeat(exclusive_sums(counts), counts)
+    is_loose = np.ones(len(number), dtype=np.bool_)
+    is_loose[keypoint] = False
+    loose = np.flatnonzero(is_loose)
     return {
         "colmap_keypoint_index": number[keypoint],
-        "colmap_loose_image": image[loose],
+        "colmap_loose_image": np.searchsorted(np.cumsum(counts), loose, side="right"),
         "colmap_loose_keypoint_index": number[loose],
         "colmap_loose_pixels": images.keypoints[loose],
     }

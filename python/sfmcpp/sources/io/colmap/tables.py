@@ -39,6 +39,8 @@ class Table:
     def require_unique_ids(self, highest: int) -> None:
         """Raise a DatasetError if an identifier occurs twice or is out of range."""
         self.require((self.ids >= 0) & (self.ids <= highest), f"its id must be from 0 to {highest}")
+        if (self.ids[1:] > self.ids[:-1]).all():
+            return
         order = np.argsort(self.ids, kind="stable")
         repeated = np.flatnonzero(np.diff(self.ids[order]) == 0)
         if len(repeated):
@@ -49,6 +51,9 @@ class Table:
         """Row of each wanted identifier, -1 where there is none."""
         if not len(self.ids):
             return np.full(len(wanted), -1)
+        first, last = int(self.ids[0]), int(self.ids[-1])
+        if last - first == len(self.ids) - 1 and (np.diff(self.ids) == 1).all():
+            return np.where((wanted >= first) & (wanted <= last), wanted - first, -1)
         order = np.argsort(self.ids)
         place = np.searchsorted(self.ids, wanted, sorter=order)
         rows = order[np.minimum(place, len(order) - 1)]

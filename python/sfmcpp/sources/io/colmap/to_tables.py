@@ -88,8 +88,8 @@ def _require_readable(tables: Tables) -> None:
 
 
 def _finite_keypoints(images: ImageTable) -> BoolArray:
-    image = np.repeat(np.arange(len(images.ids)), images.keypoint_counts)
-    bad = image[~finite_rows(images.keypoints)]
+    good = finite_rows(images.keypoints)
+    bad = np.searchsorted(np.cumsum(images.keypoint_counts), np.flatnonzero(~good), side="right")
     return np.asarray(np.bincount(bad, minlength=len(images.ids)) == 0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from io_helpers import PROPERTY, assert_same_problem, cost, no_warnings, random_problem, refusal
 from sfmcpp import DatasetError, Problem
-from sfmcpp.sources.io import read, write
+from sfmcpp.sources.io import files, read, write
 
 # Two cameras, two points, three observations on lines 2 to 4; cameras on 5 to 22, points on 23 to 28.
 HEADER = ["2 2 3"]
@@ -124,6 +125,31 @@ def test_damage_is_named_with_its_line(
     assert error.line == line
     with pytest.raises(DatasetError, match=reason):
         raise error
+
+
+@pytest.mark.parametrize("size", [1, 7, 50])
+def test_pieces_of_the_text_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    problem = random_problem(3, "bal", {"f": 900, "k1": 0.2, "k2": 0.1}, least=3)
+    write(problem, tmp_path / "x.txt")
+    whole = read(tmp_path / "x.txt")
+    errors = [(changed, refusal(bal_file(tmp_path, **changed))) for changed, *_ in DAMAGE]
+    monkeypatch.setattr(files, "_PIECE_BYTES", size)
+    monkeypatch.setattr(files, "_CHUNK_BYTES", 1 + size // 3)
+    assert_same_problem(read(tmp_path / "x.txt"), whole)
+    for changed, error in errors:
+        assert str(refusal(bal_file(tmp_path, **changed))) == str(error)
+
+
+def test_counts_that_the_file_cannot_hold_take_no_memory(tmp_path: Path) -> None:
+    path = bal_file(tmp_path, line1="2000000000 2000000000 2000000000")
+    tracemalloc.start()
+    error = refusal(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "truncated" in str(error)
+    assert peak < 1e6
 
 
 @pytest.mark.parametrize(
