@@ -1,40 +1,20 @@
 #include "sfmcpp/linear/block_ordering.hpp"
 
-#include <Eigen/OrderingMethods>
-#include <Eigen/SparseCore>
-
 #include "sfmcpp/linear/elimination_tree.hpp"
+#include "sfmcpp/linear/nested_dissection.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
-using Pattern = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+// Flops of one factorisation for each coupled pair. Dissection takes about 1 µs a pair and saves a
+// quarter of the flops, if any: below, it does not come back in a few steps.
+constexpr double kWorthDissecting = 1e5;
 
-Pattern symmetric_pattern(const BlockGraph& graph) {
-  std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(graph.size.size() + 2 * graph.edges.size());
-  for (int k = 0; k < static_cast<int>(graph.size.size()); ++k) entries.emplace_back(k, k, 1.0);
-  for (const auto& [a, b] : graph.edges) {
-    entries.emplace_back(a, b, 1.0);
-    entries.emplace_back(b, a, 1.0);
-  }
-  const auto n = static_cast<Eigen::Index>(graph.size.size());
-  Pattern pattern(n, n);
-  pattern.setFromTriplets(entries.begin(), entries.end());
-  return pattern;
-}
+}  // namespace
 
-// The block at each place.
-std::vector<int> minimum_degree(const BlockGraph& graph) {
-  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
-  Eigen::AMDOrdering<int>()(symmetric_pattern(graph), permutation);
-  return {permutation.indices().begin(), permutation.indices().end()};
-}
-
-// The same order, subtrees of its elimination tree put together: the fill does not change.
-BlockOrdering postordered(const BlockGraph& graph,
-                          const Adjacency& adjacency,
-                          std::vector<int> block_at) {
+BlockOrdering predict(const BlockGraph& graph,
+                      const Adjacency& adjacency,
+                      std::vector<int> block_at) {
   BlockOrdering ordering{.position = inverse_permutation(block_at)};
   EliminationTree tree = make_elimination_tree(adjacency, block_at, ordering.position);
   std::vector<int> order = postorder(tree.parent);
@@ -57,11 +37,13 @@ BlockOrdering postordered(const BlockGraph& graph,
   return ordering;
 }
 
-}  // namespace
-
 BlockOrdering order_blocks(const BlockGraph& graph) {
   if (graph.size.empty()) return {};
-  return postordered(graph, make_adjacency(graph), minimum_degree(graph));
+  const Adjacency adjacency = make_adjacency(graph);
+  BlockOrdering best = predict(graph, adjacency, minimum_degree(adjacency));
+  if (best.flops < kWorthDissecting * static_cast<double>(graph.edges.size())) return best;
+  BlockOrdering dissected = predict(graph, adjacency, nested_dissection(graph, adjacency));
+  return dissected.flops < best.flops ? dissected : best;
 }
 
 }  // namespace sfmcpp::linear

@@ -20,8 +20,8 @@ struct BlockOrdering {
   double factor_bytes = 0.0;  // as stored
 };
 
-// Approximate minimum degree. A block coupled with many others comes last, as intrinsics that many
-// cameras share: the border of the matrix.
+// The better of approximate minimum degree and nested dissection, by their flops. A block coupled
+// with many others comes last, as intrinsics that many cameras share: the border of the matrix.
 BlockOrdering order_blocks(const BlockGraph& graph);
 
 }  // namespace sfmcpp::linear
