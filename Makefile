@@ -79,6 +79,14 @@ cpp-tests: cpp-build
 bench: cpp-build ## the C++ benchmarks
 	ctest --test-dir $(PYTHON_BUILD) --label-regex bench --verbose
 
+counts: cpp-build ## instructions, data references and allocations of a few steps, against bench/counts.json
+	@tools/install_packages.sh valgrind || echo "make counts: no valgrind"
+	$(VENV)/bin/python bench/counts.py compare $(PYTHON_BUILD)/bench/cpp/sfmcpp_counts
+
+record-counts: cpp-build ## write bench/counts.json anew
+	tools/install_packages.sh valgrind
+	$(VENV)/bin/python bench/counts.py record $(PYTHON_BUILD)/bench/cpp/sfmcpp_counts
+
 asan: ## the C++ tests under the address and undefined-behaviour sanitizers
 tsan: ## the C++ tests that use threads, under the thread sanitizer
 

@@ -32,7 +32,15 @@ GOAL, FLOOR, MEMORY_SHARE = 15.0, 8.0, 1 / 3
 
 @dataclass(frozen=True)
 class Line:
-    """What came out for one file; ratios by the name of the peer, lower limits where it never got there."""
+    """What came out for one file.
+
+    Attributes
+    ----------
+    ratios, is_limit, memory_ratios : dict
+        By the name of the peer; lower limits where it never came to 1e-3.
+    by_solver : dict
+        Seconds to 1e-3 of each solver of each peer; None where it never came there.
+    """
 
     name: str
     heading: str
@@ -41,6 +49,7 @@ class Line:
     is_limit: dict[str, bool]
     megabytes: float
     memory_ratios: dict[str, float]
+    by_solver: dict[str, float | None]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -122,6 +131,7 @@ def line_of(path: Path) -> Line | None:
             for peer, row in best.items()
             if row["above_inputs"]
         },
+        by_solver={row["title"]: row["seconds_to_median"][TARGET] for row in document["rows"]},
     )
 
 
