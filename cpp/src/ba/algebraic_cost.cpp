@@ -85,7 +85,7 @@ AlgebraicCost::CameraLine AlgebraicCost::camera_line(const optim::State& state,
 
 Biquadratic AlgebraicCost::along(const optim::State& state,
                                  const linear::Step& step,
-                                 const std::vector<double>& weights,
+                                 std::span<const double> weights,
                                  AlgebraicWeights algebraic_weights) {
   normalize_images();
   std::vector<Biquadratic> sums(graph_.chunks.size());
@@ -94,7 +94,7 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
     const CameraLine line = camera_line(state, step, chunk.camera);
     const ImageNormalization& n = normalizations_[chunk.camera];
     residuals::ObservationBatch observations = images_.batch(state, chunk);
-    observations.inverse_sigma = weights.data() + chunk.begin;
+    if (!weights.empty()) observations.inverse_sigma = weights.data() + chunk.begin;
     sums[c] = kernel_.sums({.observations = observations,
                             .matrix = line.matrix,
                             .change = line.change,

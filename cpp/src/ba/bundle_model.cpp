@@ -56,7 +56,9 @@ BundleModel::BundleModel(const Problem& problem,
 
 void BundleModel::set_loss(const Loss& loss) {
   images_.set_loss(loss);
-  if (images_.is_robust()) weights_ = images_.inverse_sigma();
+  if (images_.is_robust())
+    weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + residuals::kReadAhead,
+                    1.0);
 }
 
 double BundleModel::cost(const State& state) {
@@ -98,12 +100,13 @@ void BundleModel::apply_loss(const Chunk& part,
                              double* jacobian,
                              linear::PointRecord* records,
                              double& cost) {
+  const double* inverse_sigma = images_.inverse_sigma(part);
   const int size = 2 * map_.camera_size;
   for (int k = 0; k < part.end - part.begin; ++k) {
     const double squared = squared_residual(records[k]);
     const double weight = std::sqrt(images_.loss().derivative(squared));
     cost += images_.loss().rho(squared);
-    weights_[part.begin + k] = weight * images_.inverse_sigma()[part.begin + k];
+    weights_[part.begin + k] = weight * inverse_sigma[k];
     for (auto& [by_point, residual] : records[k].row) {
       for (double& value : by_point) value *= weight;
       residual *= weight;
@@ -229,8 +232,9 @@ double BundleModel::chunk_slope(const State& state, const linear::Step& step, in
 
 std::optional<Biquadratic> BundleModel::algebraic_cost(const State& state,
                                                        const linear::Step& step) {
-  return algebraic_.along(
-      state, step, images_.is_robust() ? weights_ : images_.inverse_sigma(), algebraic_weights_);
+  const std::span<const double> weights =
+      images_.is_robust() ? std::span<const double>(weights_) : std::span<const double>();
+  return algebraic_.along(state, step, weights, algebraic_weights_);
 }
 
 }  // namespace sfmcpp::ba

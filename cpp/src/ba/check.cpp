@@ -1,7 +1,9 @@
 #include "sfmcpp/ba/check.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <numeric>
 
@@ -30,8 +32,21 @@ void check_size(const char* array, std::size_t size, std::size_t wanted) {
                         std::to_string(wanted));
 }
 
+// Without a branch, so that whole vectors of numbers are looked at together: what is not finite has
+// all bits of the exponent set.
+bool all_finite(std::span<const double> values) {
+  constexpr std::uint64_t kExponent = 0x7ff0000000000000;
+  std::uint64_t found = 0;
+  for (double value : values) {
+    const std::uint64_t exponent = std::bit_cast<std::uint64_t>(value) & kExponent;
+    found |= static_cast<std::uint64_t>(exponent == kExponent);
+  }
+  return found == 0;
+}
+
 // `width` numbers belong to one camera, point, …: the message names its position.
 void check_finite(const char* array, std::span<const double> values, std::size_t width) {
+  if (all_finite(values)) return;
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (!std::isfinite(values[k])) {
       throw InvalidArgument(entry(array, k / width) + " = " + number(values[k]) +
@@ -41,6 +56,9 @@ void check_finite(const char* array, std::span<const double> values, std::size_t
 }
 
 void check_range(const char* array, std::span<const int> values, int end) {
+  unsigned largest = 0;  // of negative numbers too
+  for (int value : values) largest = std::max(largest, static_cast<unsigned>(value));
+  if (values.empty() || (end > 0 && largest < static_cast<unsigned>(end))) return;
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (values[k] < 0 || values[k] >= end) {
       throw InvalidArgument(entry(array, k) + " = " + std::to_string(values[k]) +
@@ -118,25 +136,41 @@ void warn(const char* what,
 // Sets of cameras, by union–find.
 class Parts {
  public:
-  explicit Parts(int cameras) : parent_(cameras) { std::iota(parent_.begin(), parent_.end(), 0); }
+  explicit Parts(int cameras) : parent_(cameras), count_(cameras) {
+    std::iota(parent_.begin(), parent_.end(), 0);
+  }
   int root(int i) {
     while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
     return i;
   }
-  void join(int i, int j) { parent_[root(i)] = root(j); }
+  void join(int i, int j) {
+    const int a = root(i), b = root(j);
+    parent_[a] = b;
+    count_ -= a != b;
+  }
+  int count() const { return count_; }
 
  private:
   std::vector<int> parent_;
+  int count_;
 };
+
+// Joins the cameras of each point of this rank; done as soon as those with observations are one.
+Parts parts_here(const linear::ObservationGraph& graph) {
+  Parts parts(graph.num_cameras);
+  int unobserved = 0;
+  for (int i = 0; i < graph.num_cameras; ++i) unobserved += graph.observations_of_camera(i) == 0;
+  for (int p = 0; p < graph.num_points && parts.count() > unobserved + 1; ++p) {
+    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k)
+      parts.join(graph.camera[graph.of_point[k]], graph.camera[graph.of_point[k - 1]]);
+  }
+  return parts;
+}
 
 // Cameras joined through common points, of any rank.
 int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
   const int cameras = graph.num_cameras;
-  Parts here(cameras), joined(cameras);
-  for (int p = 0; p < graph.num_points; ++p) {
-    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k)
-      here.join(graph.camera[graph.of_point[k]], graph.camera[graph.of_point[k - 1]]);
-  }
+  Parts here = parts_here(graph), joined(cameras);
   std::vector<double> roots(cameras);
   for (int i = 0; i < cameras; ++i) roots[i] = here.root(i);
   const std::vector<double> all = exchange.gather(roots);
@@ -149,7 +183,7 @@ int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
 
 }  // namespace
 
-void check_arrays(const Problem& problem) {
+void check_sizes(const Problem& problem) {
   const auto cameras = static_cast<std::size_t>(problem.num_cameras());
   const auto points = static_cast<std::size_t>(problem.num_points());
   const std::size_t observations = problem.camera_index.size();
@@ -165,9 +199,15 @@ void check_arrays(const Problem& problem) {
   check_size("fixed_cameras", problem.fixed_cameras.size(), cameras);
   check_size("fixed_points", problem.fixed_points.size(), points);
   check_size("fixed_intrinsics", problem.fixed_intrinsics.size(), problem.intrinsics.size());
+}
+
+void check_indices(const Problem& problem) {
   check_range("intrinsics_index", problem.intrinsics_index, problem.num_groups());
   check_range("camera_index", problem.camera_index, problem.num_cameras());
   check_range("point_index", problem.point_index, problem.num_points());
+}
+
+void check_values(const Problem& problem) {
   check_finite("cameras", problem.cameras, kCameraStorage);
   check_finite(
       "intrinsics", problem.intrinsics, static_cast<std::size_t>(problem.num_intrinsics()));
@@ -175,7 +215,8 @@ void check_arrays(const Problem& problem) {
   check_finite("pixels", problem.pixels, 2);
   check_finite("sigma_px", problem.sigma_px, 1);
   check_sigma(problem.sigma_px);
-  residuals::check_covariances(problem.sigma_px, problem.covariance_px2, observations);
+  residuals::check_covariances(
+      problem.sigma_px, problem.covariance_px2, problem.camera_index.size());
   if (is_metric(problem.camera_model)) {
     check_rotations(problem);
   } else {
@@ -185,7 +226,17 @@ void check_arrays(const Problem& problem) {
   }
 }
 
+void check_arrays(const Problem& problem) {
+  check_sizes(problem);
+  check_indices(problem);
+  check_values(problem);
+}
+
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph) {
+  bool found = false;
+  for (int k = 1; k < problem.num_observations(); ++k)
+    found |= (graph.camera[k] == graph.camera[k - 1]) & (graph.point[k] == graph.point[k - 1]);
+  if (!found) return;
   for (int k = 1; k < problem.num_observations(); ++k) {
     if (graph.camera[k] != graph.camera[k - 1] || graph.point[k] != graph.point[k - 1]) continue;
     throw InvalidArgument("observations " + std::to_string(graph.source[k - 1]) + " and " +

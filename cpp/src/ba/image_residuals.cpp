@@ -1,5 +1,6 @@
 #include "sfmcpp/ba/image_residuals.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -17,13 +18,18 @@ struct ChunkResiduals {
   double squared(int k) const { return u[k] * u[k] + v[k] * v[k]; }
 };
 
-// Values of the caller's observations in stored order, readable beyond the end.
-template <class F>
-std::vector<double> stored_order(const linear::ObservationGraph& graph, const F& value_of) {
-  std::vector<double> values(graph.source.size() + kReadAhead, 1.0);
-  for (std::size_t k = 0; k < graph.source.size(); ++k)
-    values[k] = value_of(static_cast<std::size_t>(graph.source[k]));
-  return values;
+// 1/σ of every chunk where all σ are 1 px: one copy stays in the cache.
+constexpr auto kOnes = [] {
+  std::array<double, linear::kChunkSize + kReadAhead> ones{};
+  ones.fill(1.0);
+  return ones;
+}();
+
+constexpr long kObservationsPerTask = 4096;
+
+residuals::Whiteners whiteners_of(const Problem& problem, const linear::ObservationGraph& graph) {
+  if (problem.sigma_px.empty() && problem.covariance_px2.empty()) return {};
+  return {problem.sigma_px, problem.covariance_px2, graph.source, kReadAhead};
 }
 
 }  // namespace
@@ -39,9 +45,30 @@ ImageResiduals::ImageResiduals(const Problem& problem,
       pool_(pool),
       exchange_(exchange),
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
-      u_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source]; })),
-      v_(stored_order(graph, [&](std::size_t source) { return problem.pixels[2 * source + 1]; })),
-      whiteners_(problem.sigma_px, problem.covariance_px2, graph.source, kReadAhead) {}
+      cost_kernel_(residuals::cost_kernel(problem.camera_model)),
+      whiteners_(whiteners_of(problem, graph)) {
+  copy_pixels();
+}
+
+void ImageResiduals::copy_pixels() {
+  const long count = graph_.num_observations();
+  for (AlignedVector<double>* array : {&u_, &v_}) {
+    array->resize(static_cast<std::size_t>(count) + kReadAhead);
+    std::fill_n(array->data() + count, kReadAhead, 1.0);
+  }
+  pool_.parallel_for_parts(count, kObservationsPerTask, [&](long begin, long end) {
+    for (long k = begin; k < end; ++k) {
+      const double* pixel = problem_.pixels.data() + 2L * graph_.source[k];
+      u_[k] = pixel[0];
+      v_[k] = pixel[1];
+    }
+  });
+}
+
+const double* ImageResiduals::inverse_sigma(const Chunk& chunk) const {
+  const std::vector<double>& given = whiteners_.inverse_sigma;
+  return given.empty() ? kOnes.data() : given.data() + chunk.begin;
+}
 
 residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chunk& chunk) const {
   return {.camera = state.cameras.data() + problem_.camera_offset(chunk.camera),
@@ -50,7 +77,7 @@ residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chun
           .point = graph_.point.data() + chunk.begin,
           .u = u_.data() + chunk.begin,
           .v = v_.data() + chunk.begin,
-          .inverse_sigma = whiteners_.inverse_sigma.data() + chunk.begin,
+          .inverse_sigma = inverse_sigma(chunk),
           .count = chunk.end - chunk.begin};
 }
 
@@ -95,6 +122,10 @@ ImageFit ImageResiduals::fit(const State& state) const {
 }
 
 ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
+  if (!is_robust() && shapes(chunk).shear == nullptr) {
+    const auto [squares, behind] = cost_kernel_(batch(state, chunk));
+    return {.cost = squares, .sum_of_squares = squares, .behind_camera = behind};
+  }
   ChunkResiduals r;
   ImageFit fit;
   fit.behind_camera = residuals_of(state, chunk, r.u.data(), r.v.data());

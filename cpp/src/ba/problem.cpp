@@ -9,10 +9,14 @@ optim::State state_of(const Problem& problem) {
 }
 
 linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange) {
-  linear::ObservationGraph graph = linear::make_observation_graph(
-      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
+  linear::ObservationGraph graph = graph_of_this_rank(problem);
   exchange.sum(graph.of_camera_on_all_ranks);
   return graph;
+}
+
+linear::ObservationGraph graph_of_this_rank(const Problem& problem) {
+  return linear::make_observation_graph(
+      problem.num_cameras(), problem.num_points(), problem.camera_index, problem.point_index);
 }
 
 }  // namespace sfmcpp::ba

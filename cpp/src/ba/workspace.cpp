@@ -60,17 +60,56 @@ void check_on_all_ranks(Exchange& exchange, const F& check) {
   throw InvalidArgument("problem: the part of another rank is refused there");
 }
 
+// One where the options are refused, which checked_graph does.
+int threads_for(const Problem& problem, const SolveOptions& options) {
+  try {
+    options.validate();
+  } catch (const InvalidArgument&) {
+    return 1;
+  }
+  return resolve_num_threads(options.num_threads, problem.num_observations());
+}
+
+// What a call has thrown.
+template <class F>
+std::exception_ptr thrown_by(const F& call) {
+  try {
+    call();
+  } catch (...) {
+    return std::current_exception();
+  }
+  return nullptr;
+}
+
+void rethrow(const std::exception_ptr& thrown) {
+  if (thrown) std::rethrow_exception(thrown);
+}
+
+// The graph needs indices alone: it is made while the other numbers are checked.
 linear::ObservationGraph checked_graph(const Problem& problem,
                                        const SolveOptions& options,
                                        const optim::State& start,
+                                       ThreadPool& pool,
                                        Exchange& exchange) {
+  linear::ObservationGraph graph;
   check_on_all_ranks(exchange, [&] {
     options.validate();
-    check_arrays(problem);
+    check_sizes(problem);
+    std::exception_ptr of_indices, of_values;
+    const auto use_indices = [&] {
+      check_indices(problem);
+      graph = graph_of_this_rank(problem);
+    };
+    pool.parallel_for_beside([&] { of_indices = thrown_by(use_indices); },
+                             1,
+                             [&](int) { of_values = thrown_by([&] { check_values(problem); }); });
+    rethrow(of_indices);
+    rethrow(of_values);
     check_state(problem, start);
     check_constraints(problem, start);
   });
-  return graph_of(problem, exchange);
+  exchange.sum(graph.of_camera_on_all_ranks);
+  return graph;
 }
 
 std::vector<PoseParameter> gauge_of(const Problem& problem,
@@ -131,11 +170,12 @@ Workspace::Workspace(const Problem& problem,
                      const optim::State& start,
                      Exchange& ranks)
     : exchange(ranks),
-      graph(checked_graph(problem, options, start, ranks)),
+      threads(threads_for(problem, options)),
+      pool(*threads),
+      graph(checked_graph(problem, options, start, pool, ranks)),
       intrinsics(free_intrinsics(problem, graph)),
       map(make_parameter_map(
           problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
-      pool(resolve_num_threads(options.num_threads, problem.num_observations())),
       model(problem,
             graph,
             map,

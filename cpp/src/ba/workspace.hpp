@@ -21,10 +21,11 @@ struct Workspace {
             Exchange& exchange = this_process());
 
   Exchange& exchange;
+  BorrowedPool threads;
+  ThreadPool& pool;
   linear::ObservationGraph graph;
   std::vector<int> intrinsics;
   linear::ParameterMap map;
-  ThreadPool pool;
   BundleModel model;
   linear::LinearSolverChoice choice;
   std::unique_ptr<linear::LinearSolver> solver;  // refuses to solve for methods without a system

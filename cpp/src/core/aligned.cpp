@@ -1,6 +1,6 @@
 #include "sfmcpp/core/aligned.hpp"
 
-#include "buffer_store.hpp"
+#include "sfmcpp/core/buffer_store.hpp"
 
 namespace sfmcpp {
 namespace {

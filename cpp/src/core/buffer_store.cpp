@@ -1,4 +1,4 @@
-#include "buffer_store.hpp"
+#include "sfmcpp/core/buffer_store.hpp"
 
 #include <algorithm>
 

@@ -1,6 +1,13 @@
 #include "sfmcpp/core/parallel.hpp"
 
 #include <algorithm>
+#include <memory>
+#include <mutex>
+#include <utility>
+
+#if defined(__unix__) || defined(__APPLE__)
+#include <unistd.h>
+#endif
 
 #include "sfmcpp/core/stopwatch.hpp"
 
@@ -33,20 +40,21 @@ ThreadPool::~ThreadPool() {
 }
 
 void ThreadPool::run(const Job& job) {
-  if (workers_.empty() || job.count <= 1) {
+  const auto first = [&job] {
+    if (job.first != nullptr) job.call_first(job.first, 0, 0);
+  };
+  if (workers_.empty() || job.count + (job.first != nullptr) <= 1) {
+    first();
     for (int task = 0; task < job.count; ++task) job.call(job.function, task, 0);
     return;
   }
   // No worker is joined here: the last job was closed and left before it returned.
   job_ = job;
-  const auto threads = static_cast<long>(ranges_.size());
-  for (long k = 0; k < threads; ++k) {
-    ranges_[k].next = static_cast<int>(k * job.count / threads);
-    ranges_[k].end = static_cast<int>((k + 1) * job.count / threads);
-  }
+  distribute();
   open_ = true;
   ++generation_;
   generation_.notify_all();
+  first();
   work(0);
   open_ = false;
   // A worker that reads `open_` after this line does not touch the job; one that read it before has
@@ -54,6 +62,14 @@ void ThreadPool::run(const Job& job) {
   for (int spin = 1; joined_ > 0; ++spin) {
     relax();
     if (spin % kSpinsBetweenLooks == 0) std::this_thread::yield();
+  }
+}
+
+void ThreadPool::distribute() {
+  const auto threads = static_cast<long>(ranges_.size());
+  for (long k = 0; k < threads; ++k) {
+    ranges_[k].next = static_cast<int>(k * job_.count / threads);
+    ranges_[k].end = static_cast<int>((k + 1) * job_.count / threads);
   }
 }
 
@@ -84,6 +100,57 @@ void ThreadPool::worker_main(int worker) {
     if (open_) work(worker);
     --joined_;
   }
+}
+
+namespace {
+
+// The pool that no solve uses now, if there is one. It is never destroyed: its threads sleep until
+// the process ends. The threads of a process stay behind where it is forked.
+struct IdlePool {
+  std::mutex mutex;
+  std::unique_ptr<ThreadPool> pool;
+  long process = 0;
+};
+
+IdlePool& idle() {
+  static auto* one = new IdlePool;
+  return *one;
+}
+
+long this_process_id() {
+#if defined(__unix__) || defined(__APPLE__)
+  return getpid();
+#else
+  return 0;
+#endif
+}
+
+std::unique_ptr<ThreadPool> take_idle(int num_threads) {
+  IdlePool& kept = idle();
+  const std::unique_lock lock(kept.mutex, std::try_to_lock);
+  if (!lock || !kept.pool) return nullptr;
+  if (kept.process != this_process_id()) {
+    static_cast<void>(kept.pool.release());
+    return nullptr;
+  }
+  if (kept.pool->num_threads() != num_threads) return nullptr;
+  return std::move(kept.pool);
+}
+
+}  // namespace
+
+BorrowedPool::BorrowedPool(int num_threads) {
+  if (num_threads > 1) pool_ = take_idle(num_threads);
+  if (!pool_) pool_ = std::make_unique<ThreadPool>(num_threads);
+}
+
+BorrowedPool::~BorrowedPool() {
+  if (pool_->num_threads() == 1) return;
+  IdlePool& kept = idle();
+  const std::unique_lock lock(kept.mutex, std::try_to_lock);
+  if (!lock) return;
+  std::swap(kept.pool, pool_);  // the one of before ends
+  kept.process = this_process_id();
 }
 
 int resolve_num_threads(int requested, long observations) {

@@ -8,26 +8,47 @@ namespace {
 
 constexpr int kReadAhead = 8;
 
-// begin[k] = how many keys are smaller than k.
-std::vector<int> bucket_begins(std::span<const int> keys, int num_buckets) {
-  std::vector<int> begin(static_cast<std::size_t>(num_buckets) + 1, 0);
+// begin[k] = how many keys are smaller than k, for k up to and including the number of buckets.
+template <class Begins>
+void count_smaller(std::span<const int> keys, int num_buckets, Begins& begin) {
+  begin.assign(static_cast<std::size_t>(num_buckets) + 1, 0);
   for (int key : keys) ++begin[key + 1];
   std::partial_sum(begin.begin(), begin.end(), begin.begin());
-  return begin;
 }
 
-// Positions of `items` sorted by the key of each; equal keys keep their order.
-template <class Key>
-std::vector<int> stable_sorted(std::span<const int> items,
-                               const Key& key,
-                               const std::vector<int>& bucket_begin) {
-  std::vector<int> begin = bucket_begin;
-  std::vector<int> sorted(items.size());
-  for (int item : items) {
-    int& place = begin[key(item)];
-    sorted[place++] = item;
+// The caller's observations by point, those of a point as they were given; empty where they are so
+// already, as in most files.
+AlignedVector<int> by_point(std::span<const int> point_index, const AlignedVector<int>& begin) {
+  AlignedVector<int> order;
+  if (std::is_sorted(point_index.begin(), point_index.end())) return order;
+  AlignedVector<int> next = begin;
+  order.resize(point_index.size());
+  for (std::size_t k = 0; k < point_index.size(); ++k)
+    order[next[point_index[k]]++] = static_cast<int>(k);
+  return order;
+}
+
+// Every array but the counts, in one pass over the points: the cameras of a point take their next
+// places.
+void place_observations(std::span<const int> camera_index,
+                        const AlignedVector<int>& order,
+                        ObservationGraph& graph) {
+  std::vector<int> next(graph.camera_begin.begin(), graph.camera_begin.end());
+  int* of_point = graph.of_point.data();
+  for (int p = 0; p < graph.num_points; ++p) {
+    const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
+    bool ascending = true;
+    for (int k = begin; k < end; ++k) {
+      const int source = order.empty() ? k : order[k];
+      const int place = next[camera_index[source]]++;
+      graph.source[place] = source;
+      graph.point[place] = p;
+      of_point[k] = place;
+      ascending = ascending && (k == begin || of_point[k - 1] < place);
+    }
+    if (!ascending) std::sort(of_point + begin, of_point + end);
+    for (int k = begin; k < end; ++k) graph.rank[of_point[k]] = k;
   }
-  return sorted;
 }
 
 void make_chunks(ObservationGraph& graph) {
@@ -50,27 +71,20 @@ ObservationGraph make_observation_graph(int num_cameras,
   ObservationGraph graph;
   graph.num_cameras = num_cameras;
   graph.num_points = num_points;
-  graph.camera_begin = bucket_begins(camera_index, num_cameras);
-  graph.point_begin = bucket_begins(point_index, num_points);
+  count_smaller(camera_index, num_cameras, graph.camera_begin);
+  count_smaller(point_index, num_points, graph.point_begin);
 
   const std::size_t count = camera_index.size();
-  std::vector<int> given(count);
-  std::iota(given.begin(), given.end(), 0);
-  const std::vector<int> by_point = stable_sorted(
-      given, [&](int k) { return point_index[k]; }, graph.point_begin);
-  graph.source = stable_sorted(
-      by_point, [&](int k) { return camera_index[k]; }, graph.camera_begin);
-
-  graph.camera.resize(count);
-  graph.point.resize(count + kReadAhead, 0);
-  for (std::size_t k = 0; k < count; ++k) {
-    graph.camera[k] = camera_index[graph.source[k]];
-    graph.point[k] = point_index[graph.source[k]];
+  for (AlignedVector<int>* array : {&graph.camera, &graph.source, &graph.of_point, &graph.rank})
+    array->resize(count);
+  graph.point.resize(count + kReadAhead);
+  std::fill(graph.point.begin() + static_cast<std::ptrdiff_t>(count), graph.point.end(), 0);
+  place_observations(camera_index, by_point(point_index, graph.point_begin), graph);
+  for (int i = 0; i < num_cameras; ++i) {
+    std::fill(graph.camera.begin() + graph.camera_begin[i],
+              graph.camera.begin() + graph.camera_begin[i + 1],
+              i);
   }
-  graph.of_point = stable_sorted(
-      given, [&](int k) { return graph.point[k]; }, graph.point_begin);
-  graph.rank.resize(count);
-  for (std::size_t k = 0; k < count; ++k) graph.rank[graph.of_point[k]] = static_cast<int>(k);
   make_chunks(graph);
   for (int i = 0; i < num_cameras; ++i)
     graph.of_camera_on_all_ranks.push_back(graph.observations_of_camera(i));

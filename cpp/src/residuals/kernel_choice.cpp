@@ -7,6 +7,10 @@ ReprojectionKernels reprojection_kernels(CameraModelId model) {
   return SFMCPP_FOR_ACTIVE_ISA(kernels_for(model));
 }
 
+CostKernel cost_kernel(CameraModelId model) {
+  return SFMCPP_FOR_ACTIVE_ISA(cost_kernel_for(model));
+}
+
 AlgebraicKernel algebraic_kernel(CameraModelId model) {
   return SFMCPP_FOR_ACTIVE_ISA(algebraic_kernel_for(model));
 }

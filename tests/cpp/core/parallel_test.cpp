@@ -46,6 +46,40 @@ TEST(ThreadPool, WorkersAreNumberedBelowTheNumberOfThreads) {
   EXPECT_EQ(outside, 0);
 }
 
+TEST(ThreadPool, TheFirstCallIsMadeOnceByTheCallingThreadBesideTheTasks) {
+  for (int threads : {1, 2, 5}) {
+    ThreadPool pool(threads);
+    for (int count : {0, 1, 37}) {
+      std::vector<std::atomic<int>> runs(count);
+      int first = 0;
+      std::thread::id where;
+      pool.parallel_for_beside([&] { ++first, where = std::this_thread::get_id(); },
+                               count,
+                               [&](int task) { ++runs[task]; });
+      EXPECT_EQ(first, 1);
+      EXPECT_EQ(where, std::this_thread::get_id());
+      for (const auto& run : runs) EXPECT_EQ(run, 1);
+    }
+  }
+}
+
+TEST(BorrowedPool, IsKeptForTheNextOneOfAsManyThreads) {
+  const ThreadPool* before = nullptr;
+  {
+    const BorrowedPool pool(3);
+    before = &*pool;
+  }
+  const BorrowedPool again(3);
+  EXPECT_EQ(&*again, before);
+  const BorrowedPool beside(3);
+  EXPECT_NE(&*beside, before);
+  EXPECT_EQ((*beside).num_threads(), 3);
+}
+
+TEST(BorrowedPool, HasAsManyThreadsAsAskedFor) {
+  for (int threads : {2, 4, 1, 2}) EXPECT_EQ((*BorrowedPool(threads)).num_threads(), threads);
+}
+
 TEST(ThreadPool, NoTaskIsNoWork) {
   ThreadPool pool(2);
   EXPECT_EQ(pool.sum(0, [](int) { return 1.0; }), 0.0);

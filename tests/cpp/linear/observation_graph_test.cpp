@@ -111,6 +111,27 @@ TEST_P(RandomGraph, PointIndicesCanBeReadAPackBeyondTheEnd) {
   }
 }
 
+// Files mostly have them by point, scenes by camera.
+TEST_P(RandomGraph, IsTheSameForEveryOrderInWhichObservationsAreGiven) {
+  std::vector<int> order(given.camera.size());
+  std::iota(order.begin(), order.end(), 0);
+  for (const std::vector<int>& key : {given.point, given.camera}) {
+    std::ranges::stable_sort(order, {}, [&](int k) { return key[k]; });
+    Observations sorted{given.num_cameras, given.num_points, {}, {}};
+    for (int k : order) {
+      sorted.camera.push_back(given.camera[k]);
+      sorted.point.push_back(given.point[k]);
+    }
+    const ObservationGraph other =
+        make_observation_graph(sorted.num_cameras, sorted.num_points, sorted.camera, sorted.point);
+    EXPECT_EQ(other.camera, graph.camera);
+    EXPECT_EQ(other.point, graph.point);
+    EXPECT_EQ(other.of_point, graph.of_point);
+    EXPECT_EQ(other.rank, graph.rank);
+    for (int k = 0; k < count; ++k) EXPECT_EQ(sorted.point[other.source[k]], graph.point[k]);
+  }
+}
+
 TEST_P(RandomGraph, PairUpdatesAreThePairsOfObservationsOfAPointAndTheObservations) {
   double pairs = 0.0;
   for (int a = 0; a < count; ++a) {

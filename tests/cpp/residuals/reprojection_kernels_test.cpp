@@ -1,5 +1,6 @@
 // The kernels of every instruction set against the double-typed camera templates, for batches of
 // every length around the width of a pack.
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -68,6 +69,31 @@ TEST_P(ReprojectionKernel, CountsThePointsNotInFrontOfTheCamera) {
     std::vector<double> ru(count + kReadAhead), rv(count + kReadAhead);
     EXPECT_EQ(GetParam().kernels().residuals(batch.view(), ru.data(), rv.data()), behind);
   }
+}
+
+// The arrays hold other numbers beyond the end of the batch: they must not count.
+TEST_P(ReprojectionKernel, TheCostOfABatchIsTheSumOverItsObservationsAlone) {
+  for (int count = 1; count <= 20; ++count) {
+    const RandomBatch batch(GetParam().model, count);
+    double squares = 0.0, behind = 0.0;
+    for (int k = 0; k < count; ++k) {
+      const ImagePoint<double> image = batch.image(k);
+      squares += std::pow((batch.u[k] - image.u) * batch.inverse_sigma[k], 2) +
+                 std::pow((batch.v[k] - image.v) * batch.inverse_sigma[k], 2);
+      behind += image.depth <= 0.0;
+    }
+    const residuals::BatchCost cost = GetParam().isa.cost(GetParam().model)(batch.view());
+    EXPECT_NEAR(cost.squares, squares, 1e-12 * squares);
+    EXPECT_EQ(cost.behind_camera, behind);
+  }
+}
+
+TEST_P(ReprojectionKernel, AResidualThatIsNoNumberMakesTheCostNone) {
+  RandomBatch batch(GetParam().model, 11);
+  for (auto* values : {&batch.u, &batch.v}) std::fill(values->begin() + 11, values->end(), kNaN);
+  EXPECT_TRUE(std::isfinite(GetParam().isa.cost(GetParam().model)(batch.view()).squares));
+  batch.v[10] = kNaN;
+  EXPECT_TRUE(std::isnan(GetParam().isa.cost(GetParam().model)(batch.view()).squares));
 }
 
 // Which intrinsic parameters have a column, and how wide a camera block is.

@@ -49,10 +49,10 @@ class AlgebraicCost {
                 const linear::ParameterMap& map,
                 const std::vector<int>& free_intrinsics);
 
-  // `weights` in stored order: of the residuals, as the true cost has them at `state`.
+  // `weights` in stored order: of the residuals, as the true cost has them at `state`; none: 1/σ_u.
   Biquadratic along(const optim::State& state,
                     const linear::Step& step,
-                    const std::vector<double>& weights,
+                    std::span<const double> weights,
                     AlgebraicWeights algebraic_weights);
 
  private:

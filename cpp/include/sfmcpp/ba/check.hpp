@@ -14,6 +14,10 @@ namespace sfmcpp::ba {
 // out of range, numbers that are not finite, matrices that are no rotations, σ that are not
 // positive, Σ that are no covariances.
 void check_arrays(const Problem& problem);
+// Its three parts, in this order; the second and the third need the first, and not each other.
+void check_sizes(const Problem& problem);
+void check_indices(const Problem& problem);
+void check_values(const Problem& problem);
 
 // Throws InvalidArgument if a camera observes a point twice.
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph);

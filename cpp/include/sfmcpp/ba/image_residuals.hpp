@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/residuals/loss.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
@@ -54,10 +55,11 @@ class ImageResiduals {
   int linearize(const optim::State& state,
                 const linear::Chunk& chunk,
                 const residuals::JacobianOutput& out) const;
-  // In stored order, readable beyond the end: observed pixels, and 1/σ_u.
-  const std::vector<double>& u() const { return u_; }
-  const std::vector<double>& v() const { return v_; }
-  const std::vector<double>& inverse_sigma() const { return whiteners_.inverse_sigma; }
+  // In stored order, readable beyond the end: observed pixels.
+  const AlignedVector<double>& u() const { return u_; }
+  const AlignedVector<double>& v() const { return v_; }
+  // Of the observations of a chunk.
+  const double* inverse_sigma(const linear::Chunk& chunk) const;
 
   const Problem& problem() const { return problem_; }
   const linear::ObservationGraph& graph() const { return graph_; }
@@ -70,6 +72,7 @@ class ImageResiduals {
                    const linear::Chunk& chunk,
                    double* ru,
                    double* rv) const;
+  void copy_pixels();
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
   ImageFit total(const std::vector<ImageFit>& fits) const;
 
@@ -78,9 +81,10 @@ class ImageResiduals {
   ThreadPool& pool_;
   Exchange& exchange_;
   residuals::ReprojectionKernels kernels_;
+  residuals::CostKernel cost_kernel_;
   Loss loss_;
-  std::vector<double> u_, v_;
-  residuals::Whiteners whiteners_;
+  AlignedVector<double> u_, v_;
+  residuals::Whiteners whiteners_;  // empty where all observations have a σ of 1 px
 };
 
 }  // namespace sfmcpp::ba

@@ -59,5 +59,7 @@ optim::State state_of(const Problem& problem);
 // Which camera sees which point of this rank, and how often each camera sees one of any. Requires
 // every index to be in range (check_arrays).
 linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange = this_process());
+// The same without the sums over the ranks.
+linear::ObservationGraph graph_of_this_rank(const Problem& problem);
 
 }  // namespace sfmcpp::ba

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <memory>
 #include <thread>
 #include <vector>
 
@@ -37,6 +38,19 @@ class ThreadPool {
   template <class F>
   void parallel_for_worker(int count, const F& f) {
     run(Job{&f, &call<F>, count});
+  }
+
+  // Calls first() on the calling thread, f(task) meanwhile on the others, and on the calling thread
+  // once it is done.
+  template <class First, class F>
+  void parallel_for_beside(const First& first, int count, const F& f) {
+    const auto task_of_f = [&f](int task, int) { f(task); };
+    const auto task_of_first = [&first](int, int) { first(); };
+    run(Job{&task_of_f,
+            &call<decltype(task_of_f)>,
+            count,
+            &task_of_first,
+            &call<decltype(task_of_first)>});
   }
 
   // Calls f(begin, end) for consecutive parts of [0, size), `part` long but for the last.
@@ -80,6 +94,8 @@ class ThreadPool {
     const void* function = nullptr;
     void (*call)(const void* function, int task, int worker) = nullptr;
     int count = 0;
+    const void* first = nullptr;  // done by the calling thread before its tasks
+    void (*call_first)(const void* function, int task, int worker) = nullptr;
   };
   template <class F>
   static void call(const void* function, int task, int worker) {
@@ -87,6 +103,7 @@ class ThreadPool {
   }
 
   void run(const Job& job);
+  void distribute();
   void work(int worker);
   void worker_main(int worker);
   unsigned wait_for_job(unsigned seen) const;
@@ -106,6 +123,21 @@ class ThreadPool {
   std::atomic<bool> stopping_{false};
   std::vector<double> results_;
   std::vector<std::thread> workers_;
+};
+
+// A pool for one solve: an idle one of that many threads if there is, or else a new one; idle
+// afterwards. To start a thread costs as much as a small part of a step, every solve.
+class BorrowedPool {
+ public:
+  explicit BorrowedPool(int num_threads);
+  ~BorrowedPool();
+  BorrowedPool(const BorrowedPool&) = delete;
+  BorrowedPool& operator=(const BorrowedPool&) = delete;
+
+  ThreadPool& operator*() const { return *pool_; }
+
+ private:
+  std::unique_ptr<ThreadPool> pool_;
 };
 
 // Number of threads to use: `requested`, or for 0 what the machine has, unless the work is too

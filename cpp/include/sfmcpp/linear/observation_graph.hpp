@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/linear/schur_kernels.hpp"
 
 namespace sfmcpp::linear {
@@ -24,15 +25,15 @@ struct Chunk {
 struct ObservationGraph {
   int num_cameras = 0;
   int num_points = 0;
-  std::vector<int>
-      camera_begin;         // observations of camera i: [camera_begin[i], camera_begin[i + 1])
-  std::vector<int> camera;  // of each stored observation
-  std::vector<int> point;   // of each stored observation, with room to read packs beyond the end
-  std::vector<int> source;  // position of each stored observation in the caller's arrays
-  std::vector<int>
-      point_begin;  // entries of `of_point` of point p: [point_begin[p], point_begin[p + 1])
-  std::vector<int> of_point;     // stored observations by point; within a point by ascending camera
-  std::vector<int> rank;         // where each stored observation stands in `of_point`
+  // Observations of camera i: [camera_begin[i], camera_begin[i + 1]).
+  std::vector<int> camera_begin;
+  AlignedVector<int> camera;  // of each stored observation
+  AlignedVector<int> point;   // of each stored observation, with room to read packs beyond the end
+  AlignedVector<int> source;  // position of each stored observation in the caller's arrays
+  // Entries of `of_point` of point p: [point_begin[p], point_begin[p + 1]).
+  AlignedVector<int> point_begin;
+  AlignedVector<int> of_point;   // stored observations by point; within a point by ascending camera
+  AlignedVector<int> rank;       // where each stored observation stands in `of_point`
   std::vector<Chunk> chunks;     // covers the stored observations in order
   std::vector<int> chunk_begin;  // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
   // Observations of each camera on all ranks (core/exchange.hpp); those here unless there are more.

@@ -39,4 +39,13 @@ struct ReprojectionKernels {
 
 ReprojectionKernels reprojection_kernels(CameraModelId model);
 
+// Sums over a batch alone, where no residual is asked for.
+struct BatchCost {
+  double squares;        // Σ ‖r‖²
+  double behind_camera;  // how many points are not in front of the camera
+};
+using CostKernel = BatchCost (*)(const ObservationBatch&);
+
+CostKernel cost_kernel(CameraModelId model);
+
 }  // namespace sfmcpp::residuals

@@ -43,6 +43,7 @@ struct WhitenerShapes {
 
 // Whiteners as arrays, of the observations of a problem in any order.
 struct Whiteners {
+  Whiteners() = default;
   // Observation i is `source[i]` of the caller's; the arrays are readable `ahead` numbers further.
   Whiteners(std::span<const double> sigma_px,
             std::span<const double> covariance_px2,

@@ -1,0 +1,52 @@
+// Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "packed_batch.hpp"
+#include "sfmcpp/cameras/visit_camera.hpp"
+#include "sfmcpp/residuals/reprojection_isa.hpp"
+
+namespace sfmcpp::residuals::SFMCPP_ISA {
+namespace {
+
+// Of a pack: ‖r‖², and 1 where the point is not in front of the camera.
+struct PackCost {
+  Real squares;
+  Real behind;
+};
+
+template <class Camera>
+SFMCPP_INLINE PackCost pack_cost(const ObservationBatch& batch, int first) {
+  Real point[Camera::kPointStorage];
+  gather_point<Camera::kPointStorage>(batch, first, point);
+  const ImagePoint<Real> image = Camera::project(batch.camera, batch.intrinsics, point);
+  const Real weight = load<kLanes>(batch.inverse_sigma + first);
+  const Real ru = (load<kLanes>(batch.u + first) - image.u) * weight;
+  const Real rv = (load<kLanes>(batch.v + first) - image.v) * weight;
+  const Real zero(0.0);
+  return {ru * ru + rv * rv, select_less(zero, image.depth, zero, Real(1.0))};
+}
+
+// Sums stay in the lanes until the end of the batch: no addition waits for another lane's.
+template <class Camera>
+BatchCost cost(const ObservationBatch& batch) {
+  Real squares(0.0), behind(0.0);
+  int first = 0;
+  for (; first + kLanes <= batch.count; first += kLanes) {
+    const PackCost pack = pack_cost<Camera>(batch, first);
+    squares += pack.squares;
+    behind += pack.behind;
+  }
+  if (first < batch.count) {
+    const PackCost pack = pack_cost<Camera>(batch, first);
+    const Real zero(0.0), left = lanes_in_batch(batch, first);
+    squares += select_less(zero, left, pack.squares, zero);
+    behind += select_less(zero, left, pack.behind, zero);
+  }
+  return {sum_of_lanes(squares), sum_of_lanes(behind)};
+}
+
+}  // namespace
+
+CostKernel cost_kernel_for(CameraModelId model) {
+  return visit_camera(model, [](auto camera) -> CostKernel { return &cost<decltype(camera)>; });
+}
+
+}  // namespace sfmcpp::residuals::SFMCPP_ISA

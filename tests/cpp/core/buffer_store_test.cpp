@@ -1,0 +1,93 @@
+#include "sfmcpp/core/buffer_store.hpp"
+
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/core/aligned.hpp"
+
+namespace sfmcpp {
+namespace {
+
+constexpr std::size_t kSize = std::size_t{4} << 20;
+
+struct Array {
+  unsigned char* begin;
+  std::size_t bytes;
+  unsigned char mark;
+};
+
+bool holds_its_mark(const Array& array) {
+  for (std::size_t k = 0; k < array.bytes; ++k) {
+    if (array.begin[k] != array.mark) return false;
+  }
+  return true;
+}
+
+class Store : public testing::Test {
+ protected:
+  void SetUp() override {
+    void* any = store.allocate(1);
+    if (any == nullptr) GTEST_SKIP() << "this system reserves no memory";
+    store.take_back(any, 1);
+  }
+  BufferStore store{kSize};
+};
+
+TEST_F(Store, ArraysNeverOverlapWhateverTheOrderTheyComeAndGoIn) {
+  std::mt19937 random(3);
+  std::vector<Array> live;
+  for (int step = 0; step < 3000; ++step) {
+    if (!live.empty() && random() % 2 == 0) {
+      std::swap(live[random() % live.size()], live.back());
+      ASSERT_TRUE(holds_its_mark(live.back()));
+      ASSERT_TRUE(store.take_back(live.back().begin, live.back().bytes));
+      live.pop_back();
+    } else if (void* memory = nullptr; const std::size_t bytes = random() % 60000) {
+      if ((memory = store.allocate(bytes)) == nullptr) continue;
+      ASSERT_EQ(reinterpret_cast<std::size_t>(memory) % kCacheLine, 0u);
+      const auto mark = static_cast<unsigned char>(step);
+      std::memset(memory, mark, bytes);
+      live.push_back({static_cast<unsigned char*>(memory), bytes, mark});
+    }
+  }
+}
+
+TEST_F(Store, WhatIsGivenBackIsWholeAgain) {
+  std::vector<void*> arrays;
+  for (int k = 0; k < 64; ++k) arrays.push_back(store.allocate(kSize / 64));
+  EXPECT_EQ(store.bytes_in_use(), kSize);
+  EXPECT_EQ(store.allocate(1), nullptr);
+  for (int k : {1, 0}) {  // every second one, then those between
+    for (std::size_t i = k; i < arrays.size(); i += 2) store.take_back(arrays[i], kSize / 64);
+  }
+  EXPECT_EQ(store.bytes_in_use(), 0u);
+  EXPECT_EQ(store.allocate(kSize), arrays[0]);
+}
+
+TEST_F(Store, MemoryOfOthersIsNotItsOwn) {
+  std::vector<char> other(100);
+  EXPECT_FALSE(store.take_back(other.data(), other.size()));
+}
+
+TEST_F(Store, ManySmallArraysAreRefusedBeforeTheirGapsCouldBeForgotten) {
+  std::vector<void*> arrays;
+  while (void* memory = store.allocate(1)) arrays.push_back(memory);
+  EXPECT_GT(arrays.size(), 500u);
+  for (std::size_t k = 0; k < arrays.size(); k += 2) store.take_back(arrays[k], 1);
+  for (std::size_t k = 1; k < arrays.size(); k += 2) store.take_back(arrays[k], 1);
+  EXPECT_NE(store.allocate(kSize), nullptr);
+}
+
+TEST(AlignedVector, LivesInTheStoreOrOutsideIt) {
+  for (const std::size_t size : {std::size_t{1}, std::size_t{1} << 16, std::size_t{1} << 24}) {
+    AlignedVector<double> values(size, 2.0);
+    EXPECT_EQ(reinterpret_cast<std::size_t>(values.data()) % kCacheLine, 0u);
+    EXPECT_EQ(values.back(), 2.0);
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp
