@@ -15,6 +15,7 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/preconditioner_kind.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp {
@@ -43,15 +44,13 @@ struct LinearSolverOptions {
   // forcing sequence (inexact Newton).
   std::optional<double> pcg_tolerance = std::nullopt;
   int pcg_max_iterations = 500;
-  double pcg_forcing = 0.1;  // conjugate_gradient.hpp
+  double pcg_forcing = 1e-3;  // conjugate_gradient.hpp
+  PreconditionerKind preconditioner = PreconditionerKind::kAuto;
 };
 
 struct LinearSolveResult {
   bool success = false;  // false: not positive definite, or not finite
   int iterations = 0;    // of the iterative solver
-  // δᵀ (b − A δ) of a system A δ = b solved in part: its quadratic model falls by half of that more
-  // than ½ bᵀ δ.
-  double residual_along_step = 0.0;
 };
 
 class LinearSolver {
@@ -62,6 +61,8 @@ class LinearSolver {
   virtual LinearSolveResult solve(const Damping& damping,
                                   Step& step,
                                   const std::function<bool()>& should_stop) = 0;
+  // Whether the normal equations are to hold modes (camera_modes.hpp).
+  virtual bool wants_camera_modes() const { return false; }
 };
 
 // What was chosen, and why, in words for the summary.
