@@ -9,10 +9,13 @@ namespace {
 
 constexpr int kNone = -1;
 
-std::vector<float> common_points(const ObservationGraph& graph, const CameraPattern& pattern) {
+std::vector<float> common_points(const ObservationGraph& graph,
+                                 const CameraPattern& pattern,
+                                 ThreadPool& pool) {
   std::vector<float> common(static_cast<std::size_t>(pattern.num_blocks()), 0.0F);
-  std::vector<long> block(graph.num_cameras, 0);
-  for (int i = 0; i < graph.num_cameras; ++i) {
+  std::vector<std::vector<long>> block_of(pool.num_threads(), std::vector<long>(graph.num_cameras));
+  pool.parallel_for_worker(graph.num_cameras, [&](int i, int worker) {
+    std::vector<long>& block = block_of[worker];
     for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
       block[pattern.column[k]] = k;
     for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
@@ -20,7 +23,7 @@ std::vector<float> common_points(const ObservationGraph& graph, const CameraPatt
       for (int position = graph.rank[a] + 1; position < end; ++position)
         common[block[graph.camera[graph.of_point[position]]]] += 1.0F;
     }
-  }
+  });
   return common;
 }
 
@@ -97,8 +100,10 @@ class Grower {
 
 }  // namespace
 
-CameraNeighbours neighbours_of(const ObservationGraph& graph, const CameraPattern& pattern) {
-  const std::vector<float> common = common_points(graph, pattern);
+CameraNeighbours neighbours_of(const ObservationGraph& graph,
+                               const CameraPattern& pattern,
+                               ThreadPool& pool) {
+  const std::vector<float> common = common_points(graph, pattern, pool);
   CameraNeighbours result;
   result.begin.assign(static_cast<std::size_t>(graph.num_cameras) + 1, 0);
   const auto for_each_pair = [&](const auto& f) {

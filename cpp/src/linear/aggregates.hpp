@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
@@ -25,7 +26,9 @@ struct CameraNeighbours {
   int num_cameras() const { return static_cast<int>(begin.size()) - 1; }
 };
 
-CameraNeighbours neighbours_of(const ObservationGraph& graph, const CameraPattern& pattern);
+CameraNeighbours neighbours_of(const ObservationGraph& graph,
+                               const CameraPattern& pattern,
+                               ThreadPool& pool);
 
 // About `target` cameras in each: grown from a first camera by the one that sees most points
 // together with those that are in. Small remainders join the aggregate they see most with.

@@ -19,7 +19,8 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
     : diagonal_(normal) {
   kind = chosen(kind, normal.graph().num_cameras);
   if (blocks == nullptr || kind == PreconditionerKind::kSchurJacobi) return;
-  const CameraNeighbours neighbours = neighbours_of(normal.graph(), blocks->pattern());
+  const CameraNeighbours neighbours =
+      neighbours_of(normal.graph(), blocks->pattern(), normal.pool());
   clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, neighbours);
   if (kind == PreconditionerKind::kTwoLevels)
     coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, neighbours);

@@ -22,8 +22,9 @@ class TwoOperators {
         implicit_(make_implicit_schur(system.normal(), elimination_)),
         blocks_(system.normal(),
                 elimination_,
-                std::make_shared<ReducedStructure>(ReducedStructure{
-                    .pattern = make_camera_pattern(system.graph, options.pairs)})) {
+                std::make_shared<ReducedStructure>(
+                    ReducedStructure{.pattern = make_camera_pattern(
+                                         system.graph, options.pairs, system.normal().pool())})) {
     elimination_.factor({1e-3, DampingMatrix::kDiagonal});
     blocks_.assemble(diagonal_, rhs);
   }

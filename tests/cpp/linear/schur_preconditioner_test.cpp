@@ -21,7 +21,7 @@ constexpr Damping kDamping{1e-3, DampingMatrix::kDiagonal};
 
 std::shared_ptr<const ReducedStructure> structure_of(const RandomSystem& system) {
   return std::make_shared<ReducedStructure>(
-      ReducedStructure{.pattern = make_camera_pattern(system.graph)});
+      ReducedStructure{.pattern = make_camera_pattern(system.graph, {}, system.normal().pool())});
 }
 
 // As many modes as a camera has columns but two, at random.

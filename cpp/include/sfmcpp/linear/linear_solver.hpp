@@ -1,8 +1,8 @@
 // Linear solvers of the damped normal equations (JᵀJ + λD) δ = Jᵀ r, all by the Schur complement:
 //   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
-//   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi
-//   preconditioner
+//   iterative  conjugate gradients; S in blocks of single precision where that costs less than to
+//   multiply from the Jacobian, else never formed; preconditioners (preconditioner_kind.hpp)
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ struct EnumTraits<linear::LinearSolverKind> {
        {linear::LinearSolverKind::kSparse, "sparse", "sparse Cholesky of the Schur complement"},
        {linear::LinearSolverKind::kIterative,
         "iterative",
-        "preconditioned conjugate gradients, the Schur complement not formed"}});
+        "preconditioned conjugate gradients on the Schur complement"}});
 };
 
 namespace linear {
