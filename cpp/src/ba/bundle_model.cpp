@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "sfmcpp/ba/camera_modes.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
 
 namespace sfmcpp::ba {
@@ -69,6 +70,7 @@ double BundleModel::linearize(const State& state) {
   fit_ = images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); });
   constraints_.linearize(state, normal_.camera_terms());
   normal_.finish();
+  if (modes_wanted_) set_camera_modes(problem_, map_, state, normal_.camera_modes());
   return fit_.cost + constraints_.cost(state);
 }
 

@@ -189,6 +189,7 @@ Workspace::Workspace(const Problem& problem,
   check_determined(graph, map, model.constraints().num_equations(), exchange);
   choice = choose_solver(*this, options);
   solver = make_solver(model, options, choice);
+  model.set_camera_modes_wanted(solver->wants_camera_modes());
   model.set_loss(make_loss(options, model.images(), start, exchange));
   model.set_algebraic_weights(options.algebraic_weights);
 }

@@ -114,13 +114,8 @@ inline void add_to(double* out, const RowSums<D, kFirst, kWidth>& sums) {
 
 // Blocks follow one another in memory, which the processor foresees; the vectors lie anywhere.
 template <int D>
-void add_row(int n,
-             const float* blocks,
-             const int* column,
-             int i,
-             int first,
-             const double* x,
-             double* out) {
+void add_row(
+    int n, const float* blocks, const int* column, int i, int first, const double* x, double* out) {
   constexpr int kAhead = 4;
   double of_row[D];
   for (int r = 0; r < D; ++r) of_row[r] = x[static_cast<long>(D) * i + r];
@@ -166,7 +161,7 @@ void round_transposed(const double* block, float* out) {
 
 template <int D>
 BlockProductKernels kernels() {
-  return {  .add_row = &add_row<D>, .add_block = &add_block<D>, .round = &round_transposed<D>};
+  return {.add_row = &add_row<D>, .add_block = &add_block<D>, .round = &round_transposed<D>};
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
   const double target = options.tolerance * options.tolerance * rz;
   const double start = rz;
   double decrease = 0.0;  // −Q of x
-  while (rz > target && result.iterations < options.max_iterations) {
+  while (!result.stopped && rz > target && result.iterations < options.max_iterations) {
     a(direction, a_direction);
     const double curvature = dot(pool, direction, a_direction);
     if (!(curvature > 0.0)) {
@@ -48,7 +48,7 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
     scale_and_add(pool, beta, z, direction);
     ++result.iterations;
     if (result.iterations * gain < options.forcing * decrease) break;
-    if (result.iterations % kIterationsBetweenStopChecks == 0 && should_stop()) break;
+    result.stopped = result.iterations % kIterationsBetweenStopChecks == 0 && should_stop();
   }
   result.finite = result.finite && std::isfinite(rz);
   result.relative_residual = start > 0.0 ? std::sqrt(rz / start) : 0.0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "sfmcpp/linear/vector_algebra.hpp"
 
@@ -10,18 +11,22 @@ namespace {
 
 // What is asked of a system whose entries are rounded to single precision, at most.
 constexpr double kTrustedTolerance = 1e-4;
-// Where the forcing sequence decides: no residual needs to be smaller.
-constexpr double kFloor = 1e-4;
+// Where the forcing sequence decides: no residual needs to be smaller than this.
+constexpr double kFloor = 1e-2;
 
 }  // namespace
 
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
                                  std::shared_ptr<const ReducedStructure> structure)
-    : normal_(normal), options_(options), elimination_(normal), preconditioner_(normal) {
-  implicit_ = make_implicit_schur(normal, elimination_);
-  if (structure) blocks_ = make_block_sparse_schur(normal, elimination_, std::move(structure));
-}
+    : normal_(normal),
+      options_(options),
+      elimination_(normal),
+      implicit_(make_implicit_schur(normal, elimination_)),
+      blocks_(structure
+                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, std::move(structure))
+                  : nullptr),
+      preconditioner_(normal, blocks_.get(), options.preconditioner) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
@@ -29,7 +34,7 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
   elimination_.factor(damping);
   diagonal_ = normal_.camera_damping(damping);
   SchurOperator& schur = blocks_ ? *blocks_ : *implicit_;
-  schur.assemble(preconditioner_, rhs_);
+  schur.assemble(preconditioner_.diagonal(), rhs_);
   preconditioner_.factor(diagonal_);
   const double tolerance = options_.pcg_tolerance.value_or(kFloor);
   ConjugateGradientResult result =
@@ -38,7 +43,7 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
               options_.pcg_max_iterations,
               should_stop,
               step.camera);
-  if (schur.is_rounded() && tolerance < kTrustedTolerance)
+  if (schur.is_rounded() && tolerance < kTrustedTolerance && !result.stopped)
     refine(tolerance, should_stop, result, step.camera);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
   elimination_.back_substitute(step);
@@ -63,19 +68,22 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
       x);
 }
 
+// In which the tolerance is meant.
+double IterativeSolver::norm(const Vector& residual) {
+  Vector z(residual.size());
+  preconditioner_.solve(residual, z);
+  return std::sqrt(dot(normal_.pool(), residual, z));
+}
+
 void IterativeSolver::refine(double tolerance,
                              const std::function<bool()>& should_stop,
                              ConjugateGradientResult& result,
                              Vector& x) {
-  const auto norm = [this](const Vector& r) {
-    Vector z(r.size());
-    preconditioner_.solve(r, z);
-    return std::sqrt(dot(normal_.pool(), r, z));
-  };
   const double target = tolerance * norm(rhs_);
   Vector residual = residual_of(*implicit_, x), correction;
   double size = norm(residual);
-  while (result.finite && size > target && result.iterations < options_.pcg_max_iterations) {
+  while (result.finite && !result.stopped && size > target &&
+         result.iterations < options_.pcg_max_iterations) {
     const ConjugateGradientResult next = correct(residual,
                                                  std::max(target / size, kTrustedTolerance),
                                                  options_.pcg_max_iterations - result.iterations,
@@ -83,6 +91,7 @@ void IterativeSolver::refine(double tolerance,
                                                  correction);
     result.iterations += next.iterations;
     result.finite = next.finite;
+    result.stopped = next.stopped;
     add_scaled(normal_.pool(), 1.0, correction, x);
     residual = residual_of(*implicit_, x);
     const double before = std::exchange(size, norm(residual));

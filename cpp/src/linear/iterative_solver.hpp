@@ -4,16 +4,17 @@
 #include <memory>
 #include <vector>
 
+#include "block_sparse_schur.hpp"
 #include "schur_operator.hpp"
-#include "sfmcpp/linear/camera_block_diagonal.hpp"
+#include "schur_preconditioner.hpp"
 #include "sfmcpp/linear/conjugate_gradient.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 
 namespace sfmcpp::linear {
 
-// Conjugate gradients on the reduced system, multiplied block by block in single precision or, where
-// that costs more, from the Jacobian. A tolerance that single precision cannot meet is met by
+// Conjugate gradients on the reduced system, multiplied block by block in single precision or,
+// where that costs more, from the Jacobian. A tolerance that single precision cannot meet is met by
 // corrections of the residual in double precision.
 class IterativeSolver final : public LinearSolver {
  public:
@@ -25,6 +26,7 @@ class IterativeSolver final : public LinearSolver {
   LinearSolveResult solve(const Damping& damping,
                           Step& step,
                           const std::function<bool()>& should_stop) override;
+  bool wants_camera_modes() const override { return preconditioner_.wants_camera_modes(); }
 
  private:
   using Vector = std::vector<double>;
@@ -34,6 +36,7 @@ class IterativeSolver final : public LinearSolver {
                                   int max_iterations,
                                   const std::function<bool()>& should_stop,
                                   Vector& x);
+  double norm(const Vector& residual);
   void refine(double tolerance,
               const std::function<bool()>& should_stop,
               ConjugateGradientResult& result,
@@ -44,10 +47,11 @@ class IterativeSolver final : public LinearSolver {
   const NormalEquations& normal_;
   LinearSolverOptions options_;
   PointElimination elimination_;
-  std::unique_ptr<SchurOperator> implicit_, blocks_;
+  std::unique_ptr<SchurOperator> implicit_;
+  std::unique_ptr<BlockSparseSchur> blocks_;  // null: not formed
+  SchurPreconditioner preconditioner_;
   Vector diagonal_;  // λD
   Vector rhs_;
-  CameraBlockDiagonal preconditioner_;  // Schur–Jacobi
 };
 
 }  // namespace sfmcpp::linear

@@ -22,12 +22,7 @@ class SchurOperator {
   virtual bool is_rounded() const = 0;
 };
 
-// The references must outlive the operators.
+// The references must outlive the operator.
 std::unique_ptr<SchurOperator> make_implicit_schur(const NormalEquations& normal,
                                                    PointElimination& elimination);
-std::unique_ptr<SchurOperator> make_block_sparse_schur(
-    const NormalEquations& normal,
-    PointElimination& elimination,
-    std::shared_ptr<const ReducedStructure> structure);
-
 }  // namespace sfmcpp::linear

@@ -47,6 +47,7 @@ class RandomSystem {
                                   const linear::Damping& damping,
                                   linear::Step& step) const;
   const linear::NormalEquations& normal() const { return normal_; }
+  linear::CameraModes& camera_modes() { return normal_.camera_modes(); }
   // Of all ranks.
   const DenseSystem& dense() const { return dense_; }
   double cost() const { return 0.5 * dense_.residual.squaredNorm(); }

@@ -27,6 +27,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   BundleModel& operator=(const BundleModel&) = delete;
 
   void set_loss(const Loss& loss);
+  // Whether the linear solver wants modes of the cameras with each linearisation.
+  void set_camera_modes_wanted(bool wanted) { modes_wanted_ = wanted; }
   void set_algebraic_weights(AlgebraicWeights weights) { algebraic_weights_ = weights; }
 
   double cost(const optim::State& state) override;
@@ -81,6 +83,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;
+  bool modes_wanted_ = false;
   ImageFit fit_;
   AlgebraicCost algebraic_;
   AlgebraicWeights algebraic_weights_ = AlgebraicWeights::kUniform;

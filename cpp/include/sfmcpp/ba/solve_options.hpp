@@ -148,6 +148,9 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
         "than this share of what the average one did",
         kShare},
       [](auto& o) -> auto& { return o.linear_solver.pcg_forcing; });
+  f(
+      O{"preconditioner", "Preconditioner of the iterative linear solver"},
+      [](auto& o) -> auto& { return o.linear_solver.preconditioner; });
 }
 
 }  // namespace sfmcpp::ba

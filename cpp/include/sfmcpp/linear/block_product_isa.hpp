@@ -1,4 +1,5 @@
-// The kernels of one instruction set; only block_sparse_schur.cpp chooses among them (core/isa.hpp).
+// The kernels of one instruction set; only block_sparse_schur.cpp chooses among them
+// (core/isa.hpp).
 #pragma once
 
 #include "sfmcpp/linear/block_product_kernels.hpp"

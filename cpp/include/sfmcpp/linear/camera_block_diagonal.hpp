@@ -27,9 +27,7 @@ class CameraBlockDiagonal {
   double* camera_block(int i) {
     return camera_blocks_.data() + static_cast<long>(map_.camera_size) * map_.camera_size * i;
   }
-  double* camera_rhs(int i) {
-    return camera_rhs_.data() + static_cast<long>(map_.camera_size) * i;
-  }
+  double* camera_rhs(int i) { return camera_rhs_.data() + static_cast<long>(map_.camera_size) * i; }
   void gather(std::vector<double>& rhs);
 
   // Adds `diagonal`, one number per reduced column, and factors. A block that is not positive

@@ -12,8 +12,8 @@ struct ConjugateGradientOptions {
   // Of the residual, relative to b in the norm of the preconditioner's inverse.
   double tolerance = 1e-2;
   // Stop too at iteration i when it lowers the quadratic model Q(x) = ½ xᵀA x − bᵀx by less than
-  // this share of what an average one of the i did: i (Qᵢ − Qᵢ₋₁) < forcing · Qᵢ (Nash & Sofer 1990,
-  // eq. 13). Zero: never.
+  // this share of what an average one of the i did: i (Qᵢ − Qᵢ₋₁) < forcing · Qᵢ (Nash & Sofer
+  // 1990, eq. 13). Zero: never.
   double forcing = 0.0;
   int max_iterations = 500;
 };
@@ -22,6 +22,7 @@ struct ConjugateGradientResult {
   int iterations = 0;
   double relative_residual = 0.0;
   bool finite = true;
+  bool stopped = false;  // by `should_stop`
 };
 
 using LinearMap = std::function<void(const std::vector<double>& in, std::vector<double>& out)>;

@@ -1,8 +1,8 @@
 // Linear solvers of the damped normal equations (JᵀJ + λD) δ = Jᵀ r, all by the Schur complement:
 //   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
-//   iterative  S never formed, W never stored; conjugate gradients with the Schur–Jacobi
-//   preconditioner
+//   iterative  conjugate gradients; S in blocks of single precision where that costs less than to
+//   multiply from the Jacobian, else never formed; preconditioners (preconditioner_kind.hpp)
 #pragma once
 
 #include <array>
@@ -15,6 +15,7 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/preconditioner_kind.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp {
@@ -32,7 +33,7 @@ struct EnumTraits<linear::LinearSolverKind> {
        {linear::LinearSolverKind::kSparse, "sparse", "sparse Cholesky of the Schur complement"},
        {linear::LinearSolverKind::kIterative,
         "iterative",
-        "preconditioned conjugate gradients, the Schur complement not formed"}});
+        "preconditioned conjugate gradients on the Schur complement"}});
 };
 
 namespace linear {
@@ -43,15 +44,13 @@ struct LinearSolverOptions {
   // forcing sequence (inexact Newton).
   std::optional<double> pcg_tolerance = std::nullopt;
   int pcg_max_iterations = 500;
-  double pcg_forcing = 0.1;  // conjugate_gradient.hpp
+  double pcg_forcing = 1e-3;  // conjugate_gradient.hpp
+  PreconditionerKind preconditioner = PreconditionerKind::kAuto;
 };
 
 struct LinearSolveResult {
   bool success = false;  // false: not positive definite, or not finite
   int iterations = 0;    // of the iterative solver
-  // δᵀ (b − A δ) of a system A δ = b solved in part: its quadratic model falls by half of that more
-  // than ½ bᵀ δ.
-  double residual_along_step = 0.0;
 };
 
 class LinearSolver {
@@ -62,6 +61,8 @@ class LinearSolver {
   virtual LinearSolveResult solve(const Damping& damping,
                                   Step& step,
                                   const std::function<bool()>& should_stop) = 0;
+  // Whether the normal equations are to hold modes (camera_modes.hpp).
+  virtual bool wants_camera_modes() const { return false; }
 };
 
 // What was chosen, and why, in words for the summary.

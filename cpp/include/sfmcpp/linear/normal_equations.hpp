@@ -15,6 +15,7 @@
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/linear/camera_modes.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
@@ -87,6 +88,7 @@ class NormalEquations {
   }
   // … and the terms of cameras alone; then `finish`.
   CameraTerms& camera_terms() { return camera_terms_; }
+  CameraModes& camera_modes() { return camera_modes_; }
   void finish();
 
   const ObservationGraph& graph() const { return graph_; }
@@ -95,6 +97,7 @@ class NormalEquations {
   Exchange& exchange() const { return exchange_; }
   const SchurKernels& kernels() const { return kernels_; }
   const CameraTerms& camera_terms() const { return camera_terms_; }
+  const CameraModes& camera_modes() const { return camera_modes_; }
 
   Precision precision() const;
   // For the kernels.
@@ -166,6 +169,7 @@ class NormalEquations {
   Exchange& exchange_;
   SchurKernels kernels_;
   CameraTerms camera_terms_;
+  CameraModes camera_modes_;
   std::vector<char> shared_;  // per reduced column
   std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;

@@ -1,0 +1,109 @@
+#include "cluster_blocks.hpp"
+
+#include <algorithm>
+
+#include <Eigen/Cholesky>
+
+#include "sfmcpp/linear/panel_layout.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+constexpr int kCameras = 20;  // in a cluster
+
+}  // namespace
+
+ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
+                             const BlockSparseSchur& schur,
+                             const CameraNeighbours& neighbours)
+    : normal_(normal),
+      schur_(schur),
+      aggregates_(aggregate_cameras(neighbours, kCameras)),
+      row_(normal.map().column.size(), -1),
+      clusters_(static_cast<std::size_t>(aggregates_.count())) {
+  const int size = normal.map().camera_size;
+  for (int r = 0; r < size; ++r) {
+    for (int c = 0; c < size; ++c) place_.push_back(panel_index(size, r, c));
+  }
+  number_rows();
+}
+
+void ClusterBlocks::number_rows() {
+  const int size = normal_.map().camera_size;
+  for (int i : aggregates_.members) {
+    Cluster& cluster = clusters_[aggregates_.of_camera[i]];
+    for (int k = 0; k < size; ++k) {
+      const int column = normal_.map().columns_of(i)[k];
+      if (column == kNoColumn || normal_.is_shared(column)) continue;
+      row_[static_cast<std::size_t>(size) * i + k] = static_cast<int>(cluster.columns.size());
+      cluster.columns.push_back(column);
+    }
+  }
+}
+
+void ClusterBlocks::factor(const std::vector<double>& diagonal) {
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { factor_cluster(k, diagonal); });
+}
+
+// value(r, c) of the block of cameras i and j.
+template <class Matrix, class Value>
+void ClusterBlocks::add_block(int i, int j, const Value& value, Matrix& lower) const {
+  const int size = normal_.map().camera_size;
+  for (int r = 0; r < size; ++r) {
+    for (int c = 0; c < size; ++c) {
+      const int a = row_of(i, r), b = row_of(j, c);
+      if (a < 0 || b < 0 || (i == j && a < b)) continue;
+      lower(std::max(a, b), std::min(a, b)) += value(r, c);
+    }
+  }
+}
+
+template <class Matrix>
+void ClusterBlocks::assemble(int k, const std::vector<double>& diagonal, Matrix& lower) const {
+  const int size = normal_.map().camera_size;
+  for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
+    const int i = aggregates_.members[m];
+    const auto add = [&](int j, const double* block) {
+      const auto value = [&](int r, int c) { return block[place_[size * r + c]]; };
+      if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
+    };
+    add(i, schur_.diagonal_block(i));
+    normal_.camera_terms().for_each_block(i, add);
+    const float* block = schur_.blocks_of_row(i);
+    for (int j : schur_.columns_of_row(i)) {
+      const auto value = [&](int r, int c) { return block[place_[size * c + r]]; };
+      if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
+      block += place_.size();
+    }
+  }
+  const std::vector<int>& columns = clusters_[k].columns;
+  for (std::size_t r = 0; r < columns.size(); ++r)
+    lower(static_cast<long>(r), static_cast<long>(r)) += diagonal[columns[r]];
+}
+
+void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
+  Cluster& cluster = clusters_[k];
+  const auto n = static_cast<Eigen::Index>(cluster.columns.size());
+  Eigen::MatrixXd lower = Eigen::MatrixXd::Zero(n, n);
+  assemble(k, diagonal, lower);
+  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(lower);
+  cluster.usable = cholesky.info() == Eigen::Success;
+  cluster.lower.resize(static_cast<std::size_t>(n * n));
+  Eigen::Map<Eigen::MatrixXf>(cluster.lower.data(), n, n) = lower.cast<float>();
+}
+
+void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) {
+    const Cluster& cluster = clusters_[k];
+    if (!cluster.usable) return;
+    const auto n = static_cast<Eigen::Index>(cluster.columns.size());
+    const Eigen::Map<const Eigen::MatrixXf> lower(cluster.lower.data(), n, n);
+    Eigen::VectorXf x(n);
+    for (Eigen::Index r = 0; r < n; ++r) x[r] = static_cast<float>(in[cluster.columns[r]]);
+    lower.triangularView<Eigen::Lower>().solveInPlace(x);
+    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+    for (Eigen::Index r = 0; r < n; ++r) out[cluster.columns[r]] = x[r];
+  });
+}
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,48 @@
+// The blocks of S of whole clusters of cameras, factored (Kushal & Agarwal, CVPR 2012, with
+// clusters grown to a size instead of canonical views).
+#pragma once
+
+#include <vector>
+
+#include "aggregates.hpp"
+#include "block_sparse_schur.hpp"
+
+namespace sfmcpp::linear {
+
+class ClusterBlocks {
+ public:
+  ClusterBlocks(const NormalEquations& normal,
+                const BlockSparseSchur& schur,
+                const CameraNeighbours& neighbours);
+
+  // For the blocks that are assembled now, with λD in `diagonal`.
+  void factor(const std::vector<double>& diagonal);
+  // The columns of `out` that belong to one camera ← blocks⁻¹ `in`, for each cluster whose block is
+  // positive definite; others stay.
+  void solve(const std::vector<double>& in, std::vector<double>& out) const;
+
+ private:
+  struct Cluster {
+    std::vector<int> columns;    // reduced
+    AlignedVector<float> lower;  // Cholesky factor, a column after the other
+    bool usable = false;
+  };
+  int row_of(int camera, int column) const {
+    return row_[static_cast<std::size_t>(normal_.map().camera_size) * camera + column];
+  }
+  void number_rows();
+  template <class Matrix>
+  void assemble(int k, const std::vector<double>& diagonal, Matrix& lower) const;
+  template <class Matrix, class Value>
+  void add_block(int i, int j, const Value& value, Matrix& lower) const;
+  void factor_cluster(int k, const std::vector<double>& diagonal);
+
+  const NormalEquations& normal_;
+  const BlockSparseSchur& schur_;
+  Aggregates aggregates_;
+  std::vector<int> place_;  // of an entry of a block, row after row, in its panels
+  std::vector<int> row_;    // per camera and column of its block: row in its cluster, or −1
+  std::vector<Cluster> clusters_;
+};
+
+}  // namespace sfmcpp::linear

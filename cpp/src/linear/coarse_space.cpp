@@ -1,0 +1,218 @@
+#include "coarse_space.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "sfmcpp/linear/panel_layout.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+// Cameras in an aggregate, at least, and aggregates at most: the coarse matrix is dense.
+constexpr int kLeastCameras = 30;
+constexpr int kMostAggregates = 300;
+// A mode that keeps less than this share of its norm beside the others is none of its own.
+constexpr double kIndependent = 1e-4;
+
+int target_of(int cameras) {
+  return std::max(kLeastCameras, (cameras + kMostAggregates - 1) / kMostAggregates);
+}
+
+}  // namespace
+
+CoarseSpace::CoarseSpace(const NormalEquations& normal,
+                         const BlockSparseSchur& schur,
+                         const CameraNeighbours& neighbours)
+    : normal_(normal),
+      schur_(schur),
+      aggregates_(aggregate_cameras(neighbours, target_of(neighbours.num_cameras()))) {
+  for (int row = 0; row < size(); ++row) {
+    for (int c = 0; c < size(); ++c) place_.push_back(panel_index(size(), row, c));
+  }
+  for (int column : normal.map().column)
+    own_.push_back(static_cast<char>(column != kNoColumn && !normal.is_shared(column)));
+}
+
+void CoarseSpace::factor(const std::vector<double>& diagonal) {
+  usable_ = false;
+  if (num_modes() == 0 || aggregates_.count() == 0) return;
+  const int columns = aggregates_.count() * num_modes();
+  if (!cholesky_) cholesky_ = std::make_unique<DenseCholesky>(columns);
+  z_.resize(own_.size() * static_cast<std::size_t>(num_modes()));
+  rows_.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(columns), 0.0);
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { set_modes(k, diagonal); });
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { add_rows(k, diagonal); });
+  set_matrix();
+  usable_ = cholesky_->factorize(normal_.pool());
+}
+
+void CoarseSpace::set_matrix() {
+  const auto columns = static_cast<std::size_t>(cholesky_->size());
+  cholesky_->set_zero(normal_.pool());
+  for (std::size_t c = 0; c < columns; ++c) {
+    for (std::size_t r = c; r < columns; ++r) {
+      cholesky_->at(static_cast<int>(r), static_cast<int>(c)) =
+          rows_[columns * r + c] + rows_[columns * c + r];
+    }
+    double& pivot = cholesky_->at(static_cast<int>(c), static_cast<int>(c));
+    if (pivot == 0.0) pivot = 1.0;  // no mode
+  }
+}
+
+void CoarseSpace::set_modes(int aggregate, const std::vector<double>& diagonal) {
+  const int modes = num_modes();
+  for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
+    const int i = aggregates_.members[m];
+    const double* from = normal_.camera_modes().of_camera(i, size());
+    double* to = z_of(i);
+    for (int k = 0; k < size(); ++k) {
+      const bool own = own_[static_cast<std::size_t>(size()) * i + k] != 0;
+      for (int c = 0; c < modes; ++c) to[modes * k + c] = own ? from[modes * k + c] : 0.0;
+    }
+  }
+  orthonormalise(aggregate, diagonal);
+}
+
+double CoarseSpace::weight(int camera, int k, const std::vector<double>& diagonal) const {
+  const int column = normal_.map().columns_of(camera)[k];
+  if (column == kNoColumn) return 0.0;
+  return schur_.diagonal_block(camera)[place_[size() * k + k]] + diagonal[column];
+}
+
+// Modified Gram–Schmidt in the metric of the diagonal of S, so that no unit counts.
+void CoarseSpace::orthonormalise(int aggregate, const std::vector<double>& diagonal) {
+  const int modes = num_modes();
+  const auto for_each_entry = [&](const auto& f) {
+    for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
+      const int i = aggregates_.members[m];
+      for (int k = 0; k < size(); ++k) f(z_of(i) + modes * k, weight(i, k, diagonal));
+    }
+  };
+  const auto product = [&](int a, int b) {
+    double sum = 0.0;
+    for_each_entry([&](const double* z, double w) { sum += w * z[a] * z[b]; });
+    return sum;
+  };
+  for (int c = 0; c < modes; ++c) {
+    const double before = product(c, c);
+    for (int pass = 0; pass < 2; ++pass) {
+      for (int a = 0; a < c; ++a) {
+        const double share = product(a, c);
+        for_each_entry([&](double* z, double) { z[c] -= share * z[a]; });
+      }
+    }
+    const double after = product(c, c);
+    const bool independent = after > kIndependent * kIndependent * before && after > 0.0;
+    const double scale = independent ? 1.0 / std::sqrt(after) : 0.0;
+    for_each_entry([&](double* z, double) { z[c] *= scale; });
+  }
+}
+
+// The rows of S of the cameras i of an aggregate: Zᵢᵀ Σ Sᵢⱼ Zⱼ over the cameras j of each
+// aggregate.
+void CoarseSpace::add_rows(int aggregate, const std::vector<double>& diagonal) {
+  const long length = static_cast<long>(size()) * num_modes();
+  std::vector<double> sums(static_cast<std::size_t>(length) * aggregates_.count(), 0.0);
+  std::vector<int> touched;
+  std::vector<char> is_touched(aggregates_.count(), 0);
+  const auto sums_of = [&](int j) {
+    const int other = aggregates_.of_camera[j];
+    if (std::exchange(is_touched[other], 1) == 0) touched.push_back(other);
+    return sums.data() + length * other;
+  };
+  for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
+    const int i = aggregates_.members[m];
+    add_row(i, diagonal, sums_of);
+    for (int other : touched) {
+      add_to_matrix(i, aggregate, other, sums.data() + length * other);
+      std::fill_n(sums.data() + length * other, length, 0.0);
+      is_touched[other] = 0;
+    }
+    touched.clear();
+  }
+}
+
+// Of the blocks on the diagonal a half, since the whole is this and its transpose.
+template <class Sums>
+void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums& sums_of) const {
+  const auto add = [&](int j, const double* block) {
+    const double share = i == j ? 0.5 : 1.0;
+    add_product(
+        j, [&](int r, int c) { return share * block[place_[size() * r + c]]; }, sums_of(j));
+  };
+  add(i, schur_.diagonal_block(i));
+  normal_.camera_terms().for_each_block(i, add);
+  const float* block = schur_.blocks_of_row(i);
+  for (int j : schur_.columns_of_row(i)) {
+    add_product(
+        j, [&](int r, int c) { return block[place_[size() * c + r]]; }, sums_of(j));
+    block += place_.size();
+  }
+  double* sums = sums_of(i);
+  const double* z = z_of(i);
+  for (int r = 0; r < size(); ++r) {
+    const int column = normal_.map().columns_of(i)[r];
+    const double half = column == kNoColumn ? 0.0 : 0.5 * diagonal[column];
+    for (int k = num_modes() * r; k < num_modes() * (r + 1); ++k) sums[k] += half * z[k];
+  }
+}
+
+// sums += B Z of the camera, for the block B of entries value(r, c).
+template <class Value>
+void CoarseSpace::add_product(int camera, const Value& value, double* sums) const {
+  const int modes = num_modes();
+  const double* z = z_of(camera);
+  for (int c = 0; c < size(); ++c) {
+    for (int r = 0; r < size(); ++r) {
+      const double factor = value(r, c);
+      for (int k = 0; k < modes; ++k) sums[modes * r + k] += factor * z[modes * c + k];
+    }
+  }
+}
+
+void CoarseSpace::add_to_matrix(int i,
+                                int row_aggregate,
+                                int column_aggregate,
+                                const double* sums) {
+  const int modes = num_modes();
+  const long columns = static_cast<long>(aggregates_.count()) * modes;
+  const double* z = z_of(i);
+  for (int r = 0; r < size(); ++r) {
+    for (int a = 0; a < modes; ++a) {
+      double* row = rows_.data() + columns * (static_cast<long>(modes) * row_aggregate + a) +
+                    static_cast<long>(modes) * column_aggregate;
+      for (int b = 0; b < modes; ++b) row[b] += z[modes * r + a] * sums[modes * r + b];
+    }
+  }
+}
+
+void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<double>& z) {
+  if (!usable_) return;
+  const int modes = num_modes();
+  coarse_.assign(static_cast<std::size_t>(aggregates_.count()) * modes, 0.0);
+  const auto for_each_own = [&](int aggregate, const auto& f) {
+    for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
+      const int i = aggregates_.members[m];
+      const int* columns = normal_.map().columns_of(i);
+      for (int k = 0; k < size(); ++k) {
+        if (own_[static_cast<std::size_t>(size()) * i + k]) f(columns[k], z_of(i) + modes * k);
+      }
+    }
+  };
+  normal_.pool().parallel_for(aggregates_.count(), [&](int aggregate) {
+    double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;
+    for_each_own(aggregate, [&](int column, const double* row) {
+      for (int c = 0; c < modes; ++c) sum[c] += row[c] * r[column];
+    });
+  });
+  cholesky_->solve(coarse_);
+  normal_.pool().parallel_for(aggregates_.count(), [&](int aggregate) {
+    const double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;
+    for_each_own(aggregate, [&](int column, const double* row) {
+      for (int c = 0; c < modes; ++c) z[column] += row[c] * sum[c];
+    });
+  });
+}
+
+}  // namespace sfmcpp::linear

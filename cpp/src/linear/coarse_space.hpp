@@ -1,0 +1,59 @@
+// The second level of a preconditioner: neighbourhoods of cameras that move as one.
+//
+// Z has, for every aggregate of cameras, the modes of camera_modes.hpp as columns; the correction
+// Z (Zᵀ S Z)⁻¹ Zᵀ r takes out what is smooth in an error, which blocks of single cameras cannot see
+// (smoothed aggregation without the smoothing; Konolige & Brown, arXiv 2007.01941, §3).
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "aggregates.hpp"
+#include "block_sparse_schur.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
+
+namespace sfmcpp::linear {
+
+class CoarseSpace {
+ public:
+  CoarseSpace(const NormalEquations& normal,
+              const BlockSparseSchur& schur,
+              const CameraNeighbours& neighbours);
+
+  // For the blocks that are assembled now, with λD in `diagonal`. Without modes, or where the
+  // coarse matrix is not positive definite, the correction is zero.
+  void factor(const std::vector<double>& diagonal);
+  // z += Z (Zᵀ S Z)⁻¹ Zᵀ r
+  void add_correction(const std::vector<double>& r, std::vector<double>& z);
+
+ private:
+  int num_modes() const { return normal_.camera_modes().count; }
+  int size() const { return normal_.map().camera_size; }
+  double* z_of(int camera) { return z_.data() + static_cast<long>(size()) * num_modes() * camera; }
+  const double* z_of(int camera) const {
+    return z_.data() + static_cast<long>(size()) * num_modes() * camera;
+  }
+  void set_modes(int aggregate, const std::vector<double>& diagonal);
+  void orthonormalise(int aggregate, const std::vector<double>& diagonal);
+  double weight(int camera, int k, const std::vector<double>& diagonal) const;
+  void set_matrix();
+  void add_rows(int aggregate, const std::vector<double>& diagonal);
+  template <class Sums>
+  void add_row(int i, const std::vector<double>& diagonal, const Sums& sums_of) const;
+  template <class Value>
+  void add_product(int camera, const Value& value, double* sums) const;
+  void add_to_matrix(int i, int row_aggregate, int column_aggregate, const double* sums);
+
+  const NormalEquations& normal_;
+  const BlockSparseSchur& schur_;
+  Aggregates aggregates_;
+  std::vector<int> place_;      // of an entry of a block, row after row, in its panels
+  std::vector<char> own_;       // per camera and column of its block: is it of no other camera?
+  AlignedVector<double> z_;     // per camera: D × modes, row-major
+  AlignedVector<double> rows_;  // what, with its transpose, is ZᵀSZ, row-major
+  std::unique_ptr<DenseCholesky> cholesky_;
+  bool usable_ = false;
+  std::vector<double> coarse_;
+};
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,157 @@
+// Every preconditioner of the iterative solver, with S formed in blocks.
+#include "../../../cpp/src/linear/schur_preconditioner.hpp"
+
+#include <cmath>
+
+#include <Eigen/Eigenvalues>
+#include <gtest/gtest.h>
+
+#include "../../../cpp/src/linear/iterative_solver.hpp"
+#include "support/random_system.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using support::RandomSystem;
+using support::SystemOptions;
+
+constexpr Damping kDamping{1e-3, DampingMatrix::kDiagonal};
+
+std::shared_ptr<const ReducedStructure> structure_of(const RandomSystem& system) {
+  return std::make_shared<ReducedStructure>(
+      ReducedStructure{.pattern = make_camera_pattern(system.graph, {}, system.normal().pool())});
+}
+
+// As many modes as a camera has columns but two, at random.
+void set_modes(RandomSystem& system) {
+  CameraModes& modes = system.camera_modes();
+  const int size = system.map.camera_size;
+  modes.count = size - 2;
+  modes.values.resize(static_cast<std::size_t>(system.graph.num_cameras) * size * modes.count);
+  std::mt19937 random(5);
+  for (double& value : modes.values) value = std::normal_distribution()(random);
+}
+
+// Two dozen cameras and more, so that there is more than one cluster; some systems with shared
+// columns, fixed cameras and residuals of cameras alone.
+std::vector<SystemOptions> systems() {
+  return {
+      {.name = "Strip", .cameras = 100, .points = 400, .camera_size = 6, .window = 5},
+      {.name = "Shared",
+       .cameras = 80,
+       .points = 250,
+       .camera_size = 9,
+       .padding = 1,
+       .shared = 2,
+       .groups = 2,
+       .window = 6},
+      {.name = "FixedAndPairs",
+       .cameras = 70,
+       .points = 200,
+       .camera_size = 9,
+       .window = 6,
+       .fixed_cameras = {0, 33},
+       .fixed_columns = {{1, 2}},
+       .pairs = {{1, 1}, {2, 40}, {5, 6}}},
+      {.name = "AllSeeAll", .cameras = 12, .points = 40, .camera_size = 12},
+  };
+}
+
+class Preconditioners
+    : public testing::TestWithParam<std::tuple<SystemOptions, PreconditionerKind>> {
+ protected:
+  Preconditioners() { set_modes(system); }
+  static PreconditionerKind kind() { return std::get<1>(GetParam()); }
+
+  LinearSolveResult solve(RandomSystem& of, double tolerance, Step& step) const {
+    IterativeSolver solver(of.normal(),
+                           {.kind = LinearSolverKind::kIterative,
+                            .pcg_tolerance = tolerance,
+                            .pcg_max_iterations = 5000,
+                            .preconditioner = kind()},
+                           structure_of(of));
+    return solver.solve(kDamping, step, [] { return false; });
+  }
+
+  RandomSystem system{std::get<0>(GetParam())};
+};
+
+TEST_P(Preconditioners, LeadToTheStepOfTheDenseSystem) {
+  Step step;
+  ASSERT_TRUE(solve(system, 1e-10, step).success);
+  const VectorXd reference = solve_by_qr(system.dense(), kDamping);
+  EXPECT_LT((flatten(system.dense(), step) - reference).norm(), 1e-6 * reference.norm());
+}
+
+TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
+  PointElimination elimination(system.normal());
+  elimination.factor(kDamping);
+  BlockSparseSchur schur(system.normal(), elimination, structure_of(system));
+  SchurPreconditioner preconditioner(system.normal(), &schur, kind());
+  std::vector<double> rhs;
+  schur.assemble(preconditioner.diagonal(), rhs);
+  preconditioner.factor(system.normal().camera_damping(kDamping));
+  const int n = system.map.num_columns;
+  MatrixXd inverse(n, n);
+  for (int k = 0; k < n; ++k) {
+    std::vector<double> unit(n, 0.0), column(n);
+    unit[k] = 1.0;
+    preconditioner.solve(unit, column);
+    inverse.col(k) = Eigen::Map<VectorXd>(column.data(), n);
+  }
+  EXPECT_LT((inverse - inverse.transpose()).norm(), 1e-4 * inverse.norm());
+  const MatrixXd symmetric = 0.5 * (inverse + inverse.transpose());
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(symmetric).eigenvalues()[0], 0.0);
+}
+
+TEST_P(Preconditioners, HaveTheSameBitsForAnyNumberOfThreads) {
+  Step first;
+  for (int threads : {1, 2, 4}) {
+    SystemOptions options = std::get<0>(GetParam());
+    options.threads = threads;
+    RandomSystem threaded(options);
+    set_modes(threaded);
+    Step step;
+    ASSERT_TRUE(solve(threaded, 1e-3, step).success);
+    if (threads == 1) first = step;
+    EXPECT_EQ(step.camera, first.camera);
+    EXPECT_EQ(step.point, first.point);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Systems,
+                         Preconditioners,
+                         testing::Combine(testing::ValuesIn(systems()),
+                                          testing::Values(PreconditionerKind::kSchurJacobi,
+                                                          PreconditionerKind::kClusters,
+                                                          PreconditionerKind::kTwoLevels)),
+                         [](const auto& test) {
+                           std::string name(enum_name(std::get<1>(test.param)));
+                           std::erase(name, '-');
+                           return std::get<0>(test.param).name + "_" + name;
+                         });
+
+// A chain of cameras in which an error of one end reaches the other but by neighbours.
+TEST(PreconditionersOfAChain, OfLargerPartsTakeFewerIterations) {
+  RandomSystem chain(
+      {.cameras = 300, .points = 1500, .camera_size = 6, .window = 4, .dense = false});
+  set_modes(chain);
+  int previous = 1 << 20;
+  for (PreconditionerKind kind :
+       {PreconditionerKind::kSchurJacobi, PreconditionerKind::kClusters}) {
+    IterativeSolver solver(
+        chain.normal(),
+        {.kind = LinearSolverKind::kIterative, .pcg_tolerance = 1e-3, .preconditioner = kind},
+        structure_of(chain));
+    Step step;
+    const int iterations =
+        solver.solve({1e-6, DampingMatrix::kDiagonal}, step, [] { return false; }).iterations;
+    EXPECT_LT(iterations, previous);
+    previous = iterations;
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear
