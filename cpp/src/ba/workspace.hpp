@@ -25,8 +25,9 @@ struct Workspace {
   std::vector<int> intrinsics;
   linear::ParameterMap map;
   ThreadPool pool;
+  linear::Precision precision;
+  linear::LinearSolverChoice choice;  // before the memory that it may refuse is asked for
   BundleModel model;
-  linear::LinearSolverChoice choice;
   std::unique_ptr<linear::LinearSolver> solver;  // refuses to solve for methods without a system
 };
 

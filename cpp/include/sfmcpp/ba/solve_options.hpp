@@ -148,6 +148,13 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
         "than this share of what the average one did",
         kShare},
       [](auto& o) -> auto& { return o.linear_solver.pcg_forcing; });
+  f(
+      O{"max_memory_bytes",
+        "Memory that the solve may take beside the problem: obeyed by another linear solver, or "
+        "the problem is refused",
+        kPositive,
+        "bytes"},
+      [](auto& o) -> auto& { return o.linear_solver.max_memory_bytes; });
 }
 
 }  // namespace sfmcpp::ba
