@@ -44,11 +44,12 @@ void LinearModel::factorize() {
         "models");
   }
   Workspace& space = work_->space;
-  auto kind = linear::choose_linear_solver(space.graph,
-                                           space.map,
-                                           {},
-                                           space.pool,
-                                           work_->normal().camera_terms().pairs())
+  auto kind = linear::choose_linear_solver({.graph = space.graph,
+                                            .map = space.map,
+                                            .pool = space.pool,
+                                            .pairs = work_->normal().camera_terms().pairs(),
+                                            .exchange = space.exchange},
+                                           {})
                   .kind;
   if (kind != linear::LinearSolverKind::kDense) kind = linear::LinearSolverKind::kSparse;
   auto solver = std::make_unique<linear::ExplicitSchurSolver>(work_->normal(), kind);

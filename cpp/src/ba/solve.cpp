@@ -16,6 +16,22 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
       " at the end are of points behind their camera; their residual keeps the formula's value");
 }
 
+// Measuring this machine takes a few milliseconds, once.
+constexpr double kSecondsWorthMeasuring = 0.1;
+
+std::vector<double> forecast_seconds(const linear::LinearSolverChoice& choice, int num_threads) {
+  linear::Works rates = linear::reference_rates();
+  for (const linear::SolverForecast& forecast : choice.forecasts) {
+    if (forecast.kind != choice.kind || forecast.seconds(rates) < kSecondsWorthMeasuring) continue;
+    rates = linear::rates_of_this_machine(num_threads);
+    break;
+  }
+  std::vector<double> seconds;
+  for (const linear::SolverForecast& forecast : choice.forecasts)
+    seconds.push_back(forecast.seconds(rates));
+  return seconds;
+}
+
 // All but what the residuals of the images tell.
 SolveSummary describe_start(const Workspace& work,
                             const Problem& problem,
@@ -31,6 +47,7 @@ SolveSummary describe_start(const Workspace& work,
   summary.loss_scale_px = work.model.images().loss().scale;
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
+  summary.forecast_seconds = forecast_seconds(work.choice, summary.num_threads);
   return summary;
 }
 
@@ -78,6 +95,7 @@ SolveSummary solve(const Problem& problem,
                                         clock,
                                         state);
   }
+  summary.solver_changes = work.solver->changes();
   describe_end(work, state, summary);
   summary.seconds_total = clock.seconds();
   return summary;

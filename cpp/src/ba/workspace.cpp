@@ -121,6 +121,25 @@ std::vector<PoseParameter> gauge_of(const Problem& problem,
   return choose_gauge(problem, graph, start, exchange);
 }
 
+// What a solve keeps besides the problem and what its linear solver keeps.
+double held_bytes(const linear::ObservationGraph& graph,
+                  const linear::ParameterMap& map,
+                  linear::Precision precision,
+                  const SolveOptions& options) {
+  constexpr double kNumber = sizeof(double), kIndex = sizeof(int);
+  const double stored = linear::bytes_of_number(precision);
+  const double robust = options.loss == LossKind::kSquared ? 0.0 : 1.0;
+  const double states = options.minimizer.line_search.kind == optim::LineSearchKind::kNone ? 3 : 4;
+  // J and A|r; pixels and σ; the five indices of the graph.
+  const double of_observation =
+      stored * (2.0 * map.camera_size + 8) + kNumber * (3 + robust) + 5 * kIndex;
+  // V and Jᵀr, M and y; sums, steps, and states.
+  const double of_point = kNumber * (9 + 9 + 3 + 3 * 3 + 3 * states) + kIndex;
+  const double of_camera = kNumber * (kCameraStorage * states + 8.0 * map.camera_size);
+  return graph.num_observations() * of_observation + graph.num_points * of_point +
+         graph.num_cameras * of_camera;
+}
+
 // For methods that solve no system of all cameras.
 class NoLinearSolver final : public linear::LinearSolver {
  public:
@@ -133,24 +152,29 @@ class NoLinearSolver final : public linear::LinearSolver {
 
 std::unique_ptr<linear::LinearSolver> make_solver(const BundleModel& model,
                                                   const SolveOptions& options,
-                                                  linear::LinearSolverChoice& choice) {
+                                                  const linear::LinearSolverChoice& choice) {
   if (!facts_of(options.minimizer.method).solves_linear_system)
     return std::make_unique<NoLinearSolver>();
-  linear::LinearSolverOptions chosen = options.linear_solver;
-  chosen.kind = choice.kind;
-  return linear::make_linear_solver(model.normal_equations(), chosen, std::move(choice.structure));
+  return linear::make_chosen_solver(model.normal_equations(), options.linear_solver, choice);
 }
 
-linear::LinearSolverChoice choose_solver(Workspace& work, const SolveOptions& options) {
+linear::LinearSolverChoice choose_solver(Workspace& work,
+                                         const Problem& problem,
+                                         const SolveOptions& options) {
   if (!facts_of(options.minimizer.method).solves_linear_system) {
-    return {linear::LinearSolverKind::kIterative, "the method solves no system of all cameras"};
+    return {.kind = linear::LinearSolverKind::kIterative,
+            .reason = "the method solves no system of all cameras"};
   }
-  return linear::choose_linear_solver(work.graph,
-                                      work.map,
-                                      options.linear_solver,
-                                      work.pool,
-                                      work.model.normal_equations().camera_terms().pairs(),
-                                      work.exchange);
+  const linear::CameraPairs pairs = ConstraintTerms(problem, work.map, work.intrinsics).pairs();
+  return linear::choose_linear_solver(
+      {.graph = work.graph,
+       .map = work.map,
+       .pool = work.pool,
+       .pairs = pairs,
+       .exchange = work.exchange,
+       .held_bytes = held_bytes(work.graph, work.map, work.precision, options),
+       .number_bytes = linear::bytes_of_number(work.precision)},
+      options.linear_solver);
 }
 
 void restore(std::span<const std::uint8_t> fixed,
@@ -176,18 +200,13 @@ Workspace::Workspace(const Problem& problem,
       intrinsics(free_intrinsics(problem, graph)),
       map(make_parameter_map(
           problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
-      model(problem,
-            graph,
-            map,
-            intrinsics,
-            pool,
-            ranks,
-            linear::choose_precision(options.precision,
-                                     ranks.sum(double(problem.num_observations())))) {
+      precision(linear::choose_precision(
+          options.precision, ranks.sum(static_cast<double>(problem.num_observations())))),
+      choice(choose_solver(*this, problem, options)),
+      model(problem, graph, map, intrinsics, pool, ranks, precision) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_constrained_cameras_observed(problem, graph);
   check_determined(graph, map, model.constraints().num_equations(), exchange);
-  choice = choose_solver(*this, options);
   solver = make_solver(model, options, choice);
   model.set_camera_modes_wanted(solver->wants_camera_modes());
   model.set_loss(make_loss(options, model.images(), start, exchange));

@@ -26,8 +26,9 @@ struct Workspace {
   linear::ObservationGraph graph;
   std::vector<int> intrinsics;
   linear::ParameterMap map;
+  linear::Precision precision;
+  linear::LinearSolverChoice choice;  // before the memory that it may refuse is asked for
   BundleModel model;
-  linear::LinearSolverChoice choice;
   std::unique_ptr<linear::LinearSolver> solver;  // refuses to solve for methods without a system
 };
 

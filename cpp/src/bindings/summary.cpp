@@ -31,6 +31,45 @@ void bind_iteration(py::module_& m) {
       .def_readonly("linear_solver_iterations", &I::linear_solver_iterations);
 }
 
+py::dict works(const linear::Works& amounts) {
+  py::dict named;
+  for (const auto& row : EnumTraits<linear::Work>::kTable) {
+    const double amount = linear::amount_of(amounts, row.value);
+    if (amount != 0.0) named[py::str(std::string(row.name))] = amount;
+  }
+  return named;
+}
+
+py::list forecasts(const ba::SolveSummary& summary) {
+  py::list list;
+  for (std::size_t k = 0; k < summary.forecast_seconds.size(); ++k) {
+    const linear::SolverForecast& forecast = summary.linear_solver.forecasts[k];
+    py::dict d;
+    d["solver"] = enum_name(forecast.kind);
+    d["flops"] = forecast.flops();
+    d["bytes"] = summary.linear_solver.held_bytes + forecast.bytes;
+    d["seconds"] = summary.forecast_seconds[k];
+    d["iterations"] = forecast.iterations;
+    d["work_once"] = works(forecast.once);
+    d["work_of_step"] = works(forecast.step);
+    d["work_of_iteration"] = works(forecast.iteration);
+    list.append(d);
+  }
+  return list;
+}
+
+py::list changes(const ba::SolveSummary& summary) {
+  py::list list;
+  for (const linear::SolverChange& change : summary.solver_changes) {
+    py::dict d;
+    d["solves"] = change.solves;
+    d["solver"] = enum_name(change.kind);
+    d["reason"] = change.reason;
+    list.append(d);
+  }
+  return list;
+}
+
 void def_minimizer_part(py::class_<ba::SolveSummary>& c) {
   using S = ba::SolveSummary;
   c.def_property_readonly("initial_cost", [](const S& s) { return s.minimizer.initial_cost; });
@@ -56,6 +95,8 @@ void bind_summary(py::module_& m) {
   });
   c.def_property_readonly("linear_solver_reason",
                           [](const S& s) { return s.linear_solver.reason; });
+  c.def_property_readonly("linear_solver_forecast", &forecasts);
+  c.def_property_readonly("linear_solver_changes", &changes);
   c.def_readonly("loss_scale_px", &S::loss_scale_px);
   c.def_readonly("threads", &S::num_threads);
   c.def_readonly("seconds_setup", &S::seconds_setup);

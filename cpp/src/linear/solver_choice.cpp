@@ -1,7 +1,12 @@
+#include "solver_choice.hpp"
+
+#include <algorithm>
 #include <cstdio>
-#include <unistd.h>
+#include <optional>
 
 #include "iterative_solver.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/memory_limit.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
 #include "sfmcpp/linear/iterative_counts.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
@@ -9,94 +14,185 @@
 namespace sfmcpp::linear {
 namespace {
 
-// Flops per second, in order of magnitude, on one core of today: only their ratios matter.
-// Dense Cholesky, sparse supernodal, and passes bound by memory.
-constexpr double kDenseRate = 30e9;
-constexpr double kSparseRate = 8e9;
-constexpr double kFormRate = 20e9;
-constexpr double kIterativeRate = 4e9;
-// Conjugate-gradient iterations a step is expected to take.
-constexpr double kExpectedIterations = 60;
 constexpr double kMemoryShare = 0.5;  // of the machine's memory that a matrix may take
 
-struct Prediction {
-  double seconds = 0.0;
-  double bytes = 0.0;
-};
-
-double machine_bytes() {
-  return static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGE_SIZE));
-}
-
-std::string describe(const char* name, const Prediction& p) {
-  char text[96];
-  std::snprintf(text, sizeof text, "%s %.2g ms and %.2g MB", name, 1e3 * p.seconds, p.bytes / 1e6);
+std::string in_words(double value, const char* unit) {
+  char text[48];
+  std::snprintf(text, sizeof text, "%.2g %s", value, unit);
   return text;
 }
 
-// Over the points of all ranks.
-struct Counts {
-  double observations = 0.0;
-  double pair_updates = 0.0;
+std::string describe(const SolverForecast& forecast) {
+  return std::string(enum_name(forecast.kind)) + (forecast.with_blocks ? " with blocks " : " ") +
+         in_words(1e3 * forecast.seconds(reference_rates()), "ms") + " and " +
+         in_words(forecast.bytes / 1e6, "MB");
+}
+
+double reference_seconds(const SolverForecast& forecast) {
+  return forecast.seconds_with_setup(reference_rates());
+}
+
+[[noreturn]] void refuse(const LinearSolverOptions& options,
+                         double held,
+                         const SolverForecast& asked,
+                         const SolverForecast& leanest) {
+  std::string text = "max_memory_bytes = " + in_words(*options.max_memory_bytes, "bytes") + ": ";
+  if (asked.kind != leanest.kind) {
+    text += "the linear solver '" + std::string(enum_name(asked.kind)) + "' would need " +
+            in_words(held + asked.bytes, "bytes") + ", and ";
+  }
+  text += "the leanest, '" + std::string(enum_name(leanest.kind)) + "', " +
+          in_words(held + leanest.bytes, "bytes");
+  throw InvalidArgument(text);
+}
+
+// Weighs the candidates, the cheap ones first: what only an analysis tells is asked for while a
+// lower bound leaves a chance.
+class Chooser {
+ public:
+  Chooser(const SolverQuestion& question, const LinearSolverOptions& options)
+      : question_(question), options_(options), held_(question.exchange.max(question.held_bytes)) {
+    choice_.counts = count(question);
+    choice_.held_bytes = held_;
+    choice_.budget_bytes = budget();
+  }
+
+  LinearSolverChoice choose() {
+    if (options_.kind != LinearSolverKind::kAuto) return as_requested();
+    consider(forecast_iterative(choice_.counts, false));
+    consider(forecast_dense(choice_.counts));
+    if (choice_.counts.columns > kAlwaysDense) {
+      consider_blocks();
+      consider_sparse();
+    }
+    return choose_cheapest();
+  }
+
+ private:
+  double budget() const {
+    if (options_.max_memory_bytes) return *options_.max_memory_bytes - held_;
+    // Of the smallest machine.
+    return -question_.exchange.max(-kMemoryShare * memory_limit_bytes());
+  }
+
+  LinearSolverChoice as_requested() {
+    consider(forecast_iterative(choice_.counts, false));
+    if (options_.kind == LinearSolverKind::kIterative) consider_blocks();
+    if (options_.kind == LinearSolverKind::kDense) consider(forecast_dense(choice_.counts));
+    if (options_.kind == LinearSolverKind::kSparse) {
+      analyse_structure(question_, choice_);
+      consider(forecast_sparse(choice_.counts));
+    }
+    const SolverForecast leanest = choice_.forecasts.front();
+    if (options_.kind != leanest.kind) choice_.forecasts.erase(choice_.forecasts.begin());
+    const SolverForecast& best = cheapest();
+    if (options_.max_memory_bytes && best.bytes > choice_.budget_bytes)
+      refuse(options_, held_, best, leanest);
+    choice_.kind = options_.kind;
+    choice_.with_blocks = best.with_blocks;
+    choice_.reason = "as requested";
+    return std::move(choice_);
+  }
+
+  void consider(const SolverForecast& forecast) { choice_.forecasts.push_back(forecast); }
+
+  bool may_win(const SolverForecast& bound) const {
+    return bound.bytes < choice_.budget_bytes &&
+           std::ranges::all_of(choice_.forecasts, [&](const SolverForecast& other) {
+             return other.bytes > choice_.budget_bytes ||
+                    reference_seconds(bound) < reference_seconds(other);
+           });
+  }
+
+  void consider_blocks() {
+    // Ranks would have to add theirs up in every step.
+    if (question_.exchange.num_ranks() > 1) return;
+    if (!may_win(forecast_iterative(choice_.counts, true))) return;
+    find_blocks(question_, choice_);
+    const SolverForecast forecast = forecast_iterative(choice_.counts, true);
+    if (may_win(forecast)) consider(forecast);
+  }
+
+  // First the blocks, then, if these leave a chance, an order of elimination.
+  void consider_sparse() {
+    if (!may_win(forecast_sparse(choice_.counts))) return;
+    find_blocks(question_, choice_);
+    if (!may_win(forecast_sparse(choice_.counts))) return;
+    analyse_structure(question_, choice_);
+    consider(forecast_sparse(choice_.counts));
+  }
+
+  // Of those that fit; the first, which is the leanest, if none does.
+  const SolverForecast& cheapest() const {
+    const SolverForecast* best = &choice_.forecasts.front();
+    for (const SolverForecast& candidate : choice_.forecasts) {
+      if (candidate.bytes < choice_.budget_bytes &&
+          reference_seconds(candidate) < reference_seconds(*best))
+        best = &candidate;
+    }
+    return *best;
+  }
+
+  LinearSolverChoice choose_cheapest() {
+    const SolverForecast& leanest = choice_.forecasts.front();
+    const SolverForecast& best = cheapest();
+    if (options_.max_memory_bytes && best.bytes > choice_.budget_bytes)
+      refuse(options_, held_, leanest, leanest);
+    choice_.kind = best.kind;
+    choice_.with_blocks = best.with_blocks;
+    choice_.reason = "predicted for a step: ";
+    for (const SolverForecast& candidate : choice_.forecasts)
+      choice_.reason += (&candidate == &leanest ? "" : ", ") + describe(candidate);
+    return std::move(choice_);
+  }
+
+  const SolverQuestion& question_;
+  const LinearSolverOptions& options_;
+  double held_;
+  LinearSolverChoice choice_;
 };
-
-Counts count(const ObservationGraph& graph, Exchange& exchange) {
-  double counts[] = {static_cast<double>(graph.num_observations()), num_pair_updates(graph)};
-  exchange.sum(counts);
-  return {counts[0], counts[1]};
-}
-
-// Explicit Schur complement without its factorisation.
-Prediction predict_form(const Counts& counts, double size) {
-  return {.seconds = 6 * size * size * counts.pair_updates / kFormRate,
-          .bytes = counts.observations * 24 * size};
-}
-
-Prediction predict_iterative(const Counts& counts, double size) {
-  return {.seconds = kExpectedIterations * counts.observations * (8 * size + 24) / kIterativeRate,
-          .bytes = 0.0};
-}
 
 }  // namespace
 
-LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
-                                        const ParameterMap& map,
-                                        const LinearSolverOptions& options,
-                                        ThreadPool& pool,
-                                        const CameraPairs& pairs,
-                                        Exchange& exchange) {
-  if (options.kind != LinearSolverKind::kAuto) return {options.kind, "as requested"};
-  const double size = map.camera_size, columns = map.num_columns;
-  const Counts counts = count(graph, exchange);
-  const Prediction form = predict_form(counts, size);
-  const Prediction iterative = predict_iterative(counts, size);
-  const Prediction dense{form.seconds + columns * columns * columns / 3 / kDenseRate,
-                         form.bytes + 8 * columns * columns};
-  Prediction sparse{1e300, 1e300};
-  // Below this the whole matrix costs less than analysing it.
-  constexpr double kAlwaysDense = 300;
-  const double budget = -exchange.max(-kMemoryShare * machine_bytes());  // of the smallest machine
-  LinearSolverChoice choice{LinearSolverKind::kIterative, ""};
-  if (columns > kAlwaysDense && form.bytes < budget && form.seconds < iterative.seconds * 100) {
-    const auto structure = std::make_shared<ReducedStructure>(
-        make_sparse_structure(make_global_camera_pattern(graph, pairs, pool, exchange), map));
-    const auto blocks = static_cast<double>(structure->pattern.num_blocks());
-    sparse = {form.seconds + structure->ordering.flops / kSparseRate,
-              form.bytes + 8 * (size * size * blocks + structure->ordering.factor_entries)};
-    choice.structure = structure;
-  }
-  double best = iterative.seconds;
-  const auto consider = [&](LinearSolverKind kind, const Prediction& p) {
-    if (p.seconds > best || p.bytes > budget) return;
-    best = p.seconds;
-    choice.kind = kind;
-  };
-  consider(LinearSolverKind::kSparse, sparse);
-  consider(LinearSolverKind::kDense, dense);
-  choice.reason = "predicted for a step: " + describe("dense", dense);
-  if (sparse.seconds < 1e300) choice.reason += ", " + describe("sparse", sparse);
-  choice.reason += ", " + describe("iterative", iterative);
-  return choice;
+SolverCounts count(const SolverQuestion& question) {
+  const ObservationGraph& graph = question.graph;
+  double sums[] = {static_cast<double>(graph.num_points),
+                   static_cast<double>(graph.num_observations()),
+                   num_pair_updates(graph)};
+  question.exchange.sum(sums);
+  SolverCounts counts{.cameras = static_cast<double>(graph.num_cameras),
+                      .points = sums[0],
+                      .observations = sums[1],
+                      .pairs = sums[2] - sums[1],
+                      .camera_size = static_cast<double>(question.map.camera_size),
+                      .columns = static_cast<double>(question.map.num_columns),
+                      .blocks = static_cast<double>(graph.num_cameras)};
+  bound_sparse_factor(counts);
+  return counts;
+}
+
+void find_blocks(const SolverQuestion& question, LinearSolverChoice& choice) {
+  if (choice.structure) return;
+  choice.structure = std::make_shared<ReducedStructure>(
+      ReducedStructure{.pattern = make_global_camera_pattern(
+                           question.graph, question.pairs, question.pool, question.exchange)});
+  choice.counts.blocks = static_cast<double>(choice.structure->pattern.num_blocks());
+  bound_sparse_factor(choice.counts);
+}
+
+void analyse_structure(const SolverQuestion& question, LinearSolverChoice& choice) {
+  find_blocks(question, choice);
+  choice.structure = std::make_shared<ReducedStructure>(
+      make_sparse_structure(choice.structure->pattern, question.map));
+  const BlockOrdering& ordering = choice.structure->ordering;
+  choice.counts.edges = static_cast<double>(choice.structure->graph.edges.size());
+  choice.counts.factor_flops = ordering.flops;
+  choice.counts.factor_entries = ordering.factor_entries;
+}
+
+LinearSolverChoice choose_linear_solver(const SolverQuestion& question,
+                                        const LinearSolverOptions& options) {
+  return Chooser(question, options).choose();
 }
 
 namespace {
@@ -128,6 +224,16 @@ std::unique_ptr<LinearSolver> make_linear_solver(
         normal, options, structure_worth_its_blocks(normal, std::move(structure)));
   }
   return std::make_unique<ExplicitSchurSolver>(normal, options.kind, std::move(structure));
+}
+
+std::unique_ptr<LinearSolver> make_as_chosen(const NormalEquations& normal,
+                                             LinearSolverOptions options,
+                                             const LinearSolverChoice& choice) {
+  options.kind = choice.kind;
+  if (choice.kind != LinearSolverKind::kIterative)
+    return make_linear_solver(normal, options, choice.structure);
+  return std::make_unique<IterativeSolver>(
+      normal, options, choice.with_blocks ? choice.structure : nullptr);
 }
 
 }  // namespace sfmcpp::linear

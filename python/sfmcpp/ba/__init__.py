@@ -12,7 +12,7 @@ from sfmcpp.ba.linearize import (
 )
 from sfmcpp.ba.options import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS, SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
-from sfmcpp.ba.summary import Iteration, Summary
+from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 
 __all__ = [
     "GAUGES",
@@ -24,6 +24,8 @@ __all__ = [
     "Covariance",
     "Iteration",
     "LinearModel",
+    "LinearSolverChange",
+    "LinearSolverForecast",
     "LinearStep",
     "SolveOptions",
     "StepExploration",

@@ -8,7 +8,7 @@ from typing import Any
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.summary import Iteration, Summary
+from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 from sfmcpp.model import ConstraintGroup, Problem
 
 Callback = Callable[[Iteration], "bool | None"]
@@ -59,5 +59,9 @@ def _iteration(core: _core.CoreIteration) -> Iteration:
 def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     values = _fields_of(core, Summary)
     values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
+    values["linear_solver_forecast"] = [
+        LinearSolverForecast(**forecast) for forecast in core.linear_solver_forecast
+    ]
+    values["linear_solver_changes"] = [LinearSolverChange(**change) for change in core.linear_solver_changes]
     used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
     return Summary(**values, **used)

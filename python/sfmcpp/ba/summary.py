@@ -65,6 +65,56 @@ class Iteration:
         )
 
 
+@dataclass(frozen=True)
+class LinearSolverForecast:
+    """What a step was predicted to take with a linear solver, before anything was done.
+
+    Attributes
+    ----------
+    solver : str
+        Its name.
+    flops : float
+        Floating-point operations.
+    bytes : float
+        Memory that the whole solve keeps, the problem itself aside.
+    seconds : float
+        Of a step, on this machine where that is worth measuring, else on the machine of the reference [s].
+    iterations : float
+        Conjugate-gradient iterations expected; 0 for direct solvers.
+    work_once, work_of_step, work_of_iteration : dict of str to float
+        The counts behind these numbers, by kind of work: before the first step, in every step, and in every
+        conjugate-gradient iteration.
+    """
+
+    solver: str
+    flops: float
+    bytes: float
+    seconds: float
+    iterations: float
+    work_once: dict[str, float]
+    work_of_step: dict[str, float]
+    work_of_iteration: dict[str, float]
+
+
+@dataclass(frozen=True)
+class LinearSolverChange:
+    """A linear solver that took over where steps had cost more than predicted.
+
+    Attributes
+    ----------
+    solves : int
+        Solves before it.
+    solver : str
+        The one that took over.
+    reason : str
+        Why, in words.
+    """
+
+    solves: int
+    solver: str
+    reason: str
+
+
 @dataclass(frozen=True, repr=False)
 class Summary:
     """Result of :func:`sfmcpp.solve`; print it for a table.
@@ -84,6 +134,10 @@ class Summary:
         What was used.
     linear_solver_reason : str
         Why this linear solver was chosen.
+    linear_solver_forecast : list of LinearSolverForecast
+        What each solver that was weighed was predicted to take.
+    linear_solver_changes : list of LinearSolverChange
+        Solvers that took over on the way, in their order.
     loss_scale_px : float
         Scale of the loss, as given or as estimated.
     threads : int
@@ -122,6 +176,8 @@ class Summary:
     constraint_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
     iterations: list[Iteration] = field(default_factory=list)
     group_weights: list[WeightSelection] = field(default_factory=list)
+    linear_solver_forecast: list[LinearSolverForecast] = field(default_factory=list)
+    linear_solver_changes: list[LinearSolverChange] = field(default_factory=list)
 
     @property
     def converged(self) -> bool:

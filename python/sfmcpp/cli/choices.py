@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 
@@ -46,7 +47,25 @@ def _annotation(option: SolveOption) -> Any:
         type_, look["parser"] = Any, _number_or_text(option)
     elif option.optional:
         type_ = type_ | None
-    return Annotated[type_, typer.Option("--" + option.name.replace("_", "-"), **look)]
+    name = option.name
+    if option.unit == "bytes":
+        name = name.removesuffix("_bytes")
+        type_, look["parser"] = Any, _number_of_bytes
+    return Annotated[type_, typer.Option("--" + name.replace("_", "-"), **look)]
+
+
+_BYTES = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_BYTES |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
+
+
+def _number_of_bytes(text: str) -> float:
+    match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([A-Za-z]*)\s*", text)
+    try:
+        if match and match[2].upper() in _BYTES:
+            return float(match[1]) * _BYTES[match[2].upper()]
+    except ValueError:
+        pass
+    raise typer.BadParameter(f"{text!r} is no number of bytes, such as 8GB, 500MB or 2GiB")
 
 
 def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:

@@ -15,7 +15,7 @@ from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
-from sfmcpp.ba import Iteration, Summary
+from sfmcpp.ba import Iteration, LinearSolverForecast, Summary
 from sfmcpp.cli.exit_codes import say
 from sfmcpp.cli.targets import Targets
 from sfmcpp.model import Problem
@@ -92,8 +92,16 @@ def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
     if summary.loss != "squared":
         yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
     yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"
+    if summary.linear_solver_forecast:
+        yield "forecast of a step", "; ".join(map(_forecast, summary.linear_solver_forecast))
+    for change in summary.linear_solver_changes:
+        yield "linear solver", f"{change.solver} from step {change.solves + 1} on ({change.reason})"
     yield "seconds", f"{summary.seconds_total:.3f}, and {seconds_read:.3f} to read the input"
     yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
+
+
+def _forecast(forecast: LinearSolverForecast) -> str:
+    return f"{forecast.solver} {forecast.seconds:.2g} s, {forecast.bytes / 1e6:.0f} MB"
 
 
 class RecentIterations:

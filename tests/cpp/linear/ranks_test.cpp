@@ -144,8 +144,12 @@ TEST_P(Ranks, KnowWhichCamerasMeetOnAnyRank) {
 
 TEST_P(Ranks, ChooseTheSolverOfTheWhole) {
   const auto choice = [](const RandomSystem& system) {
-    return choose_linear_solver(
-               system.graph, system.map, {}, system.normal().pool(), {}, system.normal().exchange())
+    return choose_linear_solver({.graph = system.graph,
+                                 .map = system.map,
+                                 .pool = system.normal().pool(),
+                                 .pairs = {},
+                                 .exchange = system.normal().exchange()},
+                                {})
         .reason;
   };
   compare(choice, [](const auto& mine, const auto& whole, int) { EXPECT_EQ(mine, whole); });

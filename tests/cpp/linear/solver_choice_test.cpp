@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/core/error.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "support/random_system.hpp"
 
@@ -15,9 +16,21 @@ struct Structure {
   explicit Structure(const SystemOptions& options)
       : graph(make_graph(options)), map(make_map(options)) {}
 
-  LinearSolverChoice choose(LinearSolverKind requested = LinearSolverKind::kAuto) const {
-    ThreadPool pool(1);
-    return choose_linear_solver(graph, map, {.kind = requested}, pool);
+  LinearSolverChoice choose(LinearSolverKind requested = LinearSolverKind::kAuto,
+                            int threads = 1) const {
+    return choose(LinearSolverOptions{.kind = requested}, threads);
+  }
+  LinearSolverChoice choose(const LinearSolverOptions& options,
+                            int threads = 1,
+                            double held_bytes = 0.0) const {
+    ThreadPool pool(threads);
+    return choose_linear_solver({.graph = graph,
+                                 .map = map,
+                                 .pool = pool,
+                                 .pairs = {},
+                                 .exchange = this_process(),
+                                 .held_bytes = held_bytes},
+                                options);
   }
 
   ObservationGraph graph;
@@ -62,14 +75,71 @@ TEST(SolverChoice, ReasonGivesTimeAndMemoryOfEverySolverConsidered) {
   }
 }
 
-TEST(SolverChoice, KeepsTheStructureThatItHadToMakeAndMakesNoneForARequest) {
+TEST(SolverChoice, KeepsTheStructureThatItHadToMakeAndMakesNoneThatNobodyNeeds) {
   const Structure scene(corridor(1000));
   const LinearSolverChoice choice = scene.choose();
   ASSERT_NE(choice.structure, nullptr);
   EXPECT_EQ(choice.structure->pattern.num_rows(), 1000);
   EXPECT_EQ(choice.structure->ordering.position.size(), 1000u);
   EXPECT_EQ(Structure(corridor(20)).choose().structure, nullptr);
-  EXPECT_EQ(scene.choose(LinearSolverKind::kSparse).structure, nullptr);
+  EXPECT_EQ(scene.choose(LinearSolverKind::kIterative).structure, nullptr);
+}
+
+TEST(SolverChoice, IsTheSameForEveryNumberOfThreads) {
+  for (int cameras : {20, 200, 1000}) {
+    const Structure scene(corridor(cameras));
+    const LinearSolverChoice one = scene.choose();
+    for (int threads : {2, 5}) {
+      const LinearSolverChoice other = scene.choose(LinearSolverKind::kAuto, threads);
+      EXPECT_EQ(other.kind, one.kind);
+      EXPECT_EQ(other.reason, one.reason);
+      ASSERT_EQ(other.forecasts.size(), one.forecasts.size());
+      for (std::size_t k = 0; k < one.forecasts.size(); ++k)
+        EXPECT_EQ(other.forecasts[k].step, one.forecasts[k].step);
+    }
+  }
+}
+
+const SolverForecast& forecast_of(const LinearSolverChoice& choice, LinearSolverKind kind) {
+  return *std::ranges::find(choice.forecasts, kind, &SolverForecast::kind);
+}
+
+TEST(SolverChoice, AMemoryLimitIsObeyedByASolverThatNeedsLess) {
+  const Structure scene(corridor(1000));
+  const LinearSolverChoice choice = scene.choose();
+  ASSERT_EQ(choice.kind, LinearSolverKind::kSparse);
+  const double held = 1e6;
+  const double sparse = held + forecast_of(choice, LinearSolverKind::kSparse).bytes;
+  EXPECT_EQ(scene.choose({.max_memory_bytes = sparse + 1}, 1, held).kind,
+            LinearSolverKind::kSparse);
+  EXPECT_EQ(scene.choose({.max_memory_bytes = sparse - 1}, 1, held).kind,
+            LinearSolverKind::kIterative);
+}
+
+std::string refusal_of(const Structure& scene, const LinearSolverOptions& options, double held) {
+  try {
+    scene.choose(options, 1, held);
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(SolverChoice, AMemoryLimitBelowTheLeanestSolverIsRefusedWithWhatThatNeeds) {
+  const Structure scene(corridor(1000));
+  const std::string refusal = refusal_of(scene, {.max_memory_bytes = 4e6}, 7e9);
+  EXPECT_NE(refusal.find("max_memory_bytes = 4e+06"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("'iterative', 7e+09 bytes"), std::string::npos) << refusal;
+}
+
+TEST(SolverChoice, ASolverAskedForByNameThatNeedsMoreIsRefusedAndTheLeanestNamed) {
+  const Structure scene(corridor(1000));  // 9000² doubles
+  const std::string refusal =
+      refusal_of(scene, {.kind = LinearSolverKind::kDense, .max_memory_bytes = 1e8}, 0.0);
+  EXPECT_NE(refusal.find("'dense' would need 6.5e+08 bytes"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("'iterative'"), std::string::npos) << refusal;
+  EXPECT_EQ(refusal_of(scene, {.kind = LinearSolverKind::kDense, .max_memory_bytes = 1e9}, 0.0),
+            "");
 }
 
 TEST(SolverChoice, ARequestIsKept) {

@@ -24,6 +24,9 @@ struct SolveSummary {
   double final_rms_px = 0.0;
   bool solves_linear_system = true;  // else the choice of a linear solver means nothing
   linear::LinearSolverChoice linear_solver;
+  // Of a step with each solver that was weighed, on this machine if that is worth measuring.
+  std::vector<double> forecast_seconds;
+  std::vector<linear::SolverChange> solver_changes;
   double loss_scale_px = 1.0;
   int num_threads = 1;
   int behind_camera_initial = 0;  // observations whose point is not in front of the camera

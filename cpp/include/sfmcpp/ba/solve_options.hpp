@@ -151,6 +151,13 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
   f(
       O{"preconditioner", "Preconditioner of the iterative linear solver"},
       [](auto& o) -> auto& { return o.linear_solver.preconditioner; });
+  f(
+      O{"max_memory_bytes",
+        "Memory that the solve may take beside the problem: obeyed by another linear solver, or "
+        "the problem is refused",
+        kPositive,
+        "bytes"},
+      [](auto& o) -> auto& { return o.linear_solver.max_memory_bytes; });
 }
 
 }  // namespace sfmcpp::ba

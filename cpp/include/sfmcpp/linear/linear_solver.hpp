@@ -17,6 +17,7 @@
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/preconditioner_kind.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
+#include "sfmcpp/linear/solver_costs.hpp"
 
 namespace sfmcpp {
 
@@ -46,11 +47,20 @@ struct LinearSolverOptions {
   int pcg_max_iterations = 500;
   double pcg_forcing = 1e-3;  // conjugate_gradient.hpp
   PreconditionerKind preconditioner = PreconditionerKind::kAuto;
+  // That a solve may take beside the problem itself; none: a share of the machine's for matrices.
+  std::optional<double> max_memory_bytes{};
 };
 
 struct LinearSolveResult {
   bool success = false;  // false: not positive definite, or not finite
   int iterations = 0;    // of the iterative solver
+};
+
+// What a solver was replaced by when steps had cost more than predicted.
+struct SolverChange {
+  int solves = 0;  // before it
+  LinearSolverKind kind{};
+  std::string reason{};
 };
 
 class LinearSolver {
@@ -63,24 +73,39 @@ class LinearSolver {
                                   const std::function<bool()>& should_stop) = 0;
   // Whether the normal equations are to hold modes (camera_modes.hpp).
   virtual bool wants_camera_modes() const { return false; }
+  // So far, for the summary.
+  virtual std::vector<SolverChange> changes() const { return {}; }
 };
 
 // What was chosen, and why, in words for the summary.
 struct LinearSolverChoice {
-  LinearSolverKind kind;
-  std::string reason;
+  LinearSolverKind kind{};
+  std::string reason{};
+  bool with_blocks = false;  // of an iterative solver: with S in blocks
   // Of the reduced system, where the choice had to know it.
   std::shared_ptr<const ReducedStructure> structure{};
+  SolverCounts counts{};
+  std::vector<SolverForecast> forecasts{};  // of every solver whose cost had to be known
+  double held_bytes = 0.0;                  // by all but the solver
+  double budget_bytes = 0.0;                // for the solver
 };
 
-// `auto`: by predicted flops and memory, for the points of all ranks. Any other kind is returned as
-// it is.
-LinearSolverChoice choose_linear_solver(const ObservationGraph& graph,
-                                        const ParameterMap& map,
-                                        const LinearSolverOptions& options,
-                                        ThreadPool& pool,
-                                        const CameraPairs& pairs = {},
-                                        Exchange& exchange = this_process());
+// A problem as the choice of a solver sees it.
+struct SolverQuestion {
+  const ObservationGraph& graph;
+  const ParameterMap& map;
+  ThreadPool& pool;
+  const CameraPairs& pairs;
+  Exchange& exchange;
+  double held_bytes = 0.0;               // by all but the solver, whichever is chosen; of this rank
+  double number_bytes = sizeof(double);  // of an entry of the Jacobian
+};
+
+// `auto`: by predicted cost and memory, for the points of all ranks: by counts and reference rates,
+// hence the same for every run and every number of threads. Any other kind is returned as it is.
+// Throws InvalidArgument where max_memory_bytes does not hold the kind asked for, or any.
+LinearSolverChoice choose_linear_solver(const SolverQuestion& question,
+                                        const LinearSolverOptions& options);
 
 // `kind` of the options must not be auto. The normal equations must outlive the solver.
 // `structure`: that of the choice; where it is null the solver makes what it needs of it.
@@ -88,6 +113,12 @@ std::unique_ptr<LinearSolver> make_linear_solver(
     const NormalEquations& normal,
     const LinearSolverOptions& options,
     std::shared_ptr<const ReducedStructure> structure = nullptr);
+
+// The solver of a choice. One that `auto` has chosen hands over to another when its steps cost more
+// than that one's would; by counts, not by time.
+std::unique_ptr<LinearSolver> make_chosen_solver(const NormalEquations& normal,
+                                                 const LinearSolverOptions& options,
+                                                 const LinearSolverChoice& choice);
 
 }  // namespace linear
 }  // namespace sfmcpp

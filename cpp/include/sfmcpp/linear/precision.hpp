@@ -26,6 +26,11 @@ struct EnumTraits<linear::Precision> {
 
 namespace linear {
 
+// Of a precision that is not auto.
+inline double bytes_of_number(Precision stored) {
+  return stored == Precision::kSingle ? sizeof(float) : sizeof(double);
+}
+
 // `auto` for so many observations on all ranks; anything else is returned as it is.
 Precision choose_precision(Precision requested, double num_observations);
 

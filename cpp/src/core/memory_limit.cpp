@@ -1,0 +1,27 @@
+#include "sfmcpp/core/memory_limit.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <unistd.h>
+
+namespace sfmcpp {
+namespace {
+
+// Of control groups, version 2 and 1; a group without a limit says "max", or a number beyond any
+// memory.
+constexpr const char* kLimits[] = {"/sys/fs/cgroup/memory.max",
+                                   "/sys/fs/cgroup/memory/memory.limit_in_bytes"};
+
+}  // namespace
+
+double memory_limit_bytes() {
+  double limit =
+      static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGE_SIZE));
+  for (const char* path : kLimits) {
+    double bytes = 0.0;
+    if (std::ifstream(path) >> bytes && bytes > 0.0) limit = std::min(limit, bytes);
+  }
+  return limit;
+}
+
+}  // namespace sfmcpp

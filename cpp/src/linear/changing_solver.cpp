@@ -1,0 +1,128 @@
+// How many iterations of conjugate gradients a step takes is the one thing that no count of the
+// problem tells. So an iterative solver that was chosen by expectation is held against what its
+// steps take: once another solver would have been cheaper, it takes over. Counts decide, at
+// reference rates, and hence the same on every rank, for every run and number of threads.
+#include <algorithm>
+#include <cmath>
+
+#include "sfmcpp/linear/linear_solver.hpp"
+#include "solver_choice.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+// Another solver must promise this much less: changing is not free, nor are predictions exact.
+constexpr double kWorthwhile = 0.8;
+// A step may cost so many times what the other solver's would, before it is cut short.
+constexpr double kPatience = 1.5;
+constexpr int kLeastIterations = 20;
+
+class ChangingSolver final : public LinearSolver {
+ public:
+  ChangingSolver(const NormalEquations& normal,
+                 const LinearSolverOptions& options,
+                 LinearSolverChoice choice)
+      : normal_(normal), options_(options), choice_(std::move(choice)) {
+    make();
+  }
+
+  LinearSolveResult solve(const Damping& damping,
+                          Step& step,
+                          const std::function<bool()>& should_stop) override {
+    const LinearSolveResult result = solver_->solve(damping, step, should_stop);
+    ++solves_;
+    if (choice_.kind == LinearSolverKind::kIterative) reconsider(result.iterations);
+    return result;
+  }
+
+  std::vector<SolverChange> changes() const override { return changes_; }
+  bool wants_camera_modes() const override { return solver_->wants_camera_modes(); }
+
+ private:
+  SolverQuestion question() const {
+    return {.graph = normal_.graph(),
+            .map = normal_.map(),
+            .pool = normal_.pool(),
+            .pairs = normal_.camera_terms().pairs(),
+            .exchange = normal_.exchange()};
+  }
+
+  static double seconds(const SolverForecast& forecast) {
+    return forecast.seconds_with_setup(reference_rates());
+  }
+
+  void make() {
+    LinearSolverOptions options = options_;
+    if (choice_.kind == LinearSolverKind::kIterative) {
+      const double cut = iterations_worth_another_solver();
+      if (cut < options.pcg_max_iterations) options.pcg_max_iterations = static_cast<int>(cut);
+    }
+    solver_ = make_as_chosen(normal_, options, choice_);
+  }
+
+  // The cheapest that fits, as far as it is known now.
+  SolverForecast best_direct() const {
+    const SolverForecast dense = forecast_dense(choice_.counts);
+    const SolverForecast sparse = forecast_sparse(choice_.counts);
+    const bool sparse_fits =
+        choice_.counts.columns > kAlwaysDense && sparse.bytes < choice_.budget_bytes;
+    return sparse_fits && (dense.bytes > choice_.budget_bytes || seconds(sparse) < seconds(dense))
+               ? sparse
+               : dense;
+  }
+
+  double iterations_worth_another_solver() const {
+    const SolverForecast direct = best_direct();
+    if (direct.bytes > choice_.budget_bytes) return 1e300;
+    SolverForecast one = forecast_iterative(choice_.counts, choice_.with_blocks), none = one;
+    one.iterations = 1.0;
+    none.iterations = 0.0;
+    const double iteration = seconds(one) - seconds(none);
+    return std::max<double>(kLeastIterations,
+                            std::ceil((kPatience * seconds(direct) - seconds(none)) / iteration));
+  }
+
+  bool is_worthwhile(int iterations) const {
+    SolverForecast iterative = forecast_iterative(choice_.counts, choice_.with_blocks);
+    iterative.iterations = iterations;
+    const SolverForecast direct = best_direct();
+    return direct.bytes < choice_.budget_bytes &&
+           seconds(direct) < kWorthwhile * seconds(iterative);
+  }
+
+  void reconsider(int iterations) {
+    if (!is_worthwhile(iterations)) return;
+    if (best_direct().kind == LinearSolverKind::kSparse && !analysed_) {
+      analyse_structure(question(), choice_);
+      analysed_ = true;
+      if (!is_worthwhile(iterations)) return make();  // with what is known now
+    }
+    choice_.kind = best_direct().kind;
+    changes_.push_back({.solves = solves_,
+                        .kind = choice_.kind,
+                        .reason = "a step took " + std::to_string(iterations) +
+                                  " iterations of conjugate gradients"});
+    solver_.reset();
+    make();
+  }
+
+  const NormalEquations& normal_;
+  LinearSolverOptions options_;
+  LinearSolverChoice choice_;
+  std::unique_ptr<LinearSolver> solver_;
+  int solves_ = 0;
+  bool analysed_ = false;
+  std::vector<SolverChange> changes_;
+};
+
+}  // namespace
+
+std::unique_ptr<LinearSolver> make_chosen_solver(const NormalEquations& normal,
+                                                 const LinearSolverOptions& options,
+                                                 const LinearSolverChoice& choice) {
+  if (options.kind == LinearSolverKind::kAuto && choice.kind == LinearSolverKind::kIterative)
+    return std::make_unique<ChangingSolver>(normal, options, choice);
+  return make_as_chosen(normal, options, choice);
+}
+
+}  // namespace sfmcpp::linear

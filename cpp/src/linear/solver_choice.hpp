@@ -1,0 +1,21 @@
+// Parts of the choice that a change of mind needs again (linear_solver.hpp).
+#pragma once
+
+#include "sfmcpp/linear/linear_solver.hpp"
+
+namespace sfmcpp::linear {
+
+// Of no more columns the whole matrix costs less than analysing it.
+inline constexpr double kAlwaysDense = 300;
+
+// What is known without an analysis.
+SolverCounts count(const SolverQuestion& question);
+// Counts the blocks of S, and finds an order of elimination, in so far as the choice has not.
+void find_blocks(const SolverQuestion& question, LinearSolverChoice& choice);
+void analyse_structure(const SolverQuestion& question, LinearSolverChoice& choice);
+
+std::unique_ptr<LinearSolver> make_as_chosen(const NormalEquations& normal,
+                                             LinearSolverOptions options,
+                                             const LinearSolverChoice& choice);
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,73 @@
+// An iterative solver that hands over to a direct one.
+#include <gtest/gtest.h>
+
+#include "sfmcpp/linear/linear_solver.hpp"
+#include "support/random_system.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+using support::RandomSystem;
+
+const Damping kDamping{1e-3, DampingMatrix::kDiagonal};
+
+class ChangingSolver : public testing::Test {
+ protected:
+  // As if the choice had expected few iterations.
+  LinearSolverChoice choice(double budget_bytes) const {
+    return {.kind = LinearSolverKind::kIterative,
+            .counts = {.cameras = 6,
+                       .points = 30,
+                       .observations = 180,
+                       .pairs = 450,
+                       .camera_size = 6,
+                       .columns = 36,
+                       .blocks = 21},
+            .budget_bytes = budget_bytes};
+  }
+  std::unique_ptr<LinearSolver> make(double tolerance, double budget_bytes = 1e12) const {
+    return make_chosen_solver(system_.normal(), {.pcg_tolerance = tolerance}, choice(budget_bytes));
+  }
+  Step solve(LinearSolver& solver) const {
+    Step step;
+    EXPECT_TRUE(solver.solve(kDamping, step, [] { return false; }).success);
+    return step;
+  }
+  Step dense_step() const {
+    Step step;
+    system_.solve({.kind = LinearSolverKind::kDense}, kDamping, step);
+    return step;
+  }
+
+  RandomSystem system_{{.name = "all see all"}};
+};
+
+TEST_F(ChangingSolver, HandsOverToADirectOneWhereStepsTakeManyIterations) {
+  const auto solver = make(1e-14);
+  solve(*solver);
+  ASSERT_EQ(solver->changes().size(), 1u);
+  EXPECT_EQ(solver->changes()[0].solves, 1);
+  EXPECT_EQ(solver->changes()[0].kind, LinearSolverKind::kDense);
+  const Step step = solve(*solver), expected = dense_step();
+  for (std::size_t k = 0; k < step.camera.size(); ++k)
+    EXPECT_EQ(step.camera[k], expected.camera[k]);
+  EXPECT_EQ(solver->changes().size(), 1u);
+}
+
+TEST_F(ChangingSolver, StaysWhereThereIsNoMemoryForAnother) {
+  const auto solver = make(1e-14, 1e3);
+  for (int k = 0; k < 3; ++k) solve(*solver);
+  EXPECT_TRUE(solver->changes().empty());
+}
+
+TEST_F(ChangingSolver, OneAskedForByNameStays) {
+  const auto solver =
+      make_chosen_solver(system_.normal(),
+                         {.kind = LinearSolverKind::kIterative, .pcg_tolerance = 1e-14},
+                         choice(1e12));
+  solve(*solver);
+  EXPECT_TRUE(solver->changes().empty());
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear
