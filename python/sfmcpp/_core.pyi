@@ -184,6 +184,14 @@ class SolveOptions:
     def max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     @property
+    def max_memory_bytes(self) -> float | None:
+        """
+        Memory that the solve may take beside the problem: obeyed by another linear solver, or the problem is refused
+        """
+    @max_memory_bytes.setter
+    def max_memory_bytes(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
+        ...
+    @property
     def max_seconds(self) -> float | None:
         """
         Time limit
@@ -238,6 +246,14 @@ class SolveOptions:
         """
     @precision.setter
     def precision(self, arg1: str) -> None:
+        ...
+    @property
+    def preconditioner(self) -> str:
+        """
+        Preconditioner of the iterative linear solver
+        """
+    @preconditioner.setter
+    def preconditioner(self, arg1: str) -> None:
         ...
     @property
     def threads(self) -> int:
@@ -311,6 +327,12 @@ class CoreSummary:
         ...
     @property
     def linear_solver(self) -> str:
+        ...
+    @property
+    def linear_solver_changes(self) -> list:
+        ...
+    @property
+    def linear_solver_forecast(self) -> list:
         ...
     @property
     def linear_solver_reason(self) -> str:
@@ -677,3 +699,5 @@ class SolveKeywords(typing.TypedDict, total=False):
     pcg_tolerance: float | None
     pcg_max_iterations: int
     pcg_forcing: float
+    preconditioner: str
+    max_memory_bytes: float | None
