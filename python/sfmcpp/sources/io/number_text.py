@@ -45,7 +45,6 @@ class NumberText:
         File named in errors.
     data : bytes
         Content of the file; lines that start with ``#`` are comments if `comments` is true.
-
     before : int
         How many lines of the file stand before `data`.
 
