@@ -29,7 +29,33 @@ using CameraVector = Eigen::Matrix<double, kSize, 1>;
 using PointBlock = Eigen::Matrix3d;
 using JacobianOfCamera = Eigen::Matrix<double, 2, kSize>;
 using JacobianOfPoint = Eigen::Matrix<double, 2, 3>;
-using Coupling = Eigen::Matrix<double, kSize, 3>;
+using Coupling = Eigen::Matrix<double, 3, kSize>;  // W_aᵀ, its columns are the rows of W_a
+
+// Blocks of S have columns of whole registers, so that what both variants spend most of their time
+// with, S −= L R with L of two or three columns, is multiply-adds of registers in both.
+constexpr int kLanes = 4;
+constexpr int kRegisters = (kSize + kLanes - 1) / kLanes;
+typedef double Lanes __attribute__((vector_size(kLanes * sizeof(double))));
+
+struct Column {
+  Lanes part[kRegisters] = {};
+
+  void set(int row, double value) { part[row / kLanes][row % kLanes] = value; }
+  double at(int row) const { return part[row / kLanes][row % kLanes]; }
+};
+
+struct PaddedBlock {
+  Column column[kSize];
+};
+
+// S −= L R; R by columns.
+template <int kDepth>
+void subtract_product(const Column (&left)[kDepth], const double* right, PaddedBlock& s) {
+  for (int c = 0; c < kSize; ++c)
+    for (int k = 0; k < kDepth; ++k)
+      for (int v = 0; v < kRegisters; ++v)
+        s.column[c].part[v] -= left[k].part[v] * right[kDepth * c + k];
+}
 
 // Observations by camera and, within one, by point; and those of each point, by camera.
 struct Input {
@@ -82,7 +108,7 @@ Input read(const char* path) {
 struct BlockRows {
   std::vector<std::int64_t> first;
   std::vector<std::int32_t> column;
-  std::vector<CameraBlock> block;
+  std::vector<PaddedBlock> block;
 };
 
 // Calls f(b) for the observations of the same point from a on, in the order of cameras.
@@ -149,24 +175,29 @@ Sums make_sums(const Input& in) {
 
 // W_a of each observation, 27 numbers.
 struct Stored {
+  struct Left {
+    Column column[3];  // W_a V*⁻¹: what the products of one observation with all later ones share
+  };
   std::vector<Coupling> w;
 
   explicit Stored(const Input& in) : w(in.camera.size()) {}
   void prepare(const Input& in, const Sums&) {
     for (std::size_t k = 0; k < w.size(); ++k)
-      w[k].noalias() = in.of_camera[k].transpose() * in.of_point[k];
+      w[k] = in.of_point[k].transpose().lazyProduct(in.of_camera[k]);
   }
-  // What the products of one observation with all later ones have in common: W_a V*⁻¹.
-  Coupling left(const Input& in, const Sums& sums, std::size_t a) const {
+  Left left(const Input& in, const Sums& sums, std::size_t a) const {
     const PointBlock& m = sums.m[static_cast<std::size_t>(in.point[a])];
-    return w[a] * (m.transpose() * m);
+    const Coupling product = (m.transpose() * m).lazyProduct(w[a]);
+    Left left;
+    for (int k = 0; k < 3; ++k)
+      for (int row = 0; row < kSize; ++row) left.column[k].set(row, product(k, row));
+    return left;
   }
-  void subtract(
-      const Input&, const Coupling& left, std::size_t, std::size_t b, CameraBlock& s) const {
-    s.noalias() -= left * w[b].transpose();
+  void subtract(const Input&, const Left& left, std::size_t, std::size_t b, PaddedBlock& s) const {
+    subtract_product(left.column, w[b].data(), s);
   }
   Eigen::Vector3d seen_by_point(const Input&, std::size_t k, const CameraVector& step) const {
-    return w[k].transpose() * step;
+    return w[k].lazyProduct(step);
   }
   // The Jacobian can go once W is there.
   static double numbers_per_observation() { return kSize * 3.0; }
@@ -174,21 +205,35 @@ struct Stored {
 
 // The whitened G_a = Jp_a Mᵀ of each observation, in place of Jp_a, beside J_a: 24 numbers.
 struct Never {
+  struct Left {
+    Column column[2];  // J_aᵀ
+  };
   std::vector<JacobianOfPoint> g;
 
   explicit Never(const Input& in) : g(in.camera.size()) {}
   void prepare(const Input& in, const Sums& sums) {
     for (std::size_t k = 0; k < g.size(); ++k)
-      g[k].noalias() = in.of_point[k] * sums.m[static_cast<std::size_t>(in.point[k])].transpose();
+      g[k] = in.of_point[k].lazyProduct(sums.m[static_cast<std::size_t>(in.point[k])].transpose());
   }
-  std::size_t left(const Input&, const Sums&, std::size_t a) const { return a; }
-  void subtract(const Input& in, std::size_t, std::size_t a, std::size_t b, CameraBlock& s) const {
-    const Eigen::Matrix2d between = g[a] * g[b].transpose();
-    const Eigen::Matrix<double, kSize, 2> left = in.of_camera[a].transpose() * between;
-    s.noalias() -= left * in.of_camera[b];
+  Left left(const Input& in, const Sums&, std::size_t a) const {
+    Left left;
+    for (int k = 0; k < 2; ++k)
+      for (int row = 0; row < kSize; ++row) left.column[k].set(row, in.of_camera[a](k, row));
+    return left;
+  }
+  void subtract(
+      const Input& in, const Left& of_a, std::size_t a, std::size_t b, PaddedBlock& s) const {
+    const Eigen::Matrix2d between = g[a].lazyProduct(g[b].transpose());
+    Column left[2];
+    for (int k = 0; k < 2; ++k)
+      for (int v = 0; v < kRegisters; ++v)
+        left[k].part[v] =
+            of_a.column[0].part[v] * between(0, k) + of_a.column[1].part[v] * between(1, k);
+    subtract_product(left, in.of_camera[b].data(), s);
   }
   Eigen::Vector3d seen_by_point(const Input& in, std::size_t k, const CameraVector& step) const {
-    return in.of_point[k].transpose() * (in.of_camera[k] * step);
+    const Eigen::Vector2d in_image = in.of_camera[k].lazyProduct(step);
+    return in.of_point[k].transpose().lazyProduct(in_image);
   }
   static double numbers_per_observation() { return 2.0 * kSize + 2.0 * 3; }
 };
@@ -200,9 +245,11 @@ void form_schur(const Input& in, const Sums& sums, const Variant& variant, Block
     for (auto k = s.first[i]; k < s.first[i + 1]; ++k) {
       const auto slot = static_cast<std::size_t>(k);
       place[static_cast<std::size_t>(s.column[slot])] = k;
-      s.block[slot].setZero();
+      s.block[slot] = PaddedBlock{};
     }
-    s.block[static_cast<std::size_t>(place[i])] = sums.u[i];
+    PaddedBlock& diagonal = s.block[static_cast<std::size_t>(place[i])];
+    for (int c = 0; c < kSize; ++c)
+      for (int row = 0; row < kSize; ++row) diagonal.column[c].set(row, sums.u[i](row, c));
     for (auto a = in.first_of_camera[i]; a < in.first_of_camera[i + 1]; ++a) {
       const auto left = variant.left(in, sums, static_cast<std::size_t>(a));
       for_later(in, static_cast<std::size_t>(a), [&](std::size_t b) {
@@ -253,7 +300,9 @@ void measure(const Input& in, int repeats) {
     squared_step = substitute_back(in, sums, variant);
     back = std::min(back, milliseconds_since(start));
   }
-  for (const CameraBlock& block : s.block) squared_schur += block.squaredNorm();
+  for (const PaddedBlock& block : s.block)
+    for (const Column& column : block.column)
+      for (int row = 0; row < kSize; ++row) squared_schur += column.at(row) * column.at(row);
   const double per_observation = Variant::numbers_per_observation() * sizeof(double);
   std::printf(
       "{\"prepare_ms\": %.4f, \"schur_ms\": %.4f, \"back_ms\": %.4f, \"bytes\": %.0f, "
