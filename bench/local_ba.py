@@ -41,7 +41,7 @@ def local_problem(seed: int = 0) -> sfmcpp.Problem:
     problem = sfmcpp.Problem(
         camera_model="calibrated",
         cameras=cameras,
-        intrinsics=[[700.0, 1.0, 0.0, 0.0, 0.0]],
+        intrinsics=np.array([[700.0, 1.0, 0.0, 0.0, 0.0]]),
         intrinsics_index=np.zeros(count, np.int32),
         points=points,
         camera_index=camera_index,
@@ -77,7 +77,9 @@ def timed(problem: sfmcpp.Problem) -> tuple[float, Summary]:
 
 def main() -> None:
     """Print the medians of many calls."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--repeats", type=int, default=300)
     parser.add_argument("--profile", action="store_true", help="what Python's part consists of")
     args = parser.parse_args()
@@ -91,13 +93,14 @@ def main() -> None:
         return
     runs = [timed(copy) for copy in copies]
     seconds, summary = [run[0] for run in runs], runs[-1][1]
-    core = statistics.median(run.seconds_total for _, run in runs)
     whole = statistics.median(seconds)
+    core = statistics.median(run.seconds_total for _, run in runs)
     setup = statistics.median(run.seconds_setup for _, run in runs)
+    rms = f"{summary.initial_rms_px:.3f} → {summary.final_rms_px:.3f} px"
     print(f"{start.num_observations} observations, {start.num_points} points, {FREE} free keyframes")
-    print(f"{len(summary.iterations) - 1} steps, RMS {summary.initial_rms_px:.3f} → {summary.final_rms_px:.3f} px")
-    print(f"call {1e3 * whole:.3f} ms (first {1e3 * seconds[0]:.3f}): core {1e3 * core:.3f}, of it set-up {1e3 * setup:.3f};")
-    print(f"Python {1e3 * (whole - core):.3f} ms")
+    print(f"{len(summary.iterations) - 1} steps, RMS {rms}")
+    print(f"call {1e3 * whole:.3f} ms (the first {1e3 * seconds[0]:.3f})")
+    print(f"core {1e3 * core:.3f} ms, of it set-up {1e3 * setup:.3f}; Python {1e3 * (whole - core):.3f} ms")
 
 
 if __name__ == "__main__":

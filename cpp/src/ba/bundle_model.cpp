@@ -84,13 +84,14 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
 
 ImageFit BundleModel::linearize_chunk(const State& state, int c) {
   ImageFit fit;
+  ImageResiduals::Squares squares;
   normal_.fill(c, [&](const Chunk& part, double* jacobian, linear::PointRecord* records) {
     fit.behind_camera +=
         images_.linearize(state, part, jacobian_output(jacobian, records->row[0].by_point));
-    for (int k = 0; k < part.end - part.begin; ++k)
-      fit.sum_of_squares += squared_residual(records[k]);
+    images_.add_squares(part.end - part.begin, records->row[0].by_point, squares);
     if (images_.is_robust()) apply_loss(part, jacobian, records, fit.cost);
   });
+  fit.sum_of_squares = squares.sum();
   if (!images_.is_robust()) fit.cost = fit.sum_of_squares;
   return fit;
 }

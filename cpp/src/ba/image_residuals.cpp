@@ -45,7 +45,7 @@ ImageResiduals::ImageResiduals(const Problem& problem,
       pool_(pool),
       exchange_(exchange),
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
-      cost_kernel_(residuals::cost_kernel(problem.camera_model)),
+      cost_kernels_(residuals::cost_kernels(problem.camera_model)),
       whiteners_(whiteners_of(problem, graph)) {
   copy_pixels();
 }
@@ -122,8 +122,8 @@ ImageFit ImageResiduals::fit(const State& state) const {
 }
 
 ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
-  if (!is_robust() && shapes(chunk).shear == nullptr) {
-    const auto [squares, behind] = cost_kernel_(batch(state, chunk));
+  if (is_plain()) {
+    const auto [squares, behind] = cost_kernels_.cost(batch(state, chunk));
     return {.cost = squares, .sum_of_squares = squares, .behind_camera = behind};
   }
   ChunkResiduals r;
@@ -137,6 +137,14 @@ ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const
     for (int k = 0; k < count; ++k) fit.cost += loss_.rho(r.squared(k));
   }
   return fit;
+}
+
+void ImageResiduals::add_squares(int count, const double* records, Squares& squares) const {
+  if (is_plain()) return cost_kernels_.add_squares(count, records, squares.lanes);
+  for (long k = 0; k < count; ++k) {
+    const double ru = records[8 * k + 3], rv = records[8 * k + 7];
+    squares.lanes[0] += ru * ru + rv * rv;
+  }
 }
 
 ImageFit ImageResiduals::total(const std::vector<ImageFit>& fits) const {

@@ -6,6 +6,10 @@
 namespace sfmcpp::residuals::SFMCPP_ISA {
 namespace {
 
+static_assert(kCostLanes % kLanes == 0);
+
+SFMCPP_INLINE Real squared(Real ru, Real rv) { return ru * ru + rv * rv; }
+
 // Of a pack: ‖r‖², and 1 where the point is not in front of the camera.
 struct PackCost {
   Real squares;
@@ -21,7 +25,7 @@ SFMCPP_INLINE PackCost pack_cost(const ObservationBatch& batch, int first) {
   const Real ru = (load<kLanes>(batch.u + first) - image.u) * weight;
   const Real rv = (load<kLanes>(batch.v + first) - image.v) * weight;
   const Real zero(0.0);
-  return {ru * ru + rv * rv, select_less(zero, image.depth, zero, Real(1.0))};
+  return {squared(ru, rv), select_less(zero, image.depth, zero, Real(1.0))};
 }
 
 // Sums stay in the lanes until the end of the batch: no addition waits for another lane's.
@@ -43,10 +47,27 @@ BatchCost cost(const ObservationBatch& batch) {
   return {sum_of_lanes(squares), sum_of_lanes(behind)};
 }
 
+constexpr int kRecord = 8, kResidualU = 3, kResidualV = 7;  // numbers; see JacobianOutput
+
+void add_squares(int count, const double* records, double* lanes) {
+  Real sums = load<kLanes>(lanes);
+  for (int first = 0; first < count; first += kLanes) {
+    Real ru(0.0), rv(0.0);
+    for (int lane = 0; lane < kLanes && first + lane < count; ++lane) {
+      ru.v[lane] = records[kRecord * (first + lane) + kResidualU];
+      rv.v[lane] = records[kRecord * (first + lane) + kResidualV];
+    }
+    sums += squared(ru, rv);
+  }
+  store(lanes, sums);
+}
+
 }  // namespace
 
-CostKernel cost_kernel_for(CameraModelId model) {
-  return visit_camera(model, [](auto camera) -> CostKernel { return &cost<decltype(camera)>; });
+CostKernels cost_kernels_for(CameraModelId model) {
+  return visit_camera(model, [](auto camera) {
+    return CostKernels{&cost<decltype(camera)>, &add_squares};
+  });
 }
 
 }  // namespace sfmcpp::residuals::SFMCPP_ISA

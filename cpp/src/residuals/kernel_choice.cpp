@@ -7,8 +7,16 @@ ReprojectionKernels reprojection_kernels(CameraModelId model) {
   return SFMCPP_FOR_ACTIVE_ISA(kernels_for(model));
 }
 
-CostKernel cost_kernel(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(cost_kernel_for(model));
+CostKernels cost_kernels(CameraModelId model) {
+  return SFMCPP_FOR_ACTIVE_ISA(cost_kernels_for(model));
+}
+
+// Halves first, as the kernels add the lanes of a pack; lanes that it does not have are zero.
+double sum_of_cost_lanes(const double* lanes) {
+  static_assert(kCostLanes == 8);
+  const double quarters[] = {
+      lanes[0] + lanes[4], lanes[1] + lanes[5], lanes[2] + lanes[6], lanes[3] + lanes[7]};
+  return (quarters[0] + quarters[2]) + (quarters[1] + quarters[3]);
 }
 
 AlgebraicKernel algebraic_kernel(CameraModelId model) {

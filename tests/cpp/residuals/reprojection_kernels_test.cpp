@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/linear/parameter_map.hpp"
 #include "support/camera_dispatch.hpp"
 #include "support/instruction_sets.hpp"
 #include "support/random_batch.hpp"
@@ -82,7 +83,7 @@ TEST_P(ReprojectionKernel, TheCostOfABatchIsTheSumOverItsObservationsAlone) {
                  std::pow((batch.v[k] - image.v) * batch.inverse_sigma[k], 2);
       behind += image.depth <= 0.0;
     }
-    const residuals::BatchCost cost = GetParam().isa.cost(GetParam().model)(batch.view());
+    const residuals::BatchCost cost = GetParam().isa.cost(GetParam().model).cost(batch.view());
     EXPECT_NEAR(cost.squares, squares, 1e-12 * squares);
     EXPECT_EQ(cost.behind_camera, behind);
   }
@@ -91,9 +92,29 @@ TEST_P(ReprojectionKernel, TheCostOfABatchIsTheSumOverItsObservationsAlone) {
 TEST_P(ReprojectionKernel, AResidualThatIsNoNumberMakesTheCostNone) {
   RandomBatch batch(GetParam().model, 11);
   for (auto* values : {&batch.u, &batch.v}) std::fill(values->begin() + 11, values->end(), kNaN);
-  EXPECT_TRUE(std::isfinite(GetParam().isa.cost(GetParam().model)(batch.view()).squares));
+  EXPECT_TRUE(std::isfinite(GetParam().isa.cost(GetParam().model).cost(batch.view()).squares));
   batch.v[10] = kNaN;
-  EXPECT_TRUE(std::isnan(GetParam().isa.cost(GetParam().model)(batch.view()).squares));
+  EXPECT_TRUE(std::isnan(GetParam().isa.cost(GetParam().model).cost(batch.view()).squares));
+}
+
+// So that a state costs the same, whether it is linearised there or not.
+TEST_P(ReprojectionKernel, SquaresOfRecordsInPartsHaveTheBitsOfTheCost) {
+  const residuals::CostKernels kernels = GetParam().isa.cost(GetParam().model);
+  for (int count = 1; count <= 40; ++count) {
+    const RandomBatch batch(GetParam().model, count);
+    const int size = linear::padded_camera_size(camera_tangent(GetParam().model));
+    std::vector<double> camera(2UL * size * count), records(8UL * count);
+    GetParam().kernels().linearize(batch.view(),
+                                   {.free_intrinsics = nullptr,
+                                    .num_free_intrinsics = 0,
+                                    .camera_size = size,
+                                    .camera = camera.data(),
+                                    .point = records.data()});
+    double lanes[residuals::kCostLanes] = {};
+    for (int first = 0; first < count; first += 16)
+      kernels.add_squares(std::min(16, count - first), records.data() + 8L * first, lanes);
+    EXPECT_EQ(residuals::sum_of_cost_lanes(lanes), kernels.cost(batch.view()).squares);
+  }
 }
 
 // Which intrinsic parameters have a column, and how wide a camera block is.

@@ -15,7 +15,7 @@ namespace sfmcpp::support {
 struct InstructionSet {
   std::string_view name;
   residuals::ReprojectionKernels (*reprojection)(CameraModelId);
-  residuals::CostKernel (*cost)(CameraModelId);
+  residuals::CostKernels (*cost)(CameraModelId);
   residuals::AlgebraicKernel (*algebraic)(CameraModelId);
   residuals::ResectionKernels (*resection)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size, linear::Precision stored);
@@ -26,7 +26,7 @@ struct InstructionSet {
 inline std::vector<InstructionSet> instruction_sets() {
   std::vector<InstructionSet> sets{{"baseline",
                                     &residuals::baseline::kernels_for,
-                                    &residuals::baseline::cost_kernel_for,
+                                    &residuals::baseline::cost_kernels_for,
                                     &residuals::baseline::algebraic_kernel_for,
                                     &residuals::baseline::resection_kernels_for,
                                     &linear::baseline::kernels_for,
@@ -36,7 +36,7 @@ inline std::vector<InstructionSet> instruction_sets() {
   if (__builtin_cpu_supports("x86-64-v3")) {
     sets.push_back({"avx2",
                     &residuals::avx2::kernels_for,
-                    &residuals::avx2::cost_kernel_for,
+                    &residuals::avx2::cost_kernels_for,
                     &residuals::avx2::algebraic_kernel_for,
                     &residuals::avx2::resection_kernels_for,
                     &linear::avx2::kernels_for,
@@ -46,7 +46,7 @@ inline std::vector<InstructionSet> instruction_sets() {
   if (__builtin_cpu_supports("x86-64-v4")) {
     sets.push_back({"avx512",
                     &residuals::avx512::kernels_for,
-                    &residuals::avx512::cost_kernel_for,
+                    &residuals::avx512::cost_kernels_for,
                     &residuals::avx512::algebraic_kernel_for,
                     &residuals::avx512::resection_kernels_for,
                     &linear::avx512::kernels_for,

@@ -55,6 +55,13 @@ class ImageResiduals {
   int linearize(const optim::State& state,
                 const linear::Chunk& chunk,
                 const residuals::JacobianOutput& out) const;
+  // Adds ‖r‖² of records that linearize() wrote, in the order in which fit() does: call it part by
+  // part of a chunk, with the same sums.
+  struct Squares {
+    double lanes[residuals::kCostLanes] = {};
+    double sum() const { return residuals::sum_of_cost_lanes(lanes); }
+  };
+  void add_squares(int count, const double* records, Squares& squares) const;
   // In stored order, readable beyond the end: observed pixels.
   const AlignedVector<double>& u() const { return u_; }
   const AlignedVector<double>& v() const { return v_; }
@@ -73,6 +80,7 @@ class ImageResiduals {
                    double* ru,
                    double* rv) const;
   void copy_pixels();
+  bool is_plain() const { return !is_robust() && whiteners_.shear.empty(); }
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
   ImageFit total(const std::vector<ImageFit>& fits) const;
 
@@ -81,7 +89,7 @@ class ImageResiduals {
   ThreadPool& pool_;
   Exchange& exchange_;
   residuals::ReprojectionKernels kernels_;
-  residuals::CostKernel cost_kernel_;
+  residuals::CostKernels cost_kernels_;
   Loss loss_;
   AlignedVector<double> u_, v_;
   residuals::Whiteners whiteners_;  // empty where all observations have a σ of 1 px

@@ -44,8 +44,18 @@ struct BatchCost {
   double squares;        // Σ ‖r‖²
   double behind_camera;  // how many points are not in front of the camera
 };
-using CostKernel = BatchCost (*)(const ObservationBatch&);
+// Σ ‖r‖² in parts, as `cost` adds it up before the end.
+inline constexpr int kCostLanes = 8;
 
-CostKernel cost_kernel(CameraModelId model);
+struct CostKernels {
+  BatchCost (*cost)(const ObservationBatch&);
+  // Adds ‖r‖² of `count` records of a Jacobian (JacobianOutput::point) to kCostLanes sums. A batch
+  // may come in parts, all but the last a multiple of kCostLanes long: sum_of_cost_lanes() has then
+  // the bits of `cost`.
+  void (*add_squares)(int count, const double* records, double* lanes);
+};
+
+CostKernels cost_kernels(CameraModelId model);
+double sum_of_cost_lanes(const double* lanes);
 
 }  // namespace sfmcpp::residuals

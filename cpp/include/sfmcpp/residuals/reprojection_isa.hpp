@@ -7,7 +7,7 @@
 #define SFMCPP_DECLARE_REPROJECTION(isa)                     \
   namespace sfmcpp::residuals::isa {                         \
   ReprojectionKernels kernels_for(CameraModelId model);      \
-  CostKernel cost_kernel_for(CameraModelId model);           \
+  CostKernels cost_kernels_for(CameraModelId model);         \
   AlgebraicKernel algebraic_kernel_for(CameraModelId model); \
   }
 
