@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 
 #include "sfmcpp/linear/panel_layout.hpp"
 
@@ -46,20 +46,21 @@ void ClusterBlocks::factor(const std::vector<double>& diagonal) {
 }
 
 // value(r, c) of the block of cameras i and j.
-template <class Matrix, class Value>
-void ClusterBlocks::add_block(int i, int j, const Value& value, Matrix& lower) const {
+template <class Value>
+void ClusterBlocks::add_block(int i, int j, const Value& value, DenseCholesky& lower) const {
   const int size = normal_.map().camera_size;
   for (int r = 0; r < size; ++r) {
     for (int c = 0; c < size; ++c) {
       const int a = row_of(i, r), b = row_of(j, c);
       if (a < 0 || b < 0 || (i == j && a < b)) continue;
-      lower(std::max(a, b), std::min(a, b)) += value(r, c);
+      lower.at(std::max(a, b), std::min(a, b)) += value(r, c);
     }
   }
 }
 
-template <class Matrix>
-void ClusterBlocks::assemble(int k, const std::vector<double>& diagonal, Matrix& lower) const {
+void ClusterBlocks::assemble(int k,
+                             const std::vector<double>& diagonal,
+                             DenseCholesky& lower) const {
   const int size = normal_.map().camera_size;
   for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
     const int i = aggregates_.members[m];
@@ -78,18 +79,22 @@ void ClusterBlocks::assemble(int k, const std::vector<double>& diagonal, Matrix&
   }
   const std::vector<int>& columns = clusters_[k].columns;
   for (std::size_t r = 0; r < columns.size(); ++r)
-    lower(static_cast<long>(r), static_cast<long>(r)) += diagonal[columns[r]];
+    lower.at(static_cast<int>(r), static_cast<int>(r)) += diagonal[columns[r]];
 }
 
 void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
   Cluster& cluster = clusters_[k];
-  const auto n = static_cast<Eigen::Index>(cluster.columns.size());
-  Eigen::MatrixXd lower = Eigen::MatrixXd::Zero(n, n);
-  assemble(k, diagonal, lower);
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(lower);
-  cluster.usable = cholesky.info() == Eigen::Success;
-  cluster.lower.resize(static_cast<std::size_t>(n * n));
-  Eigen::Map<Eigen::MatrixXf>(cluster.lower.data(), n, n) = lower.cast<float>();
+  const auto n = static_cast<int>(cluster.columns.size());
+  ThreadPool alone(1);  // clusters are the tasks
+  DenseCholesky cholesky(n);
+  cholesky.set_zero(alone);
+  assemble(k, diagonal, cholesky);
+  cluster.usable = cholesky.factorize(alone);
+  cluster.lower.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
+  for (int c = 0; c < n; ++c) {
+    for (int r = c; r < n; ++r)
+      cluster.lower[static_cast<std::size_t>(n) * c + r] = static_cast<float>(cholesky.at(r, c));
+  }
 }
 
 void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {

@@ -6,6 +6,7 @@
 
 #include "aggregates.hpp"
 #include "block_sparse_schur.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
 
 namespace sfmcpp::linear {
 
@@ -31,10 +32,9 @@ class ClusterBlocks {
     return row_[static_cast<std::size_t>(normal_.map().camera_size) * camera + column];
   }
   void number_rows();
-  template <class Matrix>
-  void assemble(int k, const std::vector<double>& diagonal, Matrix& lower) const;
-  template <class Matrix, class Value>
-  void add_block(int i, int j, const Value& value, Matrix& lower) const;
+  void assemble(int k, const std::vector<double>& diagonal, DenseCholesky& lower) const;
+  template <class Value>
+  void add_block(int i, int j, const Value& value, DenseCholesky& lower) const;
   void factor_cluster(int k, const std::vector<double>& diagonal);
 
   const NormalEquations& normal_;
