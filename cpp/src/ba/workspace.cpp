@@ -177,6 +177,17 @@ linear::LinearSolverChoice choose_solver(Workspace& work,
       options.linear_solver);
 }
 
+// A robust loss leaves some points and cameras with hardly any weight, and its steps are
+// sensitive: rounded coefficients have cost it steps.
+linear::Precision stored_precision(const Problem& problem,
+                                   const SolveOptions& options,
+                                   Exchange& exchange) {
+  const double observations = exchange.sum(double(problem.num_observations()));
+  const linear::Precision chosen = linear::choose_precision(options.precision, observations);
+  const bool asked_for = options.precision != linear::Precision::kAuto;
+  return asked_for || options.loss == LossKind::kSquared ? chosen : linear::Precision::kDouble;
+}
+
 void restore(std::span<const std::uint8_t> fixed,
              int width,
              const std::vector<double>& from,
@@ -200,8 +211,7 @@ Workspace::Workspace(const Problem& problem,
       intrinsics(free_intrinsics(problem, graph)),
       map(make_parameter_map(
           problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
-      precision(linear::choose_precision(
-          options.precision, ranks.sum(static_cast<double>(problem.num_observations())))),
+      precision(stored_precision(problem, options, ranks)),
       choice(choose_solver(*this, problem, options)),
       model(problem, graph, map, intrinsics, pool, ranks, precision) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });

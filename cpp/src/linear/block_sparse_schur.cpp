@@ -99,6 +99,7 @@ void BlockSparseSchur::form_row(int i, Scratch& scratch, CameraBlockDiagonal& di
                                .block_of_camera = scratch.block_of_camera.data(),
                                .diagonal = diagonal.camera_block(i),
                                .blocks = scratch.row.data(),
+                               .gradient = normal_.unrounded_gradient(i),
                                .rhs = diagonal.camera_rhs(i)});
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
   for (std::size_t k = 0; k < columns.size(); ++k) {

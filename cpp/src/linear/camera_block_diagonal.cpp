@@ -29,6 +29,7 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
                                      graph.camera_begin[i + 1],
                                      graph.point.data(),
                                      factors,
+                                     normal_.unrounded_gradient(i),
                                      camera_block(i),
                                      camera_rhs(i));
   });

@@ -107,6 +107,7 @@ void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row
                                .block_of_camera = block_of_camera,
                                .diagonal = row.data(),
                                .blocks = row.data(),
+                               .gradient = normal_.unrounded_gradient(i),
                                .rhs = rhs_.data() + size * i});
   if (normal_.exchange().is_root()) add_camera_terms(i, block_of_camera, row.data());
 }

@@ -96,7 +96,11 @@ NormalEquations::NormalEquations(const ObservationGraph& graph,
       camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)),
       shared_(shared_columns(map)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
-  if (stored == Precision::kSingle) blocks_.emplace<Blocks<float>>();
+  if (stored == Precision::kSingle) {
+    blocks_.emplace<Blocks<float>>().lost.resize(4 * observations);
+    gradients_.resize(static_cast<std::size_t>(graph.num_cameras) *
+                      static_cast<std::size_t>(map.camera_size));
+  }
   std::visit(
       [&](auto& blocks) {
         blocks.jacobian.resize(observations * 2 * static_cast<std::size_t>(map.camera_size));
@@ -148,8 +152,9 @@ void NormalEquations::take(const Chunk& part,
   double* sums = chunk_sums_.data() + size * chunk;
   kernels_.camera_gradient(count, jacobian, records, sums, sums + map_.camera_size);
   if (auto* stored = std::get_if<Blocks<float>>(&blocks_)) {
-    kernels_.round(size * count, jacobian, stored->jacobian.data() + size * part.begin);
-    kernels_.round(8L * count, records->row[0].by_point, stored->records.data() + part.begin);
+    kernels_.round_jacobian(count, jacobian, stored->jacobian.data() + size * part.begin);
+    kernels_.round_records(
+        count, records, stored->records.data() + part.begin, stored->lost.data() + 4L * part.begin);
   }
 }
 
@@ -157,6 +162,7 @@ void NormalEquations::finish() {
   const long size = map_.camera_size;
   camera_rhs_.assign(map_.num_columns, 0.0);
   camera_diagonal_.assign(map_.num_columns, 0.0);
+  sum_gradients();
   fold_chunks(chunk_sums_.data(), 2 * size, camera_rhs_.data());
   fold_chunks(chunk_sums_.data() + size, 2 * size, camera_diagonal_.data());
   exchange_.sum(camera_rhs_);
@@ -175,14 +181,28 @@ void NormalEquations::finish() {
       std::max(largest_magnitude(camera_rhs_.data(), camera_rhs_.size()), of_points);
 }
 
+void NormalEquations::sum_gradients() {
+  if (gradients_.empty()) return;
+  const long size = map_.camera_size;
+  std::ranges::fill(gradients_, 0.0);
+  for (std::size_t c = 0; c < graph_.chunks.size(); ++c) {
+    double* sum = gradients_.data() + size * graph_.chunks[c].camera;
+    for (long k = 0; k < size; ++k) sum[k] += chunk_sums_[2 * size * c + k];
+  }
+}
+
 template <class T>
 PointBlock NormalEquations::gathered(const Blocks<T>& blocks, int p) const {
   PointBlock block{};
   if (!map_.free_point[p]) return block;
   const auto last = static_cast<int>(graph_.of_point.size()) - 1;
   for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k) {
-    __builtin_prefetch(blocks.records.data() + graph_.of_point[std::min(k + kAhead, last)]);
+    const int ahead = graph_.of_point[std::min(k + kAhead, last)];
+    __builtin_prefetch(blocks.records.data() + ahead);
+    if (!blocks.lost.empty()) __builtin_prefetch(blocks.lost.data() + 4L * ahead);
     for (const auto& row : blocks.records[graph_.of_point[k]].row) add_row(row, block);
+    if (blocks.lost.empty()) continue;
+    for (int c = 0; c < 3; ++c) block.rhs[c] += blocks.lost[4L * graph_.of_point[k] + c];
   }
   return block;
 }

@@ -27,8 +27,8 @@ inline void load_row(const T* p, Row<D, kFirst>& row) {
   }
 }
 
-template <int D, int kFirst = 0>
-inline void store_row(double* p, const Row<D, kFirst>& row) {
+template <int D, int kFirst = 0, class T>
+inline void store_row(T* p, const Row<D, kFirst>& row) {
   if constexpr (kFirst < D) {
     store(p + kFirst, row.head);
     store_row(p, row.tail);

@@ -23,13 +23,30 @@ void camera_gradient(
   store_row(diagonal, squares);
 }
 
+template <int D, class T>
+void round_jacobian(int n, const double* jacobian, void* stored) {
+  T* out = static_cast<T*>(stored);
+  for (long a = 0; a < n; ++a) {
+    Row<2 * D> row;
+    load_row(jacobian + a * 2 * D, row);
+    store_row(out + a * 2 * D, row);
+  }
+}
+
+// Aᵀ r in the first three lanes.
 template <class T>
-void round(long count, const double* in, void* out) {
-  constexpr int kWidth = 8;
-  T* rounded = static_cast<T*>(out);
-  long k = 0;
-  for (; k + kWidth <= count; k += kWidth) store(rounded + k, load<kWidth>(in + k));
-  for (; k < count; ++k) rounded[k] = static_cast<T>(in[k]);
+inline Pack<4> pull(const PointRecordOf<T>& record) {
+  const auto& [first, second] = record.row;
+  return load<4>(first.by_point) * first.residual + load<4>(second.by_point) * second.residual;
+}
+
+template <class T>
+void round_records(int n, const PointRecord* records, void* stored, float* lost) {
+  auto* out = static_cast<PointRecordOf<T>*>(stored);
+  for (long a = 0; a < n; ++a) {
+    store(out[a].row[0].by_point, load<8>(records[a].row[0].by_point));
+    store(lost + 4 * a, pull(records[a]) - pull(out[a]));
+  }
 }
 
 // J and A|r of an observation, of D columns in numbers T.
@@ -104,13 +121,14 @@ struct Rows {
   }
 };
 
-// diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄.
+// diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄; where r is rounded, Σ Jᵀ r is given.
 template <int D, class T>
 void schur_diagonal(const StoredJacobian& jacobian,
                     int begin,
                     int end,
                     const int* point,
                     const PointFactor* factors,
+                    const double* gradient,
                     double* diagonal,
                     double* rhs) {
   const Stored<D, T> stored(jacobian);
@@ -118,6 +136,8 @@ void schur_diagonal(const StoredJacobian& jacobian,
   set_zero(block);
   Row<D> sum;
   set_zero(sum);
+  const bool rounded = gradient != nullptr;
+  if (rounded) load_row(gradient, sum);
   for (long a = begin; a < end; ++a) {
     const Widened<D, T> j(stored.j(a));
     const PointRecordOf<T>& record = stored.record(a);
@@ -131,8 +151,10 @@ void schur_diagonal(const StoredJacobian& jacobian,
     add_outer(block, weighted, j.numbers);
     rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted);
     add_outer(block, weighted, j.numbers + D);
-    add_scaled(sum, rows.first, record.row[0].residual - dot3(g, m.y));
-    add_scaled(sum, rows.second, record.row[1].residual - dot3(g + 3, m.y));
+    const double u = rounded ? 0.0 : record.row[0].residual;
+    const double v = rounded ? 0.0 : record.row[1].residual;
+    add_scaled(sum, rows.first, u - dot3(g, m.y));
+    add_scaled(sum, rows.second, v - dot3(g + 3, m.y));
   }
   store_block(block, diagonal);
   store_row(rhs, sum);
@@ -178,7 +200,8 @@ void schur_row(const SchurRow& in) {
   constexpr int kAhead = 4;
   const GraphView& graph = in.graph;
   const Stored<D, T> stored(in.jacobian);
-  schur_diagonal<D, T>(in.jacobian, in.begin, in.end, graph.point, in.factors, in.diagonal, in.rhs);
+  schur_diagonal<D, T>(
+      in.jacobian, in.begin, in.end, graph.point, in.factors, in.gradient, in.diagonal, in.rhs);
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners(in, stored, a + kAhead);
     const PointFactor& m = in.factors[graph.point[a]];
@@ -275,7 +298,8 @@ template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
           .schur_row = &schur_row<D, T>,
-          .round = &round<T>,
+          .round_jacobian = &round_jacobian<D, T>,
+          .round_records = &round_records<T>,
           .schur_diagonal = &schur_diagonal<D, T>,
           .point_sums = &point_sums<D, T>,
           .schur_product = &schur_product<D, T>,

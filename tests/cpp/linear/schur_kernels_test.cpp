@@ -83,11 +83,10 @@ class SchurKernel : public testing::TestWithParam<Case> {
     }
     narrow_jacobian.resize(jacobian.size());
     narrow_records.resize(8 * records.size());
+    lost.resize(4UL * count);
     if (GetParam().stored == Precision::kDouble) return;
-    kernels.round(static_cast<long>(jacobian.size()), jacobian.data(), narrow_jacobian.data());
-    kernels.round(static_cast<long>(narrow_records.size()),
-                  records[0].row[0].by_point,
-                  narrow_records.data());
+    kernels.round_jacobian(count, jacobian.data(), narrow_jacobian.data());
+    kernels.round_records(count, records.data(), narrow_records.data(), lost.data());
   }
 
   StoredJacobian stored() const {
@@ -161,7 +160,7 @@ class SchurKernel : public testing::TestWithParam<Case> {
   int count = 0;
   AlignedVector<double> jacobian;
   AlignedVector<PointRecord> records;
-  AlignedVector<float> narrow_jacobian, narrow_records;
+  AlignedVector<float> narrow_jacobian, narrow_records, lost;
   AlignedVector<PointFactor> factors;
 };
 
@@ -192,6 +191,7 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
                        .block_of_camera = block_of_camera.data(),
                        .diagonal = blocks.data(),
                        .blocks = blocks.data(),
+                       .gradient = nullptr,
                        .rhs = rhs.data()});
     for (int j = i; j < kCameras; ++j) {
       expect_close(from_panels(&blocks[area * (j - i)]), expected_block(i, j));
@@ -209,10 +209,52 @@ TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
                            graph.camera_begin[i + 1],
                            graph.point.data(),
                            factors.data(),
+                           nullptr,
                            block.data(),
                            rhs.data());
     expect_close(from_panels(block.data()), expected_block(i, i));
     expect_numbers(rhs, expected_rhs(i));
+  }
+}
+
+TEST_P(SchurKernel, AGradientThatIsGivenStandsForTheStoredResiduals) {
+  const AlignedVector<double> gradient = random_numbers(size, random);
+  AlignedVector<double> block(static_cast<std::size_t>(size) * size), rhs(size, std::nan(""));
+  kernels.schur_diagonal(stored(),
+                         graph.camera_begin[1],
+                         graph.camera_begin[2],
+                         graph.point.data(),
+                         factors.data(),
+                         gradient.data(),
+                         block.data(),
+                         rhs.data());
+  VectorXd expected = Eigen::Map<const VectorXd>(gradient.data(), size);
+  for (int a = graph.camera_begin[1]; a < graph.camera_begin[2]; ++a)
+    expected -= j_of(a).transpose() * g_of(a) * y_of(graph.point[a]);
+  expect_numbers(rhs, expected);
+}
+
+TEST_P(SchurKernel, WhatRoundingTakesFromThePullOfAResidualIsKept) {
+  if (GetParam().stored == Precision::kDouble) return;
+  std::normal_distribution<double> normal;
+  for (PointRecord& record : records) {
+    for (auto& [by_point, residual] : record.row) {
+      for (double& x : by_point) x = normal(random);
+      residual = normal(random);
+    }
+  }
+  kernels.round_records(count, records.data(), narrow_records.data(), lost.data());
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Matrix<double, 2, 4> exact = record_of(a);
+    const Eigen::Matrix<double, 2, 4> kept = exact.cast<float>().cast<double>();
+    EXPECT_EQ(
+        (Eigen::Map<const Eigen::Matrix<float, 2, 4, Eigen::RowMajor>>(&narrow_records[8UL * a]))
+            .cast<double>(),
+        kept);
+    const Vector3d pull = exact.leftCols(3).transpose() * exact.col(3);
+    const Vector3d of_kept = kept.leftCols(3).transpose() * kept.col(3);
+    const Vector3d missing = Eigen::Map<const Eigen::Vector3f>(&lost[4UL * a]).cast<double>();
+    EXPECT_LT((of_kept + missing - pull).norm(), 1e-14 * exact.squaredNorm());
   }
 }
 

@@ -102,6 +102,12 @@ class NormalEquations {
   Precision precision() const;
   // For the kernels.
   StoredJacobian jacobian() const;
+  // Σ Jᵀ r of a camera before rounding, for the kernels; null in double precision, where they find
+  // it. At a minimum it is a small difference of large numbers: rounded, it would push along the
+  // gauge and whatever else damping alone holds.
+  const double* unrounded_gradient(int camera) const {
+    return gradients_.empty() ? nullptr : gradients_.data() + long{map_.camera_size} * camera;
+  }
   // J and A|r of an observation. Only where stored in double precision.
   const double* camera_jacobian(int observation) const;
   const PointRecord& point_record(int observation) const;
@@ -145,6 +151,8 @@ class NormalEquations {
   struct Blocks {
     AlignedVector<T> jacobian;
     AlignedVector<PointRecordOf<T>> records;
+    // What rounding took from Aᵀ r of each observation, four numbers; none in double precision.
+    AlignedVector<float> lost;
   };
   static constexpr int kPartSize = 64;
   // Where a part is written that is not stored in double precision.
@@ -158,6 +166,7 @@ class NormalEquations {
   };
 
   void start(int chunk);
+  void sum_gradients();
   Place place_of(const Chunk& part, Draft& draft);
   void take(const Chunk& part, const double* jacobian, const PointRecord* records, int chunk);
   template <class T>
@@ -174,6 +183,7 @@ class NormalEquations {
   std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block
+  AlignedVector<double> gradients_;   // of each camera block, where the Jacobian is rounded
   std::vector<double> camera_rhs_;
   std::vector<double> camera_diagonal_;
   double gradient_max_norm_ = 0.0;

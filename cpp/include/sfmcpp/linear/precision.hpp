@@ -1,7 +1,7 @@
 // How the Jacobian of the observations is stored. Whatever is computed with it is computed and
-// summed in double precision: single precision halves the memory that a step passes through, and
-// rounds each coefficient of the linear model by at most 2⁻²⁴ of itself, not the residuals that are
-// minimised.
+// summed in double precision, and so is the gradient: single precision halves the memory that a
+// step passes through and rounds each coefficient of the matrix by at most 2⁻²⁴ of itself, but
+// neither the residuals nor what is zero at a minimum.
 #pragma once
 
 #include <array>
@@ -19,7 +19,9 @@ template <>
 struct EnumTraits<linear::Precision> {
   static constexpr std::string_view kWhat = "precision";
   static constexpr auto kTable = std::to_array<EnumRow<linear::Precision>>(
-      {{linear::Precision::kAuto, "auto", "single for large problems, where it is faster"},
+      {{linear::Precision::kAuto,
+        "auto",
+        "single for large problems without a robust loss, where it is faster"},
        {linear::Precision::kSingle, "single", "single precision, all sums double"},
        {linear::Precision::kDouble, "double", "double precision"}});
 };

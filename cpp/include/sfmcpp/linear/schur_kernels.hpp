@@ -59,6 +59,7 @@ struct SchurRow {
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
   double* blocks;              // blocks (i, j), j > i; added to
+  const double* gradient;      // Σ Jᵀ r where the stored one is rounded, else null
   double* rhs;                 // D numbers; overwritten
 };
 
@@ -71,14 +72,17 @@ struct SchurKernels {
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
-  // Numbers before they are stored, rounded.
-  void (*round)(long count, const double* in, void* out);
-  // Block (i, i) and the right-hand side alone.
+  // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
+  // four numbers each, of which the last means nothing.
+  void (*round_jacobian)(int n, const double* jacobian, void* stored);
+  void (*round_records)(int n, const PointRecord* records, void* stored, float* lost);
+  // Block (i, i) and the right-hand side alone, with the gradient as for a row.
   void (*schur_diagonal)(const StoredJacobian& jacobian,
                          int begin,
                          int end,
                          const int* point,
                          const PointFactor* factors,
+                         const double* gradient,
                          double* diagonal,
                          double* rhs);
   // Σ Gᵀ J x for the points [begin, end), with x of every camera in `steps`, D numbers each.
