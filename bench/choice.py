@@ -1,4 +1,4 @@
-"""Is the linear solver that `auto` takes the fastest, and what are the rates that it is chosen by?
+"""Compare the linear solver that `auto` takes with every other, and fit the rates that it is chosen by.
 
     python bench/choice.py table [--shapes corridor200,sphere600 …] [--files FILE …] [--out DIR]
     python bench/choice.py rates [--out DIR]
@@ -18,6 +18,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,9 @@ POOR = {"point_sigma_m": 0.3, "position_sigma_m": 0.3, "rotation_sigma_deg": 1.0
 PATIENCE_S = 200.0
 
 
-def scene(name: str, cameras: int, points: int, seed: int, hidden: float = 0.0, **more: Any) -> Callable[[], Problem]:
+def scene(
+    name: str, cameras: int, points: int, seed: int, hidden: float = 0.0, **more: Any
+) -> Callable[[], Problem]:
     """A scene with a poor start."""
 
     def make() -> Problem:
@@ -69,7 +72,9 @@ SHAPES: dict[str, tuple[int, Callable[[], Problem]]] = {
 
 def main() -> None:
     """Measure, fit, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("table", "rates", "run"))
     parser.add_argument("--shapes", nargs="*", default=list(SHAPES))
     parser.add_argument("--files", nargs="*", default=[])
@@ -195,12 +200,11 @@ def work_of_a_step(record: Record) -> tuple[dict[str, float], float]:
     """Work and seconds of the median step after the first; iterations as they were."""
     forecast = min(
         (f for f in record["forecast"] if f["solver"] == record["solver"]),
-        key=lambda f: -len(f["work_of_iteration"]) if False else f["seconds"],
+        key=lambda f: f["seconds"],
     )
     trace = record["trace"]
-    steps = [(b[0] - a[0], b[2]) for a, b in zip(trace[1:], trace[2:], strict=False)] or [
-        (b[0] - a[0], b[2]) for a, b in zip(trace, trace[1:], strict=False)
-    ]
+    trace = trace[1:] if len(trace) > 2 else trace
+    steps = [(later[0] - earlier[0], later[2]) for earlier, later in pairwise(trace)]
     seconds, iterations = (float(np.mean([step[k] for step in steps])) for k in (0, 1))
     work = dict(forecast["work_of_step"])
     for kind, amount in forecast["work_of_iteration"].items():
