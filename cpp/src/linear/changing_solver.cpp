@@ -48,7 +48,7 @@ class ChangingSolver final : public LinearSolver {
   }
 
   static double seconds(const SolverForecast& forecast) {
-    return forecast.seconds_with_setup(reference_rates());
+    return forecast.seconds_to_compare(reference_rates());
   }
 
   void make() {

@@ -14,8 +14,8 @@ constexpr double kFlops = 25e9;
 constexpr double kBytes = 8e9;
 
 // J, A|r and the indices of an observation.
-double bytes_of_observation(int camera_size) {
-  return 2 * kNumber * camera_size + sizeof(PointRecord) + 2 * sizeof(int);
+double bytes_of_observation(const IterativeSize& size) {
+  return size.number_bytes * (2 * size.camera_size + 8) + 2 * sizeof(int);
 }
 
 // M, y, the sum and the shift of a point.
@@ -43,9 +43,9 @@ IterativeSize iterative_size(const ObservationGraph& graph, int camera_size) {
 IterativeCounts count_from_jacobian(const IterativeSize& size) {
   const double d = size.camera_size;
   return {.setup_flops = diagonal_flops(size),
-          .setup_bytes = size.observations * bytes_of_observation(size.camera_size),
+          .setup_bytes = size.observations * bytes_of_observation(size),
           .iteration_flops = size.observations * (12 * d + 24) + size.cameras * 4 * d * d,
-          .iteration_bytes = 2 * size.observations * bytes_of_observation(size.camera_size) +
+          .iteration_bytes = 2 * size.observations * bytes_of_observation(size) +
                              size.points * kBytesOfPoint + size.cameras * bytes_of_camera(d),
           .kept_bytes = kNumber * (9 * size.points + size.cameras * 2 * d * d)};
 }
@@ -63,7 +63,7 @@ IterativeCounts count_with_blocks(const IterativeSize& size) {
   const double pairs = size.pair_updates * (4 * d * d + 8 * d);
   const double factors = size.cameras * c * c * d * d * d / 3 + coarse * coarse * coarse / 3;
   return {.setup_flops = diagonal_flops(size) + pairs + factors + size.blocks * 2 * d * d * kModes,
-          .setup_bytes = size.observations * bytes_of_observation(size.camera_size) + 2 * bytes,
+          .setup_bytes = size.observations * bytes_of_observation(size) + 2 * bytes,
           .iteration_flops =
               above * 4 * d * d + size.cameras * (6 * d * d + 2 * c * d * d) + 2 * coarse * coarse,
           .iteration_bytes = bytes + of_clusters + coarse_bytes +

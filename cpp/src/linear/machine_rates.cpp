@@ -18,8 +18,8 @@ constexpr long kNumbers = 1 << 20;  // 8 MB, more than a core's own cache
 constexpr long kPart = 1 << 14;
 
 // Of the machine that the reference rates are of, as the measurements below have it.
-constexpr double kReferenceFactorSeconds = 1.0e-3;
-constexpr double kReferenceStreamSeconds = 0.8e-3;
+constexpr double kReferenceFactorSeconds = 0.5e-3;
+constexpr double kReferenceStreamSeconds = 0.16e-3;
 
 // The shortest of a few, the first of which warms up.
 template <class F>

@@ -29,7 +29,7 @@ std::string describe(const SolverForecast& forecast) {
 }
 
 double reference_seconds(const SolverForecast& forecast) {
-  return forecast.seconds_with_setup(reference_rates());
+  return forecast.seconds_to_compare(reference_rates());
 }
 
 [[noreturn]] void refuse(const LinearSolverOptions& options,
@@ -166,6 +166,7 @@ SolverCounts count(const SolverQuestion& question) {
                       .pairs = sums[2] - sums[1],
                       .camera_size = static_cast<double>(question.map.camera_size),
                       .columns = static_cast<double>(question.map.num_columns),
+                      .number_bytes = question.number_bytes,
                       .blocks = static_cast<double>(graph.num_cameras)};
   bound_sparse_factor(counts);
   return counts;
@@ -188,6 +189,7 @@ void analyse_structure(const SolverQuestion& question, LinearSolverChoice& choic
   choice.counts.edges = static_cast<double>(choice.structure->graph.edges.size());
   choice.counts.factor_flops = ordering.flops;
   choice.counts.factor_entries = ordering.factor_entries;
+  choice.counts.factor_bytes = ordering.factor_bytes;
 }
 
 LinearSolverChoice choose_linear_solver(const SolverQuestion& question,

@@ -82,7 +82,7 @@ TEST(SolverChoice, KeepsTheStructureThatItHadToMakeAndMakesNoneThatNobodyNeeds) 
   EXPECT_EQ(choice.structure->pattern.num_rows(), 1000);
   EXPECT_EQ(choice.structure->ordering.position.size(), 1000u);
   EXPECT_EQ(Structure(corridor(20)).choose().structure, nullptr);
-  EXPECT_EQ(scene.choose(LinearSolverKind::kIterative).structure, nullptr);
+  EXPECT_EQ(scene.choose(LinearSolverKind::kDense).structure, nullptr);
 }
 
 TEST(SolverChoice, IsTheSameForEveryNumberOfThreads) {

@@ -39,8 +39,8 @@ TEST(SolverCosts, WorkDoneOnceCountsInPart) {
   amount_of(rates, Work::kSymbolic) = 1.0;
   const SolverForecast sparse = forecast_sparse(kCounts);
   EXPECT_EQ(sparse.seconds(rates), 0.0);
-  EXPECT_GT(sparse.seconds_with_setup(rates), 0.0);
-  EXPECT_LT(sparse.seconds_with_setup(rates), 1400.0);
+  EXPECT_GT(sparse.seconds_to_compare(rates), 0.0);
+  EXPECT_LT(sparse.seconds_to_compare(rates), 1400.0);
 }
 
 TEST(SolverCosts, ProductsWithBlocksReadTheBlocksInsteadOfTheJacobian) {

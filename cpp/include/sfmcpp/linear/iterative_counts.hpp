@@ -13,6 +13,7 @@ struct IterativeSize {
   double pair_updates = 0.0;  // num_pair_updates (reduced_structure.hpp)
   double blocks = 0.0;        // of S on and above the diagonal, if they are formed
   int camera_size = 0;
+  double number_bytes = sizeof(double);  // of an entry of the Jacobian
 };
 
 struct IterativeCounts {

@@ -70,12 +70,14 @@ struct SolverCounts {
   double observations = 0.0;
   double pairs = 0.0;  // Σ n (n − 1) / 2 of the n observations of each point
   double camera_size = 0.0;
-  double columns = 0.0;  // of the reduced system
+  double columns = 0.0;                  // of the reduced system
+  double number_bytes = sizeof(double);  // of an entry of the Jacobian
   // What is known only of an analysed structure; the least that they can be where it is not.
   double blocks = 0.0;  // of S on and above the diagonal
   double edges = 0.0;   // coupled variable blocks
   double factor_flops = 0.0;
   double factor_entries = 0.0;
+  double factor_bytes = 0.0;  // as stored
 };
 
 // Sets the numbers of the sparse factor to bounds that no order of elimination is below: with E
@@ -94,8 +96,8 @@ struct SolverForecast {
 
   double flops() const;                                 // of a step
   double seconds(const Works& seconds_per_unit) const;  // of a step
-  // Of a run of some steps, a share of the work that is done once.
-  double seconds_with_setup(const Works& seconds_per_unit) const;
+  // Of as much progress as one exact step makes, with a share of the work that is done once.
+  double seconds_to_compare(const Works& seconds_per_unit) const;
 };
 
 SolverForecast forecast_dense(const SolverCounts& counts);
