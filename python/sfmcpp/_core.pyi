@@ -56,6 +56,14 @@ class SolveOptions:
         Raise InvalidArgument naming every option out of its range.
         """
     @property
+    def acceleration(self) -> str:
+        """
+        Whether steps are bent by the curvature of the residuals
+        """
+    @acceleration.setter
+    def acceleration(self, arg1: str) -> None:
+        ...
+    @property
     def algebraic_weights(self) -> str:
         """
         How observations count in an algebraic line search
@@ -267,6 +275,9 @@ class CoreIteration:
     """
     One iteration of the minimiser; number 0 is the start.
     """
+    @property
+    def accelerated(self) -> bool:
+        ...
     @property
     def accepted(self) -> bool:
         ...
@@ -682,6 +693,7 @@ class SolveKeywords(typing.TypedDict, total=False):
     line_search_on_rejection: bool
     backtracking_test: str
     algebraic_weights: str
+    acceleration: str
     linear_solver: str
     precision: str
     loss: str

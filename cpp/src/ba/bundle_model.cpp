@@ -53,7 +53,8 @@ BundleModel::BundleModel(const Problem& problem,
       images_(problem, graph, pool, exchange),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
-      algebraic_(images_, map, free_intrinsics_) {}
+      algebraic_(images_, map, free_intrinsics_),
+      bending_(images_, map, free_intrinsics_) {}
 
 void BundleModel::set_loss(const Loss& loss) {
   images_.set_loss(loss);
@@ -233,11 +234,17 @@ double BundleModel::chunk_slope(const State& state, const linear::Step& step, in
   return sum;
 }
 
+const std::vector<double>& BundleModel::bending(const State& state, const linear::Step& step) {
+  return bending_.along(state, step, weights());
+}
+
+std::span<const double> BundleModel::weights() const {
+  return images_.is_robust() ? std::span<const double>(weights_) : std::span<const double>();
+}
+
 std::optional<Biquadratic> BundleModel::algebraic_cost(const State& state,
                                                        const linear::Step& step) {
-  const std::span<const double> weights =
-      images_.is_robust() ? std::span<const double>(weights_) : std::span<const double>();
-  return algebraic_.along(state, step, weights, algebraic_weights_);
+  return algebraic_.along(state, step, weights(), algebraic_weights_);
 }
 
 }  // namespace sfmcpp::ba

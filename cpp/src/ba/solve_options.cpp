@@ -16,6 +16,19 @@ using optim::Method;
                         "': " + reason);
 }
 
+void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
+  const optim::Acceleration kind = minimizer.acceleration;
+  if (kind == optim::Acceleration::kNone || kind == optim::Acceleration::kAuto) return;
+  const std::string option = "acceleration = '" + std::string(enum_name(kind)) + "'";
+  if (!facts_of(minimizer.method).can_accelerate())
+    refuse(option, minimizer.method, "its step does not solve a damped system");
+  if (minimizer.line_search.kind != optim::LineSearchKind::kNone) {
+    throw InvalidArgument(option + " with line_search = '" +
+                          std::string(enum_name(minimizer.line_search.kind)) +
+                          "': a step is bent or searched along, not both");
+  }
+}
+
 // An option that a method cannot heed is refused rather than ignored.
 void refuse_what_does_not_combine(const SolveOptions& options) {
   const optim::MinimizerOptions& minimizer = options.minimizer;
@@ -25,6 +38,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
     refuse("initial_damping", method, "it has no damping");
   if (minimizer.initial_radius && !facts_of(method).has_radius)
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
+  refuse_acceleration(minimizer);
   if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
   if (!facts_of(method).solves_linear_system &&

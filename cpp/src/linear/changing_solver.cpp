@@ -31,8 +31,16 @@ class ChangingSolver final : public LinearSolver {
                           const std::function<bool()>& should_stop) override {
     const LinearSolveResult result = solver_->solve(damping, step, should_stop);
     ++solves_;
+    has_factors_ = result.success;
     if (choice_.kind == LinearSolverKind::kIterative) reconsider(result.iterations);
     return result;
+  }
+
+  bool can_solve_again(Unknowns unknowns) const override {
+    return has_factors_ && solver_->can_solve_again(unknowns);
+  }
+  bool solve_again(Unknowns unknowns, const std::vector<double>& residuals, Step& step) override {
+    return solver_->solve_again(unknowns, residuals, step);
   }
 
   std::vector<SolverChange> changes() const override { return changes_; }
@@ -57,6 +65,7 @@ class ChangingSolver final : public LinearSolver {
       const double cut = iterations_worth_another_solver();
       if (cut < options.pcg_max_iterations) options.pcg_max_iterations = static_cast<int>(cut);
     }
+    has_factors_ = false;
     solver_ = make_as_chosen(normal_, options, choice_);
   }
 
@@ -110,6 +119,7 @@ class ChangingSolver final : public LinearSolver {
   LinearSolverOptions options_;
   LinearSolverChoice choice_;
   std::unique_ptr<LinearSolver> solver_;
+  bool has_factors_ = false;  // of the last solve: none where the solver has changed after it
   int solves_ = 0;
   bool analysed_ = false;
   std::vector<SolverChange> changes_;

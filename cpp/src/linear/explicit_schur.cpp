@@ -28,7 +28,8 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal,
       structure_(structure ? std::move(structure)
                            : make_structure(normal, kind == LinearSolverKind::kSparse)),
       pattern_(structure_->pattern),
-      elimination_(normal) {
+      elimination_(normal),
+      other_residuals_(normal, elimination_) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
   rows_.resize(normal.map().has_shared_columns ? kRowsPerBatch : normal.pool().num_threads());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
@@ -49,6 +50,19 @@ LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
   if (!solve_reduced(step.camera)) return {};
   elimination_.back_substitute(step);
   return {.success = true, .iterations = 0};
+}
+
+bool ExplicitSchurSolver::solve_again(Unknowns unknowns,
+                                      const std::vector<double>& residuals,
+                                      Step& step) {
+  if (unknowns == Unknowns::kPoints) {
+    other_residuals_.solve_points(residuals, step);
+    return true;
+  }
+  other_residuals_.reduce(residuals, step.camera);
+  if (!solve_reduced(step.camera)) return false;
+  other_residuals_.back_substitute(step);
+  return true;
 }
 
 bool ExplicitSchurSolver::factorize(const Damping& damping) {

@@ -25,6 +25,7 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
     : normal_(normal),
       options_(options),
       elimination_(normal),
+      other_residuals_(normal, elimination_),
       implicit_(make_implicit_schur(normal, elimination_)),
       blocks_(structure
                   ? std::make_unique<BlockSparseSchur>(normal, elimination_, std::move(structure))

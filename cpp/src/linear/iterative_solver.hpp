@@ -9,6 +9,7 @@
 #include "schur_preconditioner.hpp"
 #include "sfmcpp/linear/conjugate_gradient.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 
 namespace sfmcpp::linear {
@@ -27,6 +28,11 @@ class IterativeSolver final : public LinearSolver {
                           Step& step,
                           const std::function<bool()>& should_stop) override;
   bool wants_camera_modes() const override { return preconditioner_.wants_camera_modes(); }
+  bool can_solve_again(Unknowns unknowns) const override { return unknowns == Unknowns::kPoints; }
+  bool solve_again(Unknowns, const std::vector<double>& residuals, Step& step) override {
+    other_residuals_.solve_points(residuals, step);
+    return true;
+  }
 
  private:
   using Vector = std::vector<double>;
@@ -47,6 +53,7 @@ class IterativeSolver final : public LinearSolver {
   const NormalEquations& normal_;
   LinearSolverOptions options_;
   PointElimination elimination_;
+  OtherResiduals other_residuals_;
   std::unique_ptr<SchurOperator> implicit_;
   std::unique_ptr<BlockSparseSchur> blocks_;  // null: not formed
   SchurPreconditioner preconditioner_;

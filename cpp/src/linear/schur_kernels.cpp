@@ -294,6 +294,55 @@ double curvature(const StoredJacobian& jacobian,
   return sum;
 }
 
+template <class T>
+void point_gradients(const GraphView& graph,
+                     int begin,
+                     int end,
+                     const StoredJacobian& jacobian,
+                     const double* residuals,
+                     double* gradients) {
+  constexpr int kAhead = 12;
+  const auto* records = static_cast<const PointRecordOf<T>*>(jacobian.records);
+  const int last = graph.point_begin[end];
+  for (int p = begin; p < end; ++p) {
+    double g[3] = {0.0, 0.0, 0.0};
+    for (int position = graph.point_begin[p]; position < graph.point_begin[p + 1]; ++position) {
+      if (position + kAhead < last) {
+        const long ahead = graph.of_point[position + kAhead];
+        __builtin_prefetch(records + ahead);
+        __builtin_prefetch(residuals + 2 * ahead);
+      }
+      const long a = graph.of_point[position];
+      const auto& row = records[a].row;
+      for (int k = 0; k < 3; ++k) {
+        g[k] += row[0].by_point[k] * residuals[2 * a] + row[1].by_point[k] * residuals[2 * a + 1];
+      }
+    }
+    for (int k = 0; k < 3; ++k) gradients[3L * (p - begin) + k] = g[k];
+  }
+}
+
+template <int D, class T>
+void reduced_gradient(const StoredJacobian& jacobian,
+                      int begin,
+                      int end,
+                      const int* point,
+                      const double* shifts,
+                      const double* residuals,
+                      double* out) {
+  const Stored<D, T> stored(jacobian);
+  Row<D> sum;
+  load_row(out, sum);
+  for (long a = begin; a < end; ++a) {
+    const Rows<D> rows(stored.j(a));
+    const auto& row = stored.record(a).row;
+    const double* t = shifts + 3L * point[a];
+    add_scaled(sum, rows.first, residuals[2 * a] - dot3(t, row[0].by_point));
+    add_scaled(sum, rows.second, residuals[2 * a + 1] - dot3(t, row[1].by_point));
+  }
+  store_row(out, sum);
+}
+
 template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
@@ -303,7 +352,9 @@ SchurKernels kernels() {
           .schur_diagonal = &schur_diagonal<D, T>,
           .point_sums = &point_sums<D, T>,
           .schur_product = &schur_product<D, T>,
-          .curvature = &curvature<D, T>};
+          .curvature = &curvature<D, T>,
+          .point_gradients = &point_gradients<T>,
+          .reduced_gradient = &reduced_gradient<D, T>};
 }
 
 template <class T>

@@ -23,4 +23,8 @@ AlgebraicKernel algebraic_kernel(CameraModelId model) {
   return SFMCPP_FOR_ACTIVE_ISA(algebraic_kernel_for(model));
 }
 
+BendingKernel bending_kernel(CameraModelId model) {
+  return SFMCPP_FOR_ACTIVE_ISA(bending_kernel_for(model));
+}
+
 }  // namespace sfmcpp::residuals

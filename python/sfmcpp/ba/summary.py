@@ -39,6 +39,8 @@ class Iteration:
         What an algebraic line search proposed, accepted or not.
     line_searched : bool
         Whether a line search was made.
+    accelerated : bool
+        Whether the step was bent by an acceleration that lowered the cost.
     cost_evaluations : int
         Evaluations of the cost for this step.
     """
@@ -54,6 +56,7 @@ class Iteration:
     linear_solver_iterations: int
     proposed_lengths: list[tuple[float, float]] = field(default_factory=list)
     line_searched: bool = False
+    accelerated: bool = False
     cost_evaluations: int = 1
 
     def __repr__(self) -> str:

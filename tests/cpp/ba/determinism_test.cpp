@@ -19,6 +19,7 @@ struct Case {
   LossKind loss;
   CameraModelId model = CameraModelId::kBal;
   optim::LineSearchKind search = optim::LineSearchKind::kNone;
+  optim::Acceleration acceleration = optim::Acceleration::kNone;
 };
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
@@ -39,6 +40,7 @@ class Determinism : public testing::TestWithParam<Case> {
     options.linear_solver.kind = GetParam().solver;
     options.loss = GetParam().loss;
     options.minimizer.line_search.kind = GetParam().search;
+    options.minimizer.acceleration = GetParam().acceleration;
     options.minimizer.termination.max_iterations = 4;
     options.minimizer.termination.function_tolerance = 0.0;
     State state = state_of(problem.view());
@@ -111,7 +113,21 @@ INSTANTIATE_TEST_SUITE_P(
                          0,
                          LossKind::kTukey,
                          CameraModelId::kProjective,
-                         optim::LineSearchKind::kSoft}),
+                         optim::LineSearchKind::kSoft},
+                    Case{"SparseAccelerated",
+                         LinearSolverKind::kSparse,
+                         3,
+                         LossKind::kHuber,
+                         CameraModelId::kBal,
+                         optim::LineSearchKind::kNone,
+                         optim::Acceleration::kGeodesic},
+                    Case{"IterativePointsAccelerated",
+                         LinearSolverKind::kIterative,
+                         0,
+                         LossKind::kSquared,
+                         CameraModelId::kProjective,
+                         optim::LineSearchKind::kNone,
+                         optim::Acceleration::kPoints}),
     [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace

@@ -56,6 +56,9 @@ const std::vector<Setting>& settings() {
          o.minimizer.line_search.damping_threshold = 1.0;
        },
        damped()},
+      {"acceleration",
+       [](SolveOptions& o) { o.minimizer.acceleration = optim::Acceleration::kPoints; },
+       {Method::kLevenbergMarquardt, Method::kLevenbergMarquardtNielsen}},
       {"linear_solver",
        [](SolveOptions& o) { o.linear_solver.kind = LinearSolverKind::kSparse; },
        {Method::kLevenbergMarquardt,
@@ -106,6 +109,17 @@ TEST(SolveOptions, TriggersWithoutALineSearchAreRefused) {
             "line_search = 'none': choose a line search to be used on rejected steps");
   EXPECT_EQ(refusal(damping),
             "line_search = 'none': choose a line search to be used above line_search_damping");
+}
+
+TEST(SolveOptions, AStepIsBentOrSearchedAlong) {
+  SolveOptions options;
+  options.minimizer.acceleration = optim::Acceleration::kGeodesic;
+  EXPECT_EQ(refusal(options), "legal");
+  options.minimizer.line_search.kind = LineSearchKind::kSoft;
+  EXPECT_NE(refusal(options).find("acceleration = 'geodesic' with line_search = 'soft': "),
+            std::string::npos);
+  options.minimizer.acceleration = optim::Acceleration::kAuto;
+  EXPECT_EQ(refusal(options), "legal");
 }
 
 TEST(SolveOptions, NumbersOfTheLineSearchOutOfRangeAreNamed) {

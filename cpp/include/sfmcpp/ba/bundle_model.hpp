@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/algebraic_cost.hpp"
+#include "sfmcpp/ba/bending.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
@@ -45,6 +46,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::optional<Biquadratic> algebraic_cost(const optim::State& state,
                                             const linear::Step& step) override;
 
+  const std::vector<double>& bending(const optim::State& state, const linear::Step& step) override;
+
   const ImageResiduals& images() const { return images_; }
   const ConstraintTerms& constraints() const { return constraints_; }
   // How well the state fitted the images where it was linearised last.
@@ -57,6 +60,8 @@ class BundleModel final : public optim::LeastSquaresModel {
                   double* jacobian,
                   linear::PointRecord* records,
                   double& cost);
+  // Of a robust loss, in stored order, where linearised last; else empty.
+  std::span<const double> weights() const;
   double chunk_slope(const optim::State& state, const linear::Step& step, int chunk) const;
   std::vector<double> transported(const optim::State& start,
                                   const linear::Step& step,
@@ -86,6 +91,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   bool modes_wanted_ = false;
   ImageFit fit_;
   AlgebraicCost algebraic_;
+  Bending bending_;
   AlgebraicWeights algebraic_weights_ = AlgebraicWeights::kUniform;
 };
 

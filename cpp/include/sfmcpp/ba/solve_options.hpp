@@ -80,6 +80,9 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"algebraic_weights", "How observations count in an algebraic line search"},
       [](auto& o) -> auto& { return o.algebraic_weights; });
   f(
+      O{"acceleration", "Whether steps are bent by the curvature of the residuals"},
+      [](auto& o) -> auto& { return o.minimizer.acceleration; });
+  f(
       O{"linear_solver", "Solver of the reduced camera system"},
       [](auto& o) -> auto& { return o.linear_solver.kind; });
   f(

@@ -20,8 +20,8 @@ struct BalLens {
     return {dk[0], 0.0, 0.0, dk[0], 0.0};
   }
 
-  template <class Real>
-  static void distort(const double* intrinsics, Real x, Real y, Real& u, Real& v) {
+  template <class Parameter, class Real>
+  static void distort(const Parameter* intrinsics, Real x, Real y, Real& u, Real& v) {
     const Real r2 = x * x + y * y;
     const Real scale =
         (Real(1.0) + r2 * (Real(intrinsics[1]) + r2 * intrinsics[2])) * intrinsics[0];

@@ -19,8 +19,8 @@ struct CalibratedLens {
   }
   SFMCPP_INLINE static Pinhole pinhole_change(const double*, const double*) { return {}; }
 
-  template <class Real>
-  static void distort(const double* k, Real x, Real y, Real& u, Real& v) {
+  template <class Parameter, class Real>
+  static void distort(const Parameter* k, Real x, Real y, Real& u, Real& v) {
     u = x * k[0] + y * k[4] + k[2];
     v = y * (k[0] * k[1]) + k[3];
   }

@@ -6,6 +6,7 @@
 
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/simd.hpp"
+#include "sfmcpp/math/jet.hpp"
 
 namespace sfmcpp {
 
@@ -100,6 +101,22 @@ struct MetricCamera {
     Lens::distort(intrinsics, x[0] * inverse_depth, x[1] * inverse_depth, image.u, image.v);
     image.depth = x[2];
     return image;
+  }
+
+  // The image along α ↦ (R exp([α δR]×), c + α δc; X + α δX), with the intrinsics along the same
+  // path: exact up to the second derivative.
+  template <class Real>
+  static void project_along(const double* camera,
+                            const double* delta,
+                            const Jet<Real>* intrinsics,
+                            const Real* point,
+                            const Real* step,
+                            Jet<Real>& u,
+                            Jet<Real>& v) {
+    Jet<Real> x[3];
+    to_camera_along(camera, delta, point, step, x);
+    const Jet<Real> inverse_depth = reciprocal(x[2]);
+    Lens::distort(intrinsics, x[0] * inverse_depth, x[1] * inverse_depth, u, v);
   }
 
   // Note eqs 5–10: with A = ∂(u, v)/∂x_cam, the derivatives are A [x_cam]× by δR, −A Rᵀ by δc and
@@ -208,6 +225,42 @@ struct MetricCamera {
   static void to_camera(const double* camera, const Real* point, Real* x) {
     const Real dx = point[0] - camera[3], dy = point[1] - camera[7], dz = point[2] - camera[11];
     for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
+  }
+
+  // exp(−α [ω]×) (y + α m) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives m − ω × y and
+  // −2 ω × m + ω × (ω × y).
+  template <class Real>
+  static void to_camera_along(const double* camera,
+                              const double* delta,
+                              const Real* point,
+                              const Real* step,
+                              Jet<Real>* x) {
+    const double motion[12] = {camera[0],
+                               camera[1],
+                               camera[2],
+                               delta[3],
+                               camera[4],
+                               camera[5],
+                               camera[6],
+                               delta[4],
+                               camera[8],
+                               camera[9],
+                               camera[10],
+                               delta[5]};
+    Real y[3], m[3], turned[3], turned_m[3], turned_twice[3];
+    to_camera(camera, point, y);
+    to_camera(motion, step, m);
+    cross(delta, y, turned);
+    cross(delta, m, turned_m);
+    cross(delta, turned, turned_twice);
+    for (int k = 0; k < 3; ++k)
+      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0};
+  }
+
+  template <class Real>
+  static void cross(const double* w, const Real* x, Real* out) {
+    for (int k = 0; k < 3; ++k)
+      out[k] = x[(k + 2) % 3] * w[(k + 1) % 3] - x[(k + 1) % 3] * w[(k + 2) % 3];
   }
 };
 

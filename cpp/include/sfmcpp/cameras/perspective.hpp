@@ -33,8 +33,8 @@ struct PerspectiveLens {
     Real x, y;
   };
 
-  template <class Real>
-  static Distorted<Real> distorted(const double* k, Real x, Real y) {
+  template <class Parameter, class Real>
+  static Distorted<Real> distorted(const Parameter* k, Real x, Real y) {
     Distorted<Real> d;
     d.r2 = x * x + y * y;
     d.radial = Real(k[kK1 + kRadial - 1]);
@@ -51,8 +51,8 @@ struct PerspectiveLens {
     return d;
   }
 
-  template <class Real>
-  static void distort(const double* k, Real x, Real y, Real& u, Real& v) {
+  template <class Parameter, class Real>
+  static void distort(const Parameter* k, Real x, Real y, Real& u, Real& v) {
     const Distorted<Real> d = distorted(k, x, y);
     to_pixels(k, d.x, d.y, u, v);
   }
@@ -67,8 +67,8 @@ struct PerspectiveLens {
   }
 
  private:
-  template <class Real>
-  static void to_pixels(const double* k, Real x, Real y, Real& u, Real& v) {
+  template <class Parameter, class Real>
+  static void to_pixels(const Parameter* k, Real x, Real y, Real& u, Real& v) {
     u = x * k[kF] + y * k[kSkew] + k[kCx];
     v = y * (k[kF] * k[kAspect]) + k[kCy];
   }

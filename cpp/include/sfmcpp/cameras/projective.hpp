@@ -32,6 +32,26 @@ struct ProjectiveCamera {
         x[0] * inverse * frame[0] + frame[1], x[1] * inverse * frame[0] + frame[2], x[2] * x[2]};
   }
 
+  // The same along a step from P and Q (camera_concept.hpp).
+  template <class Real>
+  static void project_along(const double* p,
+                            const double* delta,
+                            const Jet<Real>* frame,
+                            const Real* q,
+                            const Real* step,
+                            Jet<Real>& u,
+                            Jet<Real>& v) {
+    Real point[4], change[4];
+    homogeneous(q, step, point, change);
+    Jet<Real> entries[12], moving[4], x[3];
+    for (int k = 0; k < 12; ++k) entries[k] = {Real(p[k]), Real(delta[k]), Real(0.0)};
+    for (int k = 0; k < 4; ++k) moving[k] = {point[k], change[k], Real(0.0)};
+    multiply(entries, moving, x);
+    const Jet<Real> inverse = reciprocal(x[2]);
+    u = x[0] * inverse * frame[0] + frame[1];
+    v = x[1] * inverse * frame[0] + frame[2];
+  }
+
   // ∂u/∂P: scale/w (Q, 0, −(x/w) Q); ∂u/∂Q: scale/w (P₁ − (x/w) P₃), carried to the tangent of Q.
   template <class Real>
   static void linearize(const double* p,
@@ -57,10 +77,10 @@ struct ProjectiveCamera {
     }
   }
 
-  template <class Real>
-  static void multiply(const double* p, const Real* q, Real* x) {
+  template <class Entry, class Real>
+  static void multiply(const Entry* p, const Real* q, Real* x) {
     for (int row = 0; row < 3; ++row) {
-      const double* r = p + 4 * row;
+      const Entry* r = p + 4 * row;
       x[row] = q[0] * r[0] + q[1] * r[1] + q[2] * r[2] + q[3] * r[3];
     }
   }

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 
 namespace sfmcpp::linear {
@@ -28,6 +29,9 @@ class ExplicitSchurSolver final : public LinearSolver {
                           Step& step,
                           const std::function<bool()>& should_stop) override;
 
+  bool can_solve_again(Unknowns) const override { return true; }
+  bool solve_again(Unknowns unknowns, const std::vector<double>& residuals, Step& step) override;
+
   // The factorisation alone, and solutions with it: `x` holds the right-hand side in reduced
   // columns before and the solution after. False where the matrix is not positive definite.
   bool factorize(const Damping& damping);
@@ -46,6 +50,7 @@ class ExplicitSchurSolver final : public LinearSolver {
   std::shared_ptr<const ReducedStructure> structure_;
   const CameraPattern& pattern_;
   PointElimination elimination_;
+  OtherResiduals other_residuals_;
   std::unique_ptr<ReducedSolver> reduced_;
   // The block row that each worker forms; of each camera of a batch where cameras share columns.
   std::vector<AlignedVector<double>> rows_;

@@ -63,6 +63,9 @@ struct SolverChange {
   std::string reason{};
 };
 
+// What moves: all unknowns, or the points while the cameras stay.
+enum class Unknowns { kAll, kPoints };
+
 class LinearSolver {
  public:
   virtual ~LinearSolver() = default;
@@ -75,6 +78,13 @@ class LinearSolver {
   virtual bool wants_camera_modes() const { return false; }
   // So far, for the summary.
   virtual std::vector<SolverChange> changes() const { return {}; }
+  // Whether it keeps factors with which another right-hand side costs little.
+  virtual bool can_solve_again(Unknowns) const { return false; }
+  // The step that solves the system of the last `solve` with Jᵀ h on its right, for other residuals
+  // h of the observations, two each; those of constraints are taken as zero. False: not finite.
+  virtual bool solve_again(Unknowns, const std::vector<double>& /*residuals*/, Step& /*step*/) {
+    return false;
+  }
 };
 
 // What was chosen, and why, in words for the summary.

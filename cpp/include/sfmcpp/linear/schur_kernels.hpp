@@ -108,6 +108,23 @@ struct SchurKernels {
                       const int* point,
                       const double* shifts,
                       const double* x);
+  // Σ Aᵀ h for the points [begin, end), with h of every observation in `residuals`, two numbers
+  // each.
+  void (*point_gradients)(const GraphView& graph,
+                          int begin,
+                          int end,
+                          const StoredJacobian& jacobian,
+                          const double* residuals,
+                          double* gradients);
+  // out += Jᵀ (h − A t) over the observations [begin, end), likewise, with t of every point in
+  // `shifts`.
+  void (*reduced_gradient)(const StoredJacobian& jacobian,
+                           int begin,
+                           int end,
+                           const int* point,
+                           const double* shifts,
+                           const double* residuals,
+                           double* out);
 };
 
 // `camera_size` must be one of padded_camera_size(), the precision not auto.

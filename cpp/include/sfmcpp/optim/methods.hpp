@@ -62,6 +62,8 @@ struct MethodFacts {
   bool has_radius = false;            // of a trust region
   bool solves_linear_system = false;  // the normal equations as a whole
   bool shortens = true;               // rejections make its steps shorter and shorter
+  // Its step solves the damped system, so that a geodesic acceleration belongs to it.
+  constexpr bool can_accelerate() const { return has_damping && solves_linear_system; }
   // Its system is singular while the gauge is free.
   constexpr bool needs_fixed_gauge() const { return solves_linear_system && !shortens; }
 };

@@ -32,6 +32,11 @@ class LeastSquaresModel {
   // normal equations stay as they are. Only line searches that test slopes ask for it.
   virtual double slope(const State& start, const linear::Step& step, const State& candidate) = 0;
 
+  // The second derivative of −r along α ↦ state + α step, for the residuals r of the observations
+  // as the normal equations have them, which were filled at `state` last: two numbers each, until
+  // the next call. Only the geodesic acceleration asks for it.
+  virtual const std::vector<double>& bending(const State&, const linear::Step&) = 0;
+
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.
   virtual std::optional<Biquadratic> algebraic_cost(const State&, const linear::Step&) {

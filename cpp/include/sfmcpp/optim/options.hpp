@@ -6,6 +6,7 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/optim/geodesic_acceleration.hpp"
 #include "sfmcpp/optim/line_searches.hpp"
 #include "sfmcpp/optim/methods.hpp"
 
@@ -47,6 +48,7 @@ struct MinimizerOptions {
   std::optional<double> initial_radius;   // of the Dog-Leg; none: that of the method
   linear::DampingMatrix damping_matrix = linear::DampingMatrix::kDiagonal;
   LineSearchOptions line_search;
+  Acceleration acceleration = Acceleration::kNone;
   TerminationOptions termination;
 };
 

@@ -50,6 +50,7 @@ struct Iteration {
   StepLengths lengths{};
   std::vector<StepLengths> proposed_lengths{};  // by an algebraic line search, accepted or not
   bool line_searched = false;
+  bool accelerated = false;  // by a geodesic acceleration that lowered the cost
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "sfmcpp/residuals/algebraic.hpp"
+#include "sfmcpp/residuals/bending.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 #define SFMCPP_DECLARE_REPROJECTION(isa)                     \
@@ -9,6 +10,7 @@
   ReprojectionKernels kernels_for(CameraModelId model);      \
   CostKernels cost_kernels_for(CameraModelId model);         \
   AlgebraicKernel algebraic_kernel_for(CameraModelId model); \
+  BendingKernel bending_kernel_for(CameraModelId model);     \
   }
 
 SFMCPP_DECLARE_REPROJECTION(baseline)

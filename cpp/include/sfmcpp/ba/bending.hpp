@@ -1,0 +1,43 @@
+// How the residuals of all observations bend along a step: the second derivative of −r, for the
+// geodesic acceleration (optim/geodesic_acceleration.hpp). One pass over the observations that does
+// not read the Jacobian. Weights of a robust loss stay what they are where the step starts, as in
+// the normal equations; residuals of constraints are taken to be straight, which absolute positions
+// and translations are.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/residuals/bending.hpp"
+
+namespace sfmcpp::ba {
+
+class Bending {
+ public:
+  // The references must outlive this object.
+  Bending(const ImageResiduals& images,
+          const linear::ParameterMap& map,
+          const std::vector<int>& free_intrinsics);
+
+  // Two numbers per observation, in stored order. `weights` of the residuals at `state`, of a
+  // robust loss; empty: 1/σ.
+  const std::vector<double>& along(const optim::State& state,
+                                   const linear::Step& step,
+                                   std::span<const double> weights);
+
+ private:
+  void bend_chunk(const optim::State& state,
+                  const linear::Step& step,
+                  std::span<const double> weights,
+                  const linear::Chunk& chunk);
+
+  const ImageResiduals& images_;
+  const linear::ParameterMap& map_;
+  const std::vector<int>& free_intrinsics_;
+  residuals::BendingKernel kernel_;
+  std::vector<double> values_;
+};
+
+}  // namespace sfmcpp::ba
