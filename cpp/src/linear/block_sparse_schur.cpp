@@ -24,9 +24,9 @@ BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
                                    PointElimination& elimination,
                                    std::shared_ptr<const ReducedStructure> structure)
     : normal_(normal),
-      elimination_(elimination),
       structure_(std::move(structure)),
       pattern_(structure_->pattern),
+      schur_rows_(normal, elimination, pattern_),
       kernels_(block_product_kernels(normal.map().camera_size)),
       tasks_(choose_tasks()) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
@@ -35,8 +35,7 @@ BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
   sums_.resize(numbers_of(tasks_));
   x_.resize(size * cameras);
   out_.resize(size * cameras);
-  scratch_.resize(normal.pool().num_threads());
-  for (Scratch& scratch : scratch_) scratch.block_of_camera.resize(cameras);
+  rows_.resize(normal.pool().num_threads());
 }
 
 std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::cut_rows(long blocks_per_task) const {
@@ -79,33 +78,20 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
 }
 
 void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
-  normal_.pool().parallel_for_worker(
-      pattern_.num_rows(), [&](int i, int worker) { form_row(i, scratch_[worker], diagonal); });
+  normal_.pool().parallel_for_worker(pattern_.num_rows(),
+                                     [&](int i, int worker) { form_row(i, worker, diagonal); });
   diagonal_ = diagonal.camera_block(0);
   diagonal.gather(rhs);
 }
 
-void BlockSparseSchur::form_row(int i, Scratch& scratch, CameraBlockDiagonal& diagonal) {
-  const ObservationGraph& graph = normal_.graph();
-  const std::span<const int> columns = columns_of_row(i);
-  for (std::size_t k = 0; k < columns.size(); ++k)
-    scratch.block_of_camera[columns[k]] = static_cast<int>(k);
-  scratch.row.assign(columns.size() * static_cast<std::size_t>(area()), 0.0);
-  normal_.kernels().schur_row({.graph = graph.view(),
-                               .begin = graph.camera_begin[i],
-                               .end = graph.camera_begin[i + 1],
-                               .jacobian = normal_.jacobian(),
-                               .factors = elimination_.factors(),
-                               .block_of_camera = scratch.block_of_camera.data(),
-                               .diagonal = diagonal.camera_block(i),
-                               .blocks = scratch.row.data(),
-                               .gradient = normal_.unrounded_gradient(i),
-                               .rhs = diagonal.camera_rhs(i)});
+void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal) {
+  const auto num_blocks = static_cast<long>(columns_of_row(i).size());
+  AlignedVector<double>& row = rows_[worker];
+  row.resize(static_cast<std::size_t>(area() * num_blocks));
+  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
-  for (std::size_t k = 0; k < columns.size(); ++k) {
-    const long first = area() * static_cast<long>(k);
-    kernels_.round(scratch.row.data() + first, rounded + first);
-  }
+  for (long k = 0; k < num_blocks; ++k)
+    kernels_.round(row.data() + area() * k, rounded + area() * k);
 }
 
 void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<double>& out) {

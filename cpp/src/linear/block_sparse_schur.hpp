@@ -7,6 +7,7 @@
 
 #include "schur_operator.hpp"
 #include "sfmcpp/linear/block_product_kernels.hpp"
+#include "sfmcpp/linear/schur_rows.hpp"
 
 namespace sfmcpp::linear {
 
@@ -43,32 +44,27 @@ class BlockSparseSchur final : public SchurOperator {
     int reach;          // one behind the last camera
     std::size_t first;  // of its sums, those of camera `begin`, in numbers
   };
-  struct Scratch {
-    AlignedVector<double> row;
-    std::vector<int> block_of_camera;
-  };
-
   long area() const {
     return static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   }
   std::vector<RowTask> cut_rows(long blocks_per_task) const;
   std::size_t numbers_of(const std::vector<RowTask>& tasks) const;
   std::vector<RowTask> choose_tasks() const;
-  void form_row(int i, Scratch& scratch, CameraBlockDiagonal& diagonal);
+  void form_row(int i, int worker, CameraBlockDiagonal& diagonal);
   void multiply_rows(const RowTask& task);
   void add_up(int begin, int end);
 
   const NormalEquations& normal_;
-  PointElimination& elimination_;
   std::shared_ptr<const ReducedStructure> structure_;
   const CameraPattern& pattern_;
+  SchurRows schur_rows_;
   BlockProductKernels kernels_;
   std::vector<RowTask> tasks_;
-  AlignedVector<float> blocks_;       // above the diagonal, row after row
-  const double* diagonal_ = nullptr;  // of every camera
-  AlignedVector<double> sums_;        // of the tasks
-  AlignedVector<double> x_, out_;     // camera blocks
-  std::vector<Scratch> scratch_;      // of each worker
+  AlignedVector<float> blocks_;              // above the diagonal, row after row
+  const double* diagonal_ = nullptr;         // of every camera
+  AlignedVector<double> sums_;               // of the tasks
+  AlignedVector<double> x_, out_;            // camera blocks
+  std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of one row
 };
 
 }  // namespace sfmcpp::linear

@@ -29,12 +29,11 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal,
                            : make_structure(normal, kind == LinearSolverKind::kSparse)),
       pattern_(structure_->pattern),
       elimination_(normal),
-      other_residuals_(normal, elimination_) {
+      other_residuals_(normal, elimination_),
+      schur_rows_(normal, elimination_, pattern_) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
   rows_.resize(normal.map().has_shared_columns ? kRowsPerBatch : normal.pool().num_threads());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
-  block_of_camera_.assign(normal.pool().num_threads(),
-                          std::vector<int>(normal.graph().num_cameras));
   const bool sparse = kind == LinearSolverKind::kSparse && normal.map().num_columns > 0;
   const auto make = sparse ? make_sparse_reduced_solver : make_dense_reduced_solver;
   reduced_ = make(*structure_, normal.map(), normal.pool());
@@ -105,31 +104,20 @@ void ExplicitSchurSolver::form() {
 }
 
 void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row) {
-  const ObservationGraph& graph = normal_.graph();
-  const long size = normal_.map().camera_size;
-  const long first = pattern_.row_begin[i], end = pattern_.row_begin[i + 1];
-  int* block_of_camera = block_of_camera_[worker].data();
-  for (long block = first; block < end; ++block) {
-    block_of_camera[pattern_.column[block]] = static_cast<int>(block - first);
-  }
-  row.assign(static_cast<std::size_t>((end - first) * size * size), 0.0);
-  normal_.kernels().schur_row({.graph = graph.view(),
-                               .begin = graph.camera_begin[i],
-                               .end = graph.camera_begin[i + 1],
-                               .jacobian = normal_.jacobian(),
-                               .factors = elimination_.factors(),
-                               .block_of_camera = block_of_camera,
-                               .diagonal = row.data(),
-                               .blocks = row.data(),
-                               .gradient = normal_.unrounded_gradient(i),
-                               .rhs = rhs_.data() + size * i});
-  if (normal_.exchange().is_root()) add_camera_terms(i, block_of_camera, row.data());
+  const long size = normal_.map().camera_size, area = size * size;
+  row.resize(static_cast<std::size_t>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) * area);
+  schur_rows_.form(i, worker, row.data(), row.data() + area, rhs_.data() + size * i);
+  if (normal_.exchange().is_root())
+    add_camera_terms(i, schur_rows_.block_of_camera(worker), row.data() + area);
 }
 
-void ExplicitSchurSolver::add_camera_terms(int i, const int* block_of_camera, double* row) const {
+// `blocks` are those behind the diagonal one.
+void ExplicitSchurSolver::add_camera_terms(int i,
+                                           const int* block_of_camera,
+                                           double* blocks) const {
   const long entries = static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
-    double* sum = row + entries * block_of_camera[j];
+    double* sum = blocks + entries * block_of_camera[j];
     for (long k = 0; k < entries; ++k) sum[k] += block[k];
   });
 }

@@ -1,5 +1,5 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
-#include "register_blocks.hpp"
+#include "pair_sums.hpp"
 #include "sfmcpp/linear/schur_isa.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
@@ -48,78 +48,6 @@ void round_records(int n, const PointRecord* records, void* stored, float* lost)
     store(lost + 4 * a, pull(records[a]) - pull(out[a]));
   }
 }
-
-// J and A|r of an observation, of D columns in numbers T.
-template <int D, class T>
-struct Stored {
-  const T* by_camera;
-  const PointRecordOf<T>* records;
-
-  explicit Stored(const StoredJacobian& all)
-      : by_camera(static_cast<const T*>(all.by_camera)),
-        records(static_cast<const PointRecordOf<T>*>(all.records)) {}
-
-  const T* j(long a) const { return by_camera + a * 2 * D; }
-  const PointRecordOf<T>& record(long a) const { return records[a]; }
-  void prefetch(long a) const {
-    constexpr int kLine = 64 / sizeof(T);
-    for (int k = 0; k < 2 * D; k += kLine) __builtin_prefetch(j(a) + k);
-    __builtin_prefetch(records + a);
-  }
-};
-
-// J of one observation as doubles in memory, which broadcasts take their numbers from.
-template <int D, class T>
-struct Widened {
-  alignas(64) double numbers[2 * D];
-
-  explicit Widened(const T* j) {
-    Row<2 * D> row;
-    load_row(j, row);
-    store_row(numbers, row);
-  }
-};
-template <int D>
-struct Widened<D, double> {
-  const double* numbers;
-
-  explicit Widened(const double* j) : numbers(j) {}
-};
-
-// G of one observation from A|r and the factor M of its point: two rows of three.
-template <class T>
-inline void whiten(const PointRecordOf<T>& record, const PointFactor& m, double* g) {
-  for (int row = 0; row < 2; ++row) {
-    const T* a = record.row[row].by_point;
-    g[3 * row] = a[0] * m.m00;
-    g[3 * row + 1] = a[0] * m.m10 + a[1] * m.m11;
-    g[3 * row + 2] = a[0] * m.m20 + a[1] * m.m21 + a[2] * m.m22;
-  }
-}
-
-template <class T>
-inline double dot3(const double* a, const T* b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-// J of one observation in registers.
-template <int D>
-struct Rows {
-  Row<D> first, second;
-
-  template <class T>
-  explicit Rows(const T* jacobian) {
-    load_row(jacobian, first);
-    load_row(jacobian + D, second);
-  }
-
-  // out = s · first + t · second
-  void combine(double s, double t, Row<D>& out) const {
-    set_zero(out);
-    add_scaled(out, first, s);
-    add_scaled(out, second, t);
-  }
-};
 
 // diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄; where r is rounded, Σ Jᵀ r is given.
 template <int D, class T>
@@ -171,17 +99,6 @@ inline void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, in
   }
 }
 
-// t = G M: two rows of three. Then G_a G_bᵀ = t_a A_bᵀ, with no loss of accuracy: V* ≥ AᵀA bounds G
-// by one, so rounding is of order √cond(V*) either way, and no partner needs whitening.
-inline void unwhiten(const double* g, const PointFactor& m, double* t) {
-  for (int row = 0; row < 2; ++row) {
-    const double* in = g + 3 * row;
-    t[3 * row] = in[0] * m.m00 + in[1] * m.m10 + in[2] * m.m20;
-    t[3 * row + 1] = in[1] * m.m11 + in[2] * m.m21;
-    t[3 * row + 2] = in[2] * m.m22;
-  }
-}
-
 // block −= J_aᵀ (t_a A_bᵀ) J_b.
 template <int D, class T>
 inline void subtract_pair(
@@ -202,6 +119,9 @@ void schur_row(const SchurRow& in) {
   const Stored<D, T> stored(in.jacobian);
   schur_diagonal<D, T>(
       in.jacobian, in.begin, in.end, graph.point, in.factors, in.gradient, in.diagonal, in.rhs);
+  if constexpr (kSumsPairs<D>) {
+    if (in.pairs != nullptr) return sum_pairs<D, T>(in);
+  }
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners(in, stored, a + kAhead);
     const PointFactor& m = in.factors[graph.point[a]];
@@ -347,6 +267,7 @@ template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
           .schur_row = &schur_row<D, T>,
+          .sums_pairs = kSumsPairs<D>,
           .round_jacobian = &round_jacobian<D, T>,
           .round_records = &round_records<T>,
           .schur_diagonal = &schur_diagonal<D, T>,

@@ -200,6 +200,42 @@ TEST_P(SchurKernel, SchurRowIsABlockRowOfTheSchurComplement) {
   }
 }
 
+TEST_P(SchurKernel, PairsByBlockMakeTheSameBlockRow) {
+  if (!kernels.sums_pairs) GTEST_SKIP() << "too few registers for blocks of this size";
+  for (int i = 0; i < kCameras; ++i) {
+    std::vector<ObservationPair> pairs;
+    std::vector<long> begin{0};
+    for (int j = i + 1; j < kCameras; ++j) {
+      for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
+        for (int b = graph.camera_begin[j]; b < graph.camera_begin[j + 1]; ++b) {
+          if (graph.point[a] == graph.point[b]) pairs.push_back({a, b});
+        }
+      }
+      begin.push_back(static_cast<long>(pairs.size()));
+    }
+    const std::size_t area = static_cast<std::size_t>(size) * size;
+    AlignedVector<double> blocks(area * (kCameras - i), std::nan("")), rhs(size, std::nan(""));
+    AlignedVector<double> whitened(kWhitenedNumbers * count);
+    kernels.schur_row({.graph = graph.view(),
+                       .begin = graph.camera_begin[i],
+                       .end = graph.camera_begin[i + 1],
+                       .jacobian = stored(),
+                       .factors = factors.data(),
+                       .block_of_camera = nullptr,
+                       .diagonal = blocks.data(),
+                       .blocks = blocks.data() + area,
+                       .gradient = nullptr,
+                       .rhs = rhs.data(),
+                       .pairs = pairs.data(),
+                       .pair_begin = begin.data(),
+                       .num_blocks = kCameras - i - 1,
+                       .whitened = whitened.data()});
+    for (int j = i; j < kCameras; ++j)
+      expect_close(from_panels(&blocks[area * (j - i)]), expected_block(i, j));
+    expect_numbers(rhs, expected_rhs(i));
+  }
+}
+
 TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
   for (int i = 0; i < kCameras; ++i) {
     AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan(""));

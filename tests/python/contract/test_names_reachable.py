@@ -31,7 +31,8 @@ def help_of(command: str) -> str:
 
 
 def flag(option: str) -> str:
-    return "--" + option.replace("_", "-")
+    """Its name on the command line, where numbers of bytes have their unit behind them: 8GB."""
+    return "--" + option.removesuffix("_bytes").replace("_", "-")
 
 
 @pytest.fixture
@@ -96,6 +97,21 @@ def test_the_command_line_and_solve_have_the_defaults_of_the_core(asked: dict[st
 def test_every_option_is_described(option: str) -> None:
     assert f"\n    {option} : " in (sfmcpp.solve.__doc__ or "")
     assert flag(option) in help_of("solve")
+
+
+@pytest.mark.parametrize(("text", "bytes_"), [("8GB", 8e9), ("1.5 MiB", 1.5 * 2**20), ("300", 300.0)])
+def test_memory_is_given_in_the_units_that_people_use(
+    text: str, bytes_: float, asked: dict[str, Any]
+) -> None:
+    assert CliRunner().invoke(app, ["solve", "input.txt", "--max-memory", text]).output == ""
+    assert asked["max_memory_bytes"] == bytes_
+
+
+@pytest.mark.parametrize("text", ["8Gx", "lots", "1.2.3MB", "-1GB"])
+def test_a_number_of_bytes_is_none(text: str) -> None:
+    result = CliRunner().invoke(app, ["solve", "input.txt", "--max-memory", text])
+    assert result.exit_code == 2
+    assert "8GB, 500MB" in " ".join(result.output.split())
 
 
 def test_a_number_or_auto_is_neither_on_the_command_line() -> None:

@@ -8,6 +8,7 @@
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/linear/schur_rows.hpp"
 
 namespace sfmcpp::linear {
 
@@ -43,7 +44,7 @@ class ExplicitSchurSolver final : public LinearSolver {
  private:
   void form();
   void form_row(int i, int worker, AlignedVector<double>& row);
-  void add_camera_terms(int i, const int* block_of_camera, double* row) const;
+  void add_camera_terms(int i, const int* block_of_camera, double* blocks) const;
   void set_rhs(std::vector<double>& rhs) const;
 
   const NormalEquations& normal_;
@@ -51,11 +52,11 @@ class ExplicitSchurSolver final : public LinearSolver {
   const CameraPattern& pattern_;
   PointElimination elimination_;
   OtherResiduals other_residuals_;
+  SchurRows schur_rows_;
   std::unique_ptr<ReducedSolver> reduced_;
   // The block row that each worker forms; of each camera of a batch where cameras share columns.
   std::vector<AlignedVector<double>> rows_;
-  AlignedVector<double> rhs_;                      // Σ Jᵀ r̄ per camera
-  std::vector<std::vector<int>> block_of_camera_;  // scratch of each worker
+  AlignedVector<double> rhs_;  // Σ Jᵀ r̄ per camera
 };
 
 }  // namespace sfmcpp::linear

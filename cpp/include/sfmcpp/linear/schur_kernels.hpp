@@ -50,6 +50,14 @@ struct GraphView {
   const int* rank;
 };
 
+// Two observations of one point, the first in the earlier camera.
+struct ObservationPair {
+  int first, second;
+};
+
+// Numbers that a row keeps for each of its observations where pairs are given.
+inline constexpr int kWhitenedNumbers = 24;
+
 // One block row of S: the blocks (i, j), j ≥ i, of camera i, in panel layout.
 struct SchurRow {
   GraphView graph;
@@ -58,9 +66,14 @@ struct SchurRow {
   const PointFactor* factors;  // M, y of every point
   const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
   double* diagonal;            // block (i, i); overwritten
-  double* blocks;              // blocks (i, j), j > i; added to
+  double* blocks;              // blocks (i, j), j > i; added to, or overwritten by sums of pairs
   const double* gradient;      // Σ Jᵀ r where the stored one is rounded, else null
   double* rhs;                 // D numbers; overwritten
+  // The pairs by block, where kernels sum them so; null: they are found from the graph.
+  const ObservationPair* pairs = nullptr;
+  const long* pair_begin = nullptr;  // of each of the blocks, and the end
+  int num_blocks = 0;
+  double* whitened = nullptr;  // kWhitenedNumbers for each observation of camera i
 };
 
 // Observations [begin, end) are of one camera; `point` is that of every observation.
@@ -72,6 +85,7 @@ struct SchurKernels {
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
+  bool sums_pairs;  // whether a row is formed faster with pairs given
   // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
   // four numbers each, of which the last means nothing.
   void (*round_jacobian)(int n, const double* jacobian, void* stored);

@@ -1,0 +1,57 @@
+// Block rows of the Schur complement, formed one by one and by any thread.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/linear/camera_pattern.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/point_elimination.hpp"
+
+namespace sfmcpp::linear {
+
+// Pairs of observations of a point, by the block of S that they add to: with them a block is summed
+// in registers and written once. Eight bytes a pair, kept for all steps; empty where the
+// instruction set has too few registers, or where tracks are long and there are far more pairs than
+// observations.
+class PairLists {
+ public:
+  PairLists(const NormalEquations& normal, const CameraPattern& pattern);
+
+  bool empty() const { return pairs_.empty(); }
+  const ObservationPair* pairs() const { return pairs_.data(); }
+  // Of the blocks of row i behind the diagonal one, and the end.
+  const long* begin_of_row(long first_block) const { return begin_.data() + first_block + 1; }
+
+ private:
+  AlignedVector<ObservationPair> pairs_;
+  std::vector<long> begin_;  // of each block of the pattern, and the end
+};
+
+class SchurRows {
+ public:
+  // The references must outlive this object.
+  SchurRows(const NormalEquations& normal,
+            const PointElimination& elimination,
+            const CameraPattern& pattern);
+
+  // Block (i, i), the blocks (i, j), j > i, of the pattern one after the other, and Σ Jᵀ r̄ of
+  // camera i, all overwritten, for the factors that the elimination holds.
+  void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
+  // For the row that the worker formed last: number of block (i, j) among `blocks`; −1 for i.
+  const int* block_of_camera(int worker) const { return scratch_[worker].block_of_camera.data(); }
+
+ private:
+  struct Scratch {
+    std::vector<int> block_of_camera;
+    AlignedVector<double> whitened;
+  };
+
+  const NormalEquations& normal_;
+  const PointElimination& elimination_;
+  const CameraPattern& pattern_;
+  PairLists pairs_;
+  std::vector<Scratch> scratch_;
+};
+
+}  // namespace sfmcpp::linear

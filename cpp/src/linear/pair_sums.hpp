@@ -1,0 +1,109 @@
+// The blocks of a row of S one after the other, each in registers while its pairs of observations
+// are added up. For *_kernels.cpp only: everything lies in the namespace of the instruction set and
+// has internal linkage (core/isa.hpp).
+#pragma once
+
+#include "stored_observations.hpp"
+
+namespace sfmcpp::linear::SFMCPP_ISA {
+namespace {
+
+// Where a D×D block fits into the registers, with what a pair needs beside it.
+template <int D>
+inline constexpr bool kSumsPairs = SFMCPP_LANES == 8 && D <= 9;
+
+// How many pairs ahead the second observation is asked for: it lies anywhere in memory.
+constexpr int kPairsAhead = 6;
+
+using Eight = Pack<8>;
+using Order = VectorOf<8>::Mask;
+
+template <int kLane>
+inline Eight broadcast(Eight x) {
+  return Eight(
+      __builtin_shuffle(x.v, Order{kLane, kLane, kLane, kLane, kLane, kLane, kLane, kLane}));
+}
+
+// Column k of A, its first number and its second number twice in either half.
+template <int k>
+inline Eight column_of(Eight record) {
+  return Eight(__builtin_shuffle(record.v, Order{k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k}));
+}
+
+// −t of an observation (unwhiten), as `coefficients` reads it: the k-th numbers of both rows in
+// turn, four times.
+inline void spread(const double* t, double* out) {
+  for (int k = 0; k < 3; ++k) {
+    for (int lane = 0; lane < 8; lane += 2) {
+      out[8 * k + lane] = -t[k];
+      out[8 * k + lane + 1] = -t[3 + k];
+    }
+  }
+}
+
+// Lane 2 s + r: −t_r · A_s, with row r of the first observation and row s of the second.
+inline Eight coefficients(const double* spread_t, Eight record) {
+  return load<8>(spread_t) * column_of<0>(record) + load<8>(spread_t + 8) * column_of<1>(record) +
+         load<8>(spread_t + 16) * column_of<2>(record);
+}
+
+// out = x · first + y · second, with equal lanes in x and in y.
+template <int D, int kFirst = 0>
+inline void combine(const Row<D, kFirst>& first,
+                    const Row<D, kFirst>& second,
+                    Eight x,
+                    Eight y,
+                    Row<D, kFirst>& out) {
+  if constexpr (kFirst < D) {
+    Pack<Row<D, kFirst>::kWidth> narrow_x, narrow_y;
+    __builtin_memcpy(&narrow_x, &x, sizeof narrow_x);
+    __builtin_memcpy(&narrow_y, &y, sizeof narrow_y);
+    out.head = first.head * narrow_x + second.head * narrow_y;
+    combine(first.tail, second.tail, x, y, out.tail);
+  }
+}
+
+template <int D, class T>
+inline void add_pair(const Stored<D, T>& stored,
+                     const ObservationPair& pair,
+                     const double* spread_t,
+                     Block<D>& block) {
+  const Rows<D> rows(stored.j(pair.first));
+  const Eight c = coefficients(spread_t, load<8>(stored.record(pair.second).row[0].by_point));
+  const Widened<D, T> j(stored.j(pair.second));
+  Row<D> weighted;
+  combine(rows.first, rows.second, broadcast<0>(c), broadcast<1>(c), weighted);
+  add_outer(block, weighted, j.numbers);
+  combine(rows.first, rows.second, broadcast<2>(c), broadcast<3>(c), weighted);
+  add_outer(block, weighted, j.numbers + D);
+}
+
+// blocks = −Σ J_aᵀ (t_a A_bᵀ) J_b over the pairs of each.
+template <int D, class T>
+void sum_pairs(const SchurRow& in) {
+  const Stored<D, T> stored(in.jacobian);
+  for (int a = in.begin; a < in.end; ++a) {
+    const PointFactor& m = in.factors[in.graph.point[a]];
+    double g[6], t[6];
+    whiten(stored.record(a), m, g);
+    unwhiten(g, m, t);
+    spread(t, in.whitened + kWhitenedNumbers * static_cast<long>(a - in.begin));
+  }
+  const long last = in.pair_begin[in.num_blocks] - 1;
+  for (int k = 0; k < in.num_blocks; ++k) {
+    Block<D> block;
+    set_zero(block);
+    for (long q = in.pair_begin[k]; q < in.pair_begin[k + 1]; ++q) {
+      const long ahead = q + kPairsAhead;
+      stored.prefetch(in.pairs[ahead < last ? ahead : last].second);
+      const ObservationPair& pair = in.pairs[q];
+      const double* spread_t =
+          in.whitened + kWhitenedNumbers * static_cast<long>(pair.first - in.begin);
+      add_pair(stored, pair, spread_t, block);
+    }
+    store_block(block, in.blocks + static_cast<long>(k) * D * D);
+  }
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear::SFMCPP_ISA
