@@ -43,7 +43,7 @@ long longest_row(const TextRow& row) {
 }
 
 inline char* write(char* out, const std::string& text) {
-  return static_cast<char*>(std::memcpy(out, text.data(), text.size())) + text.size();
+  return std::copy(text.begin(), text.end(), out);
 }
 
 // Whole numbers get a ".0" that tells that they are no integers.

@@ -132,8 +132,7 @@ bool factor(double* a, long ld, int size) {
   return true;
 }
 
-void add_runs(
-    const double* source, double* target, const RowRun* runs, int begin, int end) {
+void add_runs(const double* source, double* target, const RowRun* runs, int begin, int end) {
   for (; begin < end; ++runs) {
     const int stop = runs->source + runs->length < end ? runs->source + runs->length : end;
     double* to = target + (runs->target - runs->source);

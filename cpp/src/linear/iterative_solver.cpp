@@ -12,8 +12,8 @@ namespace {
 // What is asked of a system whose entries are rounded to single precision, at most.
 constexpr double kTrustedTolerance = 1e-4;
 // Where the forcing sequence decides: no residual needs to be smaller than this. With S in blocks
-// an iteration costs a hundredth of the forming, and steps solved to 3e-3 saved one of four on
-// cities; from the Jacobian it costs as much as the linearisation.
+// iterations are cheap, and on a city of 3,000 cameras steps solved to 3e-3 saved one of four; from
+// the Jacobian each costs about as much as the linearisation.
 constexpr double kFloorOfBlocks = 3e-3;
 constexpr double kFloorFromJacobian = 1e-2;
 

@@ -5,9 +5,9 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kInner = 128;      // columns of both factors that are packed at a time
-constexpr int kWide = 256;       // columns of a panel that are factored before the others hear of it
-constexpr int kLarge = 1024;     // rows from which on tasks are several strips
+constexpr int kInner = 128;   // columns of both factors that are packed at a time
+constexpr int kWide = 256;    // columns of a panel that are factored before the others hear of it
+constexpr int kLarge = 1024;  // rows from which on tasks are several strips
 constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
 
 int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
@@ -15,7 +15,12 @@ int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multi
 // Columns of one panel that are factored together, by tiles.
 class NarrowPanel {
  public:
-  NarrowPanel(const CholeskyKernels& kernels, double* panel, long ld, int columns, int rows, ThreadPool* pool)
+  NarrowPanel(const CholeskyKernels& kernels,
+              double* panel,
+              long ld,
+              int columns,
+              int rows,
+              ThreadPool* pool)
       : kernels_(kernels),
         panel_(panel),
         ld_(ld),
@@ -130,7 +135,8 @@ bool factor_panel(const CholeskyKernels& kernels,
                        ld,
                        scratch[worker]);
     });
-    if (!NarrowPanel(kernels, panel + begin * ld + begin, ld, end - begin, rows - begin, pool).factor())
+    if (!NarrowPanel(kernels, panel + begin * ld + begin, ld, end - begin, rows - begin, pool)
+             .factor())
       return false;
   }
   return true;

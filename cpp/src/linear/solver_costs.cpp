@@ -33,8 +33,8 @@ double block_bytes(const SolverCounts& counts) {
   return kDouble * counts.blocks * counts.camera_size * counts.camera_size;
 }
 
-// Where every point is seen by a large part of the cameras, the diagonal blocks hold nearly all that
-// S does, and few iterations do.
+// Where every point is seen by a large part of the cameras, the diagonal blocks hold nearly all
+// that S does, and few iterations do.
 double iterations_of(const SolverCounts& counts, double of_large_scenes) {
   if (counts.observations == 0.0 || counts.cameras == 0.0) return kFewestIterations;
   const double seen_by = 2 * counts.pairs / (counts.observations * counts.cameras);

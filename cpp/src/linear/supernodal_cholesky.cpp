@@ -81,7 +81,8 @@ void SupernodalCholesky::set_zero(ThreadPool& pool) {
   });
   for (int s = 0; s < s_.count(); ++s) {
     const SupernodePanel& shape = s_.panel[s];
-    for (int c = shape.columns; c < shape.stored_columns; ++c) panel(s)[c * (shape.stride + 1)] = 1.0;
+    for (int c = shape.columns; c < shape.stored_columns; ++c)
+      panel(s)[c * (shape.stride + 1)] = 1.0;
   }
 }
 
@@ -106,7 +107,13 @@ bool SupernodalCholesky::factor_subtrees(std::size_t k, int worker) {
   work_[worker].outside = UpdateTriangle(part.height);
   for (int s = part.first; s <= part.last; ++s) {
     const SupernodePanel& shape = s_.panel[s];
-    if (!factor_panel(kernels_, panel(s), shape.stride, shape.stored_columns, static_cast<int>(shape.rows), nullptr, &scratch_[worker]))
+    if (!factor_panel(kernels_,
+                      panel(s),
+                      shape.stride,
+                      shape.stored_columns,
+                      static_cast<int>(shape.rows),
+                      nullptr,
+                      &scratch_[worker]))
       return false;
     update_above(s, &part, triangles_[k].data(), nullptr, worker);
   }
@@ -116,7 +123,13 @@ bool SupernodalCholesky::factor_subtrees(std::size_t k, int worker) {
 bool SupernodalCholesky::factor_top(int s, ThreadPool& pool) {
   const SupernodePanel& shape = s_.panel[s];
   add_triangles(s, pool);
-  if (!factor_panel(kernels_, panel(s), shape.stride, shape.stored_columns, static_cast<int>(shape.rows), &pool, scratch_.data()))
+  if (!factor_panel(kernels_,
+                    panel(s),
+                    shape.stride,
+                    shape.stored_columns,
+                    static_cast<int>(shape.rows),
+                    &pool,
+                    scratch_.data()))
     return false;
   update_above(s, nullptr, nullptr, &pool, 0);
   return true;
@@ -132,11 +145,19 @@ void SupernodalCholesky::add_triangles(int s, ThreadPool& pool) {
       if (found == map.targets.end() || found->supernode != s) continue;
       const UpdateTriangle triangle(s_.subtrees[k].height);
       const RowRun* runs = map.runs.data() + found->first_run;
-      for (const RowRun* run = runs; run < runs + found->num_runs && run->source < found->end; ++run) {
-        const long first = std::max<long>(run->target, begin), last = std::min<long>({run->target + run->length, end, run->target + found->end - run->source});
+      for (const RowRun* run = runs; run < runs + found->num_runs && run->source < found->end;
+           ++run) {
+        const long first = std::max<long>(run->target, begin),
+                   last = std::min<long>(
+                       {run->target + run->length, end, run->target + found->end - run->source});
         if (first >= last) continue;
         add_columns(
-            kernels_, run, static_cast<int>(run->source + first - run->target), static_cast<int>(run->source + last - run->target), 0, s_.subtrees[k].height,
+            kernels_,
+            run,
+            static_cast<int>(run->source + first - run->target),
+            static_cast<int>(run->source + last - run->target),
+            0,
+            s_.subtrees[k].height,
             [&](int q) { return triangles_[k].data() + triangle.column(q); },
             [&](int c) { return panel(s) + c * shape.stride; });
       }
@@ -144,7 +165,8 @@ void SupernodalCholesky::add_triangles(int s, ThreadPool& pool) {
   });
 }
 
-void SupernodalCholesky::update_above(int s, const Subtrees* part, double* triangle, ThreadPool* pool, int worker) {
+void SupernodalCholesky::update_above(
+    int s, const Subtrees* part, double* triangle, ThreadPool* pool, int worker) {
   const SupernodePanel& shape = s_.panel[s];
   if (shape.height == 0) return;
   Work& work = work_[worker];
@@ -157,19 +179,37 @@ void SupernodalCholesky::update_above(int s, const Subtrees* part, double* trian
     double* product = scratch[thread].product.data();
     for (int c = 0; c < tile.column_end - tile.column_begin; ++c)
       std::fill_n(product + c * kProductStride, tile.row_end - tile.row_begin, 0.0);
-    subtract_product(kernels_, panel(s) + shape.top, shape.stride, shape.columns, tile, product, kProductStride, scratch[thread]);
+    subtract_product(kernels_,
+                     panel(s) + shape.top,
+                     shape.stride,
+                     shape.columns,
+                     tile,
+                     product,
+                     kProductStride,
+                     scratch[thread]);
     add_tile(work, tile, product, triangle);
   });
 }
 
-void SupernodalCholesky::add_tile(const Work& plan, const ProductTile& tile, const double* product, double* triangle) {
+void SupernodalCholesky::add_tile(const Work& plan,
+                                  const ProductTile& tile,
+                                  const double* product,
+                                  double* triangle) {
   const auto& targets = plan.map.targets;
   auto target = std::ranges::upper_bound(targets, tile.column_begin, {}, &UpdateTarget::end);
   for (; target != targets.end() && target->begin < tile.column_end; ++target) {
-    const auto source = [&](int q) { return product + (q - tile.column_begin) * kProductStride - tile.row_begin; };
+    const auto source = [&](int q) {
+      return product + (q - tile.column_begin) * kProductStride - tile.row_begin;
+    };
     const auto add = [&](const auto& column) {
-      add_columns(kernels_, plan.map.runs.data() + target->first_run, std::max(target->begin, tile.column_begin),
-                  std::min(target->end, tile.column_end), tile.row_begin, std::min(tile.row_end, plan.height), source, column);
+      add_columns(kernels_,
+                  plan.map.runs.data() + target->first_run,
+                  std::max(target->begin, tile.column_begin),
+                  std::min(target->end, tile.column_end),
+                  tile.row_begin,
+                  std::min(tile.row_end, plan.height),
+                  source,
+                  column);
     };
     if (target->supernode == kOutside) {
       add([&](int c) { return triangle + plan.outside.column(c); });

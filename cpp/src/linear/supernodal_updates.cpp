@@ -15,7 +15,11 @@ const int* advance_to(const int* begin, const int* end, int value) {
 // One update under way: its places from `at` on.
 class Mapper {
  public:
-  Mapper(const Supernodes& s, std::span<const int> rows, std::span<const int> offsets, int height, UpdateMap& map)
+  Mapper(const Supernodes& s,
+         std::span<const int> rows,
+         std::span<const int> offsets,
+         int height,
+         UpdateMap& map)
       : s_(s), rows_(rows), offsets_(offsets), height_(height), map_(map) {}
 
   void add_target(int supernode, std::size_t from, std::size_t to) {
@@ -26,7 +30,8 @@ class Mapper {
                             .num_runs = 0});
   }
   void finish_target() {
-    map_.targets.back().num_runs = static_cast<int>(map_.runs.size()) - map_.targets.back().first_run;
+    map_.targets.back().num_runs =
+        static_cast<int>(map_.runs.size()) - map_.targets.back().first_run;
   }
 
   void add_own_columns(int supernode, std::size_t from, std::size_t to) {
@@ -34,7 +39,10 @@ class Mapper {
       add_run(k, s_.first_column[rows_[k]] - s_.columns_begin(supernode));
   }
   // The places from `from` on are among `rows`.
-  void add_rows(std::size_t from, std::span<const int> rows, std::span<const int> offsets, int first) {
+  void add_rows(std::size_t from,
+                std::span<const int> rows,
+                std::span<const int> offsets,
+                int first) {
     const int* at = rows.data();
     for (std::size_t k = from; k < rows_.size(); ++k) {
       at = advance_to(at, rows.data() + rows.size(), rows_[k]);
@@ -89,10 +97,14 @@ void make_update_map(const Supernodes& supernodes,
       return;
     }
     const int end = supernodes.begin[target + 1];
-    to = std::lower_bound(rows.begin() + static_cast<std::ptrdiff_t>(from), rows.end(), end) - rows.begin();
+    to = std::lower_bound(rows.begin() + static_cast<std::ptrdiff_t>(from), rows.end(), end) -
+         rows.begin();
     mapper.add_target(target, from, to);
     mapper.add_own_columns(target, from, to);
-    mapper.add_rows(to, supernodes.rows_of(target), supernodes.offsets_of(target), supernodes.panel[target].top);
+    mapper.add_rows(to,
+                    supernodes.rows_of(target),
+                    supernodes.offsets_of(target),
+                    supernodes.panel[target].top);
     mapper.finish_target();
   }
 }

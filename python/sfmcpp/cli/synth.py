@@ -42,7 +42,7 @@ Outliers = Annotated[
 ]
 OutlierSigma = Annotated[
     float | None,
-    typer.Option(metavar="PX", help="Noise on the coordinates of outliers, instead of putting them anywhere."),
+    typer.Option(metavar="PX", help="Noise on outliers, in place of putting them anywhere."),
 ]
 PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the points.")]
 PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the centres.")]

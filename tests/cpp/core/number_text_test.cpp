@@ -70,7 +70,8 @@ TEST(NumberText, NumbersAreThoseOfStrtod) {
     std::string word =
         std::to_string(bits() % 2 ? static_cast<long>(bits()) : -static_cast<long>(bits()));
     if (bits() % 2) word.append(1, '.').append(std::to_string(bits()));
-    if (bits() % 2) word.append(1, 'e').append(std::to_string(static_cast<int>(bits() % 700) - 350));
+    if (bits() % 2)
+      word.append(1, 'e').append(std::to_string(static_cast<int>(bits() % 700) - 350));
     const double value = std::strtod(word.c_str(), nullptr);
     if (!std::isfinite(value)) continue;
     expected.push_back(value);

@@ -31,8 +31,7 @@ struct CholeskyKernels {
   void (*solve_strip)(const double* l, double* x, long ld, int size);
   // target[run.target + k] += source[run.source + k] for the rows of the runs within [begin, end)
   // of the source.
-  void (*add_runs)(
-      const double* source, double* target, const RowRun* runs, int begin, int end);
+  void (*add_runs)(const double* source, double* target, const RowRun* runs, int begin, int end);
   // For l of `columns` columns and, in all, `rows` rows: x ← l⁻¹ x for the first, what they
   // contribute is taken from the others; and back: x ← l⁻ᵀ x for the first, given the others.
   void (*forward)(const double* l, long ld, int columns, int rows, double* x);

@@ -16,8 +16,8 @@ namespace sfmcpp::linear {
 // in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
 // (a power of two would map whole rows to a few sets of the cache).
 //
-// The factorisation (panel_products.hpp) is our own because OpenBLAS' threads spin against ours, and
-// tiles of its single-threaded calls gained nothing from a second thread.
+// The factorisation (panel_products.hpp) is our own because OpenBLAS' threads spin against ours,
+// and tiles of its single-threaded calls gained nothing from a second thread.
 class DenseCholesky {
  public:
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());

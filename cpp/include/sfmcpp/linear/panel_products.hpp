@@ -1,5 +1,5 @@
-// Dense panels: columns of a lower triangle with all the rows below, column-major, as a supernode or
-// a whole matrix is one. Rows come in strips of kStrip, columns in multiples of kPanel
+// Dense panels: columns of a lower triangle with all the rows below, column-major, as a supernode
+// or a whole matrix is one. Rows come in strips of kStrip, columns in multiples of kPanel
 // (cholesky_kernels.hpp).
 #pragma once
 

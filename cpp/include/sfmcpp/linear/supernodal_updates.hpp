@@ -19,7 +19,8 @@ class UpdateTriangle {
 
   std::int64_t num_entries() const { return num_entries_; }
   int padded_size() const { return padded_; }
-  // Such that row r of a column is `r` further: rows above the strip of the diagonal there are none.
+  // Such that row r of a column is `r` further: rows above the strip of the diagonal there are
+  // none.
   std::int64_t column(int c) const {
     const std::int64_t group = c / kStrip;
     return kStrip * (group * padded_ - kStrip * group * (group - 1) / 2) +
