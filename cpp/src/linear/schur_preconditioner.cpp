@@ -8,7 +8,7 @@ constexpr int kManyCameras = 500;
 
 PreconditionerKind chosen(PreconditionerKind kind, int cameras) {
   if (kind != PreconditionerKind::kAuto) return kind;
-  return cameras < kManyCameras ? PreconditionerKind::kSchurJacobi : PreconditionerKind::kTwoLevels;
+  return cameras < kManyCameras ? PreconditionerKind::kSchurJacobi : PreconditionerKind::kClusters;
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ struct EnumTraits<linear::PreconditionerKind> {
   static constexpr auto kTable = std::to_array<EnumRow<linear::PreconditionerKind>>(
       {{linear::PreconditionerKind::kAuto,
         "auto",
-        "two-levels for many cameras whose Schur complement is formed in blocks, else "
+        "clusters for many cameras whose Schur complement is formed in blocks, else "
         "schur-jacobi"},
        {linear::PreconditionerKind::kSchurJacobi,
         "schur-jacobi",
