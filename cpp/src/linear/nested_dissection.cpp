@@ -29,8 +29,12 @@ class Pattern {
     using Matrix = Eigen::SparseMatrix<char, Eigen::ColMajor, int>;
     const auto n = static_cast<Eigen::Index>(begin_.size()) - 1;
     const auto entries = static_cast<Eigen::Index>(rows_.size());
-    std::vector<char> values(rows_.size(), 1);
-    Matrix matrix = Eigen::Map<Matrix>(n, n, entries, begin_.data(), rows_.data(), values.data());
+    // Rows are in no order, which Eigen's own assignment would ask for.
+    Matrix matrix(n, n);
+    matrix.resizeNonZeros(entries);
+    std::copy(begin_.begin(), begin_.end(), matrix.outerIndexPtr());
+    std::copy(rows_.begin(), rows_.end(), matrix.innerIndexPtr());
+    std::fill_n(matrix.valuePtr(), entries, 1);
     Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
     Eigen::internal::minimum_degree_ordering(matrix, permutation);
     return {permutation.indices().begin(), permutation.indices().end()};

@@ -41,7 +41,7 @@ double reference_seconds(const SolverForecast& forecast) {
     text += "the linear solver '" + std::string(enum_name(asked.kind)) + "' would need " +
             in_words(held + asked.bytes, "bytes") + ", and ";
   }
-  text += "the leanest, '" + std::string(enum_name(leanest.kind)) + "', " +
+  text += "the leanest, '" + std::string(enum_name(leanest.kind)) + "', would need " +
           in_words(held + leanest.bytes, "bytes");
   throw InvalidArgument(text);
 }
