@@ -16,14 +16,14 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
       " at the end are of points behind their camera; their residual keeps the formula's value");
 }
 
-// Measuring this machine takes a few milliseconds, once.
+// Measuring this machine takes a few milliseconds, once; no step waits for it.
 constexpr double kSecondsWorthMeasuring = 0.1;
 
-std::vector<double> forecast_seconds(const linear::LinearSolverChoice& choice, int num_threads) {
+std::vector<double> forecast_seconds(const linear::LinearSolverChoice& choice, ThreadPool& pool) {
   linear::Works rates = linear::reference_rates();
   for (const linear::SolverForecast& forecast : choice.forecasts) {
     if (forecast.kind != choice.kind || forecast.seconds(rates) < kSecondsWorthMeasuring) continue;
-    rates = linear::rates_of_this_machine(num_threads);
+    rates = linear::rates_of_this_machine(pool);
     break;
   }
   std::vector<double> seconds;
@@ -47,7 +47,6 @@ SolveSummary describe_start(const Workspace& work,
   summary.loss_scale_px = work.model.images().loss().scale;
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
-  summary.forecast_seconds = forecast_seconds(work.choice, summary.num_threads);
   return summary;
 }
 
@@ -67,6 +66,8 @@ optim::Events noting_the_start(const optim::Events& events,
 }
 
 void describe_end(const Workspace& work, const optim::State& state, SolveSummary& summary) {
+  summary.solver_changes = work.solver->changes();
+  summary.forecast_seconds = forecast_seconds(work.choice, work.pool);
   const ImageFit fit = work.model.images().fit(state);
   summary.final_rms_px = fit.rms();
   summary.behind_camera_final = static_cast<int>(fit.behind_camera);
@@ -95,7 +96,6 @@ SolveSummary solve(const Problem& problem,
                                         clock,
                                         state);
   }
-  summary.solver_changes = work.solver->changes();
   describe_end(work, state, summary);
   summary.seconds_total = clock.seconds();
   return summary;

@@ -47,14 +47,6 @@ class ChangingSolver final : public LinearSolver {
   bool wants_camera_modes() const override { return solver_->wants_camera_modes(); }
 
  private:
-  SolverQuestion question() const {
-    return {.graph = normal_.graph(),
-            .map = normal_.map(),
-            .pool = normal_.pool(),
-            .pairs = normal_.camera_terms().pairs(),
-            .exchange = normal_.exchange()};
-  }
-
   static double seconds(const SolverForecast& forecast) {
     return forecast.seconds_to_compare(reference_rates());
   }
@@ -102,7 +94,7 @@ class ChangingSolver final : public LinearSolver {
   void reconsider(int iterations) {
     if (!is_worthwhile(iterations)) return;
     if (best_direct().kind == LinearSolverKind::kSparse && !analysed_) {
-      analyse_structure(question(), choice_);
+      analyse_structure(question_of(normal_), choice_);
       analysed_ = true;
       if (!is_worthwhile(iterations)) return make();  // with what is known now
     }

@@ -56,25 +56,24 @@ struct Speed {
   double flops = 1.0, bytes = 1.0;  // seconds over those of the reference
 };
 
-Speed measured(int num_threads) {
-  ThreadPool pool(num_threads);
+Speed measured(ThreadPool& pool) {
   return {.flops = factor_seconds(pool) / kReferenceFactorSeconds,
           .bytes = stream_seconds(pool) / kReferenceStreamSeconds};
 }
 
-Speed speed_of_this_machine(int num_threads) {
+Speed speed_of_this_machine(ThreadPool& pool) {
   static std::mutex mutex;
   static std::map<int, Speed> known;
   const std::scoped_lock lock(mutex);
-  const auto [entry, is_new] = known.try_emplace(num_threads);
-  if (is_new) entry->second = measured(num_threads);
+  const auto [entry, is_new] = known.try_emplace(pool.num_threads());
+  if (is_new) entry->second = measured(pool);
   return entry->second;
 }
 
 }  // namespace
 
-Works rates_of_this_machine(int num_threads) {
-  const Speed speed = speed_of_this_machine(num_threads);
+Works rates_of_this_machine(ThreadPool& pool) {
+  const Speed speed = speed_of_this_machine(pool);
   Works rates = reference_rates();
   for (const auto& row : EnumTraits<Work>::kTable)
     amount_of(rates, row.value) *= is_flops(row.value) ? speed.flops : speed.bytes;

@@ -3,17 +3,6 @@
 #include <algorithm>
 
 namespace sfmcpp::linear {
-namespace {
-
-// x ← Mᵀ M x.
-void solve_point(const PointFactor& m, double* x) {
-  const double z[3] = {
-      m.m00 * x[0], m.m10 * x[0] + m.m11 * x[1], m.m20 * x[0] + m.m21 * x[1] + m.m22 * x[2]};
-  multiply_by_transposed_factor(m, z, x);
-}
-
-}  // namespace
-
 OtherResiduals::OtherResiduals(const NormalEquations& normal, PointElimination& elimination)
     : normal_(normal), elimination_(elimination) {}
 
@@ -31,7 +20,7 @@ void OtherResiduals::eliminate(const std::vector<double>& residuals, std::vector
     double* x = shifts.data() + 3L * begin;
     normal_.kernels().point_gradients(
         graph.view(), begin, end, normal_.jacobian(), residuals.data(), x);
-    for (int p = begin; p < end; ++p, x += 3) solve_point(elimination_.factor(p), x);
+    for (int p = begin; p < end; ++p, x += 3) solve_point(elimination_.factor(p), x, x);
   });
 }
 

@@ -82,12 +82,7 @@ const double* PointElimination::point_sums(const std::vector<double>& x) {
 void PointElimination::solve(const std::vector<double>& g, std::vector<double>& x) const {
   x.resize(g.size());
   for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    const PointFactor& m = factor(p);
-    const double* in = g.data() + 3L * p;
-    const double z[3] = {m.m00 * in[0],
-                         m.m10 * in[0] + m.m11 * in[1],
-                         m.m20 * in[0] + m.m21 * in[1] + m.m22 * in[2]};
-    multiply_by_transposed_factor(m, z, x.data() + 3L * p);
+    solve_point(factor(p), g.data() + 3L * p, x.data() + 3L * p);
   });
 }
 

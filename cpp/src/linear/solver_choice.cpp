@@ -8,7 +8,6 @@
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/memory_limit.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
-#include "sfmcpp/linear/iterative_counts.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 
 namespace sfmcpp::linear {
@@ -85,11 +84,7 @@ class Chooser {
     }
     const SolverForecast leanest = choice_.forecasts.front();
     if (options_.kind != leanest.kind) choice_.forecasts.erase(choice_.forecasts.begin());
-    const SolverForecast& best = cheapest();
-    if (options_.max_memory_bytes && best.bytes > choice_.budget_bytes)
-      refuse(options_, held_, best, leanest);
-    choice_.kind = options_.kind;
-    choice_.with_blocks = best.with_blocks;
+    take_cheapest(leanest);
     choice_.reason = "as requested";
     return std::move(choice_);
   }
@@ -133,13 +128,17 @@ class Chooser {
     return *best;
   }
 
-  LinearSolverChoice choose_cheapest() {
-    const SolverForecast& leanest = choice_.forecasts.front();
+  void take_cheapest(const SolverForecast& leanest) {
     const SolverForecast& best = cheapest();
     if (options_.max_memory_bytes && best.bytes > choice_.budget_bytes)
-      refuse(options_, held_, leanest, leanest);
+      refuse(options_, held_, best, leanest);
     choice_.kind = best.kind;
     choice_.with_blocks = best.with_blocks;
+  }
+
+  LinearSolverChoice choose_cheapest() {
+    const SolverForecast& leanest = choice_.forecasts.front();
+    take_cheapest(leanest);
     choice_.reason = "predicted for a step: ";
     for (const SolverForecast& candidate : choice_.forecasts)
       choice_.reason += (&candidate == &leanest ? "" : ", ") + describe(candidate);
@@ -153,6 +152,14 @@ class Chooser {
 };
 
 }  // namespace
+
+SolverQuestion question_of(const NormalEquations& normal) {
+  return {.graph = normal.graph(),
+          .map = normal.map(),
+          .pool = normal.pool(),
+          .pairs = normal.camera_terms().pairs(),
+          .exchange = normal.exchange()};
+}
 
 SolverCounts count(const SolverQuestion& question) {
   const ObservationGraph& graph = question.graph;
@@ -197,33 +204,12 @@ LinearSolverChoice choose_linear_solver(const SolverQuestion& question,
   return Chooser(question, options).choose();
 }
 
-namespace {
-
-// Null where multiplying from the Jacobian costs less.
-std::shared_ptr<const ReducedStructure> structure_worth_its_blocks(
-    const NormalEquations& normal, std::shared_ptr<const ReducedStructure> structure) {
-  const ObservationGraph& graph = normal.graph();
-  if (normal.exchange().num_ranks() > 1 || graph.num_cameras == 0) return nullptr;
-  IterativeSize size = iterative_size(graph, normal.map().camera_size);
-  if (!structure) {
-    size.blocks = graph.num_cameras;  // at least
-    if (!blocks_pay(size)) return nullptr;
-    structure = std::make_shared<ReducedStructure>(
-        ReducedStructure{.pattern = make_camera_pattern(graph, {}, normal.pool())});
-  }
-  size.blocks = static_cast<double>(structure->pattern.num_blocks());
-  return blocks_pay(size) ? structure : nullptr;
-}
-
-}  // namespace
-
 std::unique_ptr<LinearSolver> make_linear_solver(
     const NormalEquations& normal,
     const LinearSolverOptions& options,
     std::shared_ptr<const ReducedStructure> structure) {
   if (options.kind == LinearSolverKind::kIterative) {
-    return std::make_unique<IterativeSolver>(
-        normal, options, structure_worth_its_blocks(normal, std::move(structure)));
+    return make_as_chosen(normal, options, choose_linear_solver(question_of(normal), options));
   }
   return std::make_unique<ExplicitSchurSolver>(normal, options.kind, std::move(structure));
 }

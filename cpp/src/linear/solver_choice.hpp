@@ -8,6 +8,8 @@ namespace sfmcpp::linear {
 // Of no more columns the whole matrix costs less than analysing it.
 inline constexpr double kAlwaysDense = 300;
 
+// For normal equations that stand: nothing more is to be held.
+SolverQuestion question_of(const NormalEquations& normal);
 // What is known without an analysis.
 SolverCounts count(const SolverQuestion& question);
 // Counts the blocks of S, and finds an order of elimination, in so far as the choice has not.

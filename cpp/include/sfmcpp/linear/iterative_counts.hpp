@@ -17,15 +17,9 @@ struct IterativeSize {
 };
 
 struct IterativeCounts {
-  double setup_flops = 0.0;
-  double setup_bytes = 0.0;
-  double iteration_flops = 0.0;
   double iteration_bytes = 0.0;  // read and written
   double kept_bytes = 0.0;       // besides the normal equations
 };
-
-// All but the blocks.
-IterativeSize iterative_size(const ObservationGraph& graph, int camera_size);
 
 IterativeCounts count_from_jacobian(const IterativeSize& size);
 IterativeCounts count_with_blocks(const IterativeSize& size);
@@ -33,8 +27,5 @@ IterativeCounts count_with_blocks(const IterativeSize& size);
 // Iterations that a step is expected to take, before any has been taken; later those of the last
 // step tell more (Iteration::linear_solver_iterations).
 double expected_iterations(const IterativeSize& size);
-
-// Whether S is to be formed in blocks.
-bool blocks_pay(const IterativeSize& size);
 
 }  // namespace sfmcpp::linear

@@ -15,6 +15,13 @@ inline void multiply_by_transposed_factor(const PointFactor& m, const double* z,
   out[2] = m.m22 * z[2];
 }
 
+// out = Mᵀ M x = (V + λD)⁻¹ x, which may be x.
+inline void solve_point(const PointFactor& m, const double* x, double* out) {
+  const double z[3] = {
+      m.m00 * x[0], m.m10 * x[0] + m.m11 * x[1], m.m20 * x[0] + m.m21 * x[1] + m.m22 * x[2]};
+  multiply_by_transposed_factor(m, z, out);
+}
+
 class PointElimination {
  public:
   explicit PointElimination(const NormalEquations& normal);

@@ -12,6 +12,8 @@
 
 namespace sfmcpp {
 
+class ThreadPool;
+
 namespace linear {
 
 enum class LinearSolverKind;  // linear_solver.hpp
@@ -107,9 +109,9 @@ SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks);
 
 // Seconds a unit on two threads of the machine that bench/choice.py was run on last.
 const Works& reference_rates();
-// The same for this machine and a number of threads: by two measurements of a few milliseconds,
+// The same for this machine and the threads of a pool: by two measurements of a few milliseconds,
 // made once in a process.
-Works rates_of_this_machine(int num_threads);
+Works rates_of_this_machine(ThreadPool& pool);
 
 }  // namespace linear
 }  // namespace sfmcpp
