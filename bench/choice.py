@@ -3,8 +3,8 @@
     python bench/choice.py table [--shapes corridor200,sphere600 …] [--files FILE …] [--out DIR]
     python bench/choice.py rates [--out DIR]
 
-`table` solves every shape with each linear solver by name and with `auto`, each run in a process of its own
-on two threads, and prints seconds to 1e-3 of the lowest cost of any of them, those before the first step
+`table` solves every shape with each linear solver by name and with `auto`, in a process of its own on two
+threads, the fastest of five runs where these are short, and prints seconds to 1e-3 of the lowest cost of any of them, those before the first step
 included, and how far `auto` is behind the best. `rates` fits seconds per unit of each kind of work to the
 steps that `table` has measured of shapes with odd seeds, and prints them as the table in
 cpp/src/linear/solver_costs.cpp; the rows of even seeds are what it has not seen.
@@ -35,6 +35,7 @@ ALLOWED = 1.3
 LIMITS: dict[str, Any] = {"threads": 2, "max_iterations": 25, "max_seconds": 8.0}
 POOR = {"point_sigma_m": 0.3, "position_sigma_m": 0.3, "rotation_sigma_deg": 1.0}
 PATIENCE_S = 200.0
+REPEATS, WORTH_REPEATING_S = 4, 3.0
 
 
 def scene(
@@ -97,11 +98,17 @@ def main() -> None:
 
 
 def run(shape: str, solver: str) -> Record:
-    """Solve a shape, or a file, with one solver."""
+    """Solve a shape, or a file, with one solver: the fastest of a few runs.
+
+    The first solve of a process waits for memory that nothing has touched, by chance for longer than it computes.
+    """
     problem = SHAPES[shape][1]() if shape in SHAPES else sfmcpp.read(shape)
     resident = memory("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
-    summary = sfmcpp.solve(problem, linear_solver=solver, **LIMITS)
+    summary = sfmcpp.solve(problem.copy(), linear_solver=solver, **LIMITS)
+    for _ in range(REPEATS if summary.seconds_total < WORTH_REPEATING_S else 0):
+        again = sfmcpp.solve(problem.copy(), linear_solver=solver, **LIMITS)
+        summary = min(summary, again, key=lambda s: s.seconds_total)
     return {
         "solver": summary.linear_solver,
         "reason": summary.linear_solver_reason,

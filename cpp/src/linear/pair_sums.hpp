@@ -78,12 +78,12 @@ inline void add_pair(const Stored<D, T>& stored,
   add_outer(block, weighted, j.numbers + D);
 }
 
-// blocks = −Σ J_aᵀ (t_a A_bᵀ) J_b over the pairs of each.
+// blocks −= Σ J_aᵀ (t_a A_bᵀ) J_b over the pairs of each.
 template <int D, class T>
-void sum_pairs(const SchurRow& in) {
+void sum_pairs(const PairSums& in) {
   const Stored<D, T> stored(in.jacobian);
   for (int a = in.begin; a < in.end; ++a) {
-    const PointFactor& m = in.factors[in.graph.point[a]];
+    const PointFactor& m = in.factors[in.point[a]];
     double g[6], t[6];
     whiten(stored.record(a), m, g);
     unwhiten(g, m, t);
@@ -91,8 +91,10 @@ void sum_pairs(const SchurRow& in) {
   }
   const long last = in.pair_begin[in.num_blocks] - 1;
   for (int k = 0; k < in.num_blocks; ++k) {
+    if (in.pair_begin[k] == in.pair_begin[k + 1]) continue;
+    double* sum = in.blocks + static_cast<long>(k) * D * D;
     Block<D> block;
-    set_zero(block);
+    load_block(sum, block);
     for (long q = in.pair_begin[k]; q < in.pair_begin[k + 1]; ++q) {
       const long ahead = q + kPairsAhead;
       stored.prefetch(in.pairs[ahead < last ? ahead : last].second);
@@ -101,7 +103,7 @@ void sum_pairs(const SchurRow& in) {
           in.whitened + kWhitenedNumbers * static_cast<long>(pair.first - in.begin);
       add_pair(stored, pair, spread_t, block);
     }
-    store_block(block, in.blocks + static_cast<long>(k) * D * D);
+    store_block(block, sum);
   }
 }
 

@@ -131,6 +131,18 @@ inline void set_zero(Block<D, kFirst, kWidth>& block) {
 }
 
 template <int D, int kFirst, int kWidth>
+inline void load_block(const double* in, Block<D, kFirst, kWidth>& block) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      load_row(in + kFirst * D, block.row);
+    } else {
+      for (int c = 0; c < D; ++c) block.columns[c] = load<kWidth>(in + kFirst * D + c * kWidth);
+      load_block(in, block.rest);
+    }
+  }
+}
+
+template <int D, int kFirst, int kWidth>
 inline void store_block(const Block<D, kFirst, kWidth>& block, double* out) {
   if constexpr (kFirst < D) {
     if constexpr (kWidth == 1) {

@@ -117,11 +117,6 @@ void schur_row(const SchurRow& in) {
   constexpr int kAhead = 4;
   const GraphView& graph = in.graph;
   const Stored<D, T> stored(in.jacobian);
-  schur_diagonal<D, T>(
-      in.jacobian, in.begin, in.end, graph.point, in.factors, in.gradient, in.diagonal, in.rhs);
-  if constexpr (kSumsPairs<D>) {
-    if (in.pairs != nullptr) return sum_pairs<D, T>(in);
-  }
   for (int a = in.begin; a < in.end; ++a) {
     prefetch_partners(in, stored, a + kAhead);
     const PointFactor& m = in.factors[graph.point[a]];
@@ -264,10 +259,19 @@ void reduced_gradient(const StoredJacobian& jacobian,
 }
 
 template <int D, class T>
+constexpr auto sum_of_pairs() -> void (*)(const PairSums&) {
+  if constexpr (kSumsPairs<D>) {
+    return &sum_pairs<D, T>;
+  } else {
+    return nullptr;
+  }
+}
+
+template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
           .schur_row = &schur_row<D, T>,
-          .sums_pairs = kSumsPairs<D>,
+          .sum_pairs = sum_of_pairs<D, T>(),
           .round_jacobian = &round_jacobian<D, T>,
           .round_records = &round_records<T>,
           .schur_diagonal = &schur_diagonal<D, T>,

@@ -9,6 +9,8 @@ namespace {
 
 // More pairs than this for each observation take more memory than the Jacobian is worth.
 constexpr double kMostPairs = 8.0;
+// Of a part of a row: as many as stay in the cache beside what they read.
+constexpr std::size_t kPairsOfPart = 16384;
 
 // Numbers of the blocks of row i by their second camera; the first, (i, i), has `first`.
 void number_blocks(const CameraPattern& pattern, int i, int first, std::vector<int>& of_camera) {
@@ -17,14 +19,18 @@ void number_blocks(const CameraPattern& pattern, int i, int first, std::vector<i
     of_camera[pattern.column[block]] = first + static_cast<int>(block - begin);
 }
 
+// Calls f(b) for the observations of the point of observation a in later cameras.
+template <class F>
+void for_each_partner(const ObservationGraph& graph, int a, const F& f) {
+  const int end = graph.point_begin[graph.point[a] + 1];
+  for (int position = graph.rank[a] + 1; position < end; ++position) f(graph.of_point[position]);
+}
+
 // Calls f(a, b) for the pairs of row i, in the order of a and then of b.
 template <class F>
 void for_each_pair(const ObservationGraph& graph, int i, const F& f) {
-  for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
-    const int end = graph.point_begin[graph.point[a] + 1];
-    for (int position = graph.rank[a] + 1; position < end; ++position)
-      f(a, graph.of_point[position]);
-  }
+  for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a)
+    for_each_partner(graph, a, [&](int b) { f(a, b); });
 }
 
 // Calls f(i, numbers) for every row in parallel, with the numbers of its blocks.
@@ -40,11 +46,16 @@ void for_each_row(const NormalEquations& normal, const CameraPattern& pattern, c
 
 }  // namespace
 
+double pair_list_bytes(const SchurKernels& kernels, double pairs, double observations) {
+  const bool are_kept = kernels.sum_pairs != nullptr && pairs <= kMostPairs * observations;
+  return are_kept ? pairs * sizeof(ObservationPair) : 0.0;
+}
+
 PairLists::PairLists(const NormalEquations& normal, const CameraPattern& pattern) {
   const ObservationGraph& graph = normal.graph();
   const double observations = graph.num_observations();
   const double pairs = num_pair_updates(graph) - observations;
-  if (!normal.kernels().sums_pairs || pairs == 0.0 || pairs > kMostPairs * observations) return;
+  if (pair_list_bytes(normal.kernels(), pairs, observations) == 0.0) return;
   std::vector<long> count(static_cast<std::size_t>(pattern.num_blocks()) + 1, 0);
   for_each_row(normal, pattern, [&](int i, const std::vector<int>& number) {
     long* of_row = count.data() + pattern.row_begin[i];
@@ -70,37 +81,96 @@ SchurRows::SchurRows(const NormalEquations& normal,
       pattern_(pattern),
       pairs_(normal, pattern),
       scratch_(normal.pool().num_threads()) {
-  const ObservationGraph& graph = normal.graph();
-  int most = 0;
-  for (int i = 0; i < graph.num_cameras; ++i)
-    most = std::max(most, graph.observations_of_camera(i));
-  for (Scratch& scratch : scratch_) {
-    scratch.block_of_camera.resize(graph.num_cameras);
-    if (!pairs_.empty()) scratch.whitened.resize(kWhitenedNumbers * static_cast<std::size_t>(most));
-  }
+  for (Scratch& scratch : scratch_) scratch.block_of_camera.resize(normal.graph().num_cameras);
 }
 
 void SchurRows::form(int i, int worker, double* diagonal, double* blocks, double* rhs) {
   const ObservationGraph& graph = normal_.graph();
+  const SchurKernels& kernels = normal_.kernels();
   Scratch& scratch = scratch_[worker];
   number_blocks(pattern_, i, -1, scratch.block_of_camera);
-  const long first = pattern_.row_begin[i], size = normal_.map().camera_size;
-  const int num_blocks = static_cast<int>(pattern_.row_begin[i + 1] - first) - 1;
-  if (pairs_.empty()) std::fill_n(blocks, num_blocks * size * size, 0.0);
-  normal_.kernels().schur_row({.graph = graph.view(),
-                               .begin = graph.camera_begin[i],
-                               .end = graph.camera_begin[i + 1],
-                               .jacobian = normal_.jacobian(),
-                               .factors = elimination_.factors(),
-                               .block_of_camera = scratch.block_of_camera.data(),
-                               .diagonal = diagonal,
-                               .blocks = blocks,
-                               .gradient = normal_.unrounded_gradient(i),
-                               .rhs = rhs,
-                               .pairs = pairs_.empty() ? nullptr : pairs_.pairs(),
-                               .pair_begin = pairs_.empty() ? nullptr : pairs_.begin_of_row(first),
-                               .num_blocks = num_blocks,
-                               .whitened = scratch.whitened.data()});
+  kernels.schur_diagonal(normal_.jacobian(),
+                         graph.camera_begin[i],
+                         graph.camera_begin[i + 1],
+                         graph.point.data(),
+                         elimination_.factors(),
+                         normal_.unrounded_gradient(i),
+                         diagonal,
+                         rhs);
+  const long size = normal_.map().camera_size;
+  std::fill_n(blocks, num_blocks_behind(i) * size * size, 0.0);
+  if (!pairs_.empty()) return add_kept_pairs(i, scratch, blocks);
+  if (kernels.sum_pairs != nullptr) return add_pairs_in_parts(i, scratch, blocks);
+  kernels.schur_row({.graph = graph.view(),
+                     .begin = graph.camera_begin[i],
+                     .end = graph.camera_begin[i + 1],
+                     .jacobian = normal_.jacobian(),
+                     .factors = elimination_.factors(),
+                     .block_of_camera = scratch.block_of_camera.data(),
+                     .blocks = blocks});
+}
+
+int SchurRows::num_blocks_behind(int i) const {
+  return static_cast<int>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) - 1;
+}
+
+void SchurRows::add_kept_pairs(int i, Scratch& scratch, double* blocks) const {
+  add_pairs({.begin = normal_.graph().camera_begin[i],
+             .end = normal_.graph().camera_begin[i + 1],
+             .pairs = pairs_.pairs(),
+             .pair_begin = pairs_.begin_of_row(pattern_.row_begin[i]),
+             .num_blocks = num_blocks_behind(i),
+             .blocks = blocks},
+            scratch);
+}
+
+void SchurRows::add_pairs_in_parts(int i, Scratch& scratch, double* blocks) const {
+  const ObservationGraph& graph = normal_.graph();
+  int begin = graph.camera_begin[i];
+  while (begin < graph.camera_begin[i + 1]) {
+    const int end = find_part(begin, graph.camera_begin[i + 1], scratch);
+    sort_part(num_blocks_behind(i), scratch);
+    add_pairs({.begin = begin,
+               .end = end,
+               .pairs = scratch.pairs.data(),
+               .pair_begin = scratch.pair_begin.data(),
+               .num_blocks = num_blocks_behind(i),
+               .blocks = blocks},
+              scratch);
+    begin = end;
+  }
+}
+
+// The pairs of the observations from `begin` on, and where the part of the row ends.
+int SchurRows::find_part(int begin, int last, Scratch& scratch) const {
+  const ObservationGraph& graph = normal_.graph();
+  scratch.found.clear();
+  int a = begin;
+  do {
+    for_each_partner(graph, a, [&](int b) {
+      scratch.found.push_back({scratch.block_of_camera[graph.camera[b]], {a, b}});
+    });
+  } while (++a < last && scratch.found.size() < kPairsOfPart);
+  return a;
+}
+
+void SchurRows::sort_part(int num_blocks, Scratch& scratch) {
+  std::vector<long>& begin = scratch.pair_begin;
+  begin.assign(static_cast<std::size_t>(num_blocks) + 2, 0);
+  for (const FoundPair& found : scratch.found) ++begin[found.block + 2];
+  for (int k = 0; k < num_blocks; ++k) begin[k + 2] += begin[k + 1];
+  scratch.pairs.resize(scratch.found.size());
+  for (const FoundPair& found : scratch.found) scratch.pairs[begin[found.block + 1]++] = found.pair;
+}
+
+void SchurRows::add_pairs(PairSums sums, Scratch& scratch) const {
+  const std::size_t numbers = static_cast<std::size_t>(kWhitenedNumbers) * (sums.end - sums.begin);
+  if (scratch.whitened.size() < numbers) scratch.whitened.resize(numbers);
+  sums.point = normal_.graph().point.data();
+  sums.jacobian = normal_.jacobian();
+  sums.factors = elimination_.factors();
+  sums.whitened = scratch.whitened.data();
+  normal_.kernels().sum_pairs(sums);
 }
 
 }  // namespace sfmcpp::linear

@@ -9,6 +9,7 @@
 #include "sfmcpp/core/memory_limit.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/linear/schur_rows.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -167,14 +168,17 @@ SolverCounts count(const SolverQuestion& question) {
                    static_cast<double>(graph.num_observations()),
                    num_pair_updates(graph)};
   question.exchange.sum(sums);
-  SolverCounts counts{.cameras = static_cast<double>(graph.num_cameras),
-                      .points = sums[0],
-                      .observations = sums[1],
-                      .pairs = sums[2] - sums[1],
-                      .camera_size = static_cast<double>(question.map.camera_size),
-                      .columns = static_cast<double>(question.map.num_columns),
-                      .number_bytes = question.number_bytes,
-                      .blocks = static_cast<double>(graph.num_cameras)};
+  SolverCounts counts{
+      .cameras = static_cast<double>(graph.num_cameras),
+      .points = sums[0],
+      .observations = sums[1],
+      .pairs = sums[2] - sums[1],
+      .camera_size = static_cast<double>(question.map.camera_size),
+      .columns = static_cast<double>(question.map.num_columns),
+      .number_bytes = question.number_bytes,
+      .pair_list_bytes = pair_list_bytes(
+          schur_kernels(question.map.camera_size, Precision::kDouble), sums[2] - sums[1], sums[1]),
+      .blocks = static_cast<double>(graph.num_cameras)};
   bound_sparse_factor(counts);
   return counts;
 }

@@ -11,7 +11,7 @@ namespace {
 constexpr double kDouble = sizeof(double);
 // Steps that work done once is shared by: a run takes about so many.
 constexpr double kExpectedSteps = 10;
-constexpr double kFewestIterations = 5;
+constexpr double kFewestIterations = 3;
 // Steps of conjugate gradients that are stopped early gain less: so many for one exact step.
 constexpr double kInexactSteps = 1.5;
 
@@ -101,7 +101,7 @@ SolverForecast forecast_dense(const SolverCounts& counts) {
   amount_of(forecast.step, Work::kDenseFactor) = n * n * n / 3;
   amount_of(forecast.step, Work::kDenseEntries) = kDouble * n * n;
   amount_of(forecast.step, Work::kRegions) += n / 48;
-  forecast.bytes = kDouble * n * n;
+  forecast.bytes = kDouble * n * n + counts.pair_list_bytes;
   return forecast;
 }
 
@@ -111,7 +111,7 @@ SolverForecast forecast_sparse(const SolverCounts& counts) {
   amount_of(forecast.step, Work::kSparseFactor) = counts.factor_flops;
   amount_of(forecast.step, Work::kSparseEntries) = counts.factor_bytes;
   // The factor takes the place of the matrix.
-  forecast.bytes = counts.factor_bytes + 64 * counts.edges;
+  forecast.bytes = counts.factor_bytes + 64 * counts.edges + counts.pair_list_bytes;
   return forecast;
 }
 
@@ -133,7 +133,7 @@ SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks) 
       iterative.iteration_bytes;
   amount_of(forecast.iteration, Work::kRegions) = 10;
   forecast.iterations = iterations_of(counts, expected_iterations(size));
-  forecast.bytes = iterative.kept_bytes;
+  forecast.bytes = iterative.kept_bytes + (with_blocks ? counts.pair_list_bytes : 0.0);
   return forecast;
 }
 

@@ -55,25 +55,30 @@ struct ObservationPair {
   int first, second;
 };
 
-// Numbers that a row keeps for each of its observations where pairs are given.
+// Numbers that sums of pairs keep for each observation of camera i.
 inline constexpr int kWhitenedNumbers = 24;
 
-// One block row of S: the blocks (i, j), j ≥ i, of camera i, in panel layout.
+// What observations of a camera i add to the blocks (i, j), j > i, of S, in panel layout.
 struct SchurRow {
   GraphView graph;
   int begin, end;  // observations of camera i
   StoredJacobian jacobian;
   const PointFactor* factors;  // M, y of every point
-  const int* block_of_camera;  // for j > i: number of block (i, j) among `blocks`
-  double* diagonal;            // block (i, i); overwritten
-  double* blocks;              // blocks (i, j), j > i; added to, or overwritten by sums of pairs
-  const double* gradient;      // Σ Jᵀ r where the stored one is rounded, else null
-  double* rhs;                 // D numbers; overwritten
-  // The pairs by block, where kernels sum them so; null: they are found from the graph.
+  const int* block_of_camera;  // number of block (i, j) among `blocks`
+  double* blocks;              // added to
+};
+
+// The same with the pairs of these observations given, by block.
+struct PairSums {
+  int begin = 0, end = 0;  // observations of camera i
   const ObservationPair* pairs = nullptr;
   const long* pair_begin = nullptr;  // of each of the blocks, and the end
   int num_blocks = 0;
-  double* whitened = nullptr;  // kWhitenedNumbers for each observation of camera i
+  double* blocks = nullptr;    // added to
+  const int* point = nullptr;  // of every observation
+  StoredJacobian jacobian{};
+  const PointFactor* factors = nullptr;
+  double* whitened = nullptr;  // kWhitenedNumbers for each observation
 };
 
 // Observations [begin, end) are of one camera; `point` is that of every observation.
@@ -85,12 +90,14 @@ struct SchurKernels {
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
-  bool sums_pairs;  // whether a row is formed faster with pairs given
+  // In a fraction of the time; null where a block does not fit into the registers.
+  void (*sum_pairs)(const PairSums& row);
   // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
   // four numbers each, of which the last means nothing.
   void (*round_jacobian)(int n, const double* jacobian, void* stored);
   void (*round_records)(int n, const PointRecord* records, void* stored, float* lost);
-  // Block (i, i) and the right-hand side alone, with the gradient as for a row.
+  // Block (i, i) of S and Σ Jᵀ r̄, overwritten; `gradient` is Σ Jᵀ r where the stored r is rounded,
+  // else null.
   void (*schur_diagonal)(const StoredJacobian& jacobian,
                          int begin,
                          int end,

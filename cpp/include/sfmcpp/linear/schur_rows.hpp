@@ -10,17 +10,21 @@
 
 namespace sfmcpp::linear {
 
+// What the lists of so many pairs take; zero where none are kept.
+double pair_list_bytes(const SchurKernels& kernels, double pairs, double observations);
+
 // Pairs of observations of a point, by the block of S that they add to: with them a block is summed
-// in registers and written once. Eight bytes a pair, kept for all steps; empty where the
-// instruction set has too few registers, or where tracks are long and there are far more pairs than
-// observations.
+// in registers and written once, and what is read of a camera is read in order. Eight bytes a pair,
+// kept for all steps; empty where the instruction set has too few registers, or where tracks are
+// long and there are far more pairs than observations: then they are listed a part of a row at a
+// time, in every step.
 class PairLists {
  public:
   PairLists(const NormalEquations& normal, const CameraPattern& pattern);
 
   bool empty() const { return pairs_.empty(); }
   const ObservationPair* pairs() const { return pairs_.data(); }
-  // Of the blocks of row i behind the diagonal one, and the end.
+  // Of the blocks of a row behind the diagonal one, and the end.
   const long* begin_of_row(long first_block) const { return begin_.data() + first_block + 1; }
 
  private:
@@ -42,10 +46,26 @@ class SchurRows {
   const int* block_of_camera(int worker) const { return scratch_[worker].block_of_camera.data(); }
 
  private:
+  struct FoundPair {
+    int block;
+    ObservationPair pair;
+  };
   struct Scratch {
     std::vector<int> block_of_camera;
     AlignedVector<double> whitened;
+    // Of a part of a row: as they are found, and by block.
+    std::vector<FoundPair> found;
+    std::vector<ObservationPair> pairs;
+    std::vector<long> pair_begin;
   };
+
+  int num_blocks_behind(int i) const;
+  void add_kept_pairs(int i, Scratch& scratch, double* blocks) const;
+  void add_pairs_in_parts(int i, Scratch& scratch, double* blocks) const;
+  int find_part(int begin, int last, Scratch& scratch) const;
+  static void sort_part(int num_blocks, Scratch& scratch);
+  // With all that is alike for all parts.
+  void add_pairs(PairSums sums, Scratch& scratch) const;
 
   const NormalEquations& normal_;
   const PointElimination& elimination_;

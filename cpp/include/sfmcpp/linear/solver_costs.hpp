@@ -74,6 +74,7 @@ struct SolverCounts {
   double camera_size = 0.0;
   double columns = 0.0;                  // of the reduced system
   double number_bytes = sizeof(double);  // of an entry of the Jacobian
+  double pair_list_bytes = 0.0;          // schur_rows.hpp
   // What is known only of an analysed structure; the least that they can be where it is not.
   double blocks = 0.0;  // of S on and above the diagonal
   double edges = 0.0;   // coupled variable blocks
