@@ -43,7 +43,7 @@ class SensorSuite:
         ]
 
     def learn(self, fused: Fused) -> None:
-        """Remember how the sensors compared with the images at a keyframe; doubtful ones are named already."""
+        """Remember how the sensors compared with the images; doubtful ones are named already."""
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
