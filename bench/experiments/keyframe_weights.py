@@ -83,7 +83,7 @@ def _choose(result: SlamResult, known: np.ndarray, suite: SensorSuite, found: Se
     rotation = newest.pose[:, :3]
     measured = suite.measure(earlier[-1].t_s, newest.t_s, rotation, metric=result.metric)
     for method, chosen in found.items():
-        settings = replace(SlamSettings(), weights=method)
+        settings = replace(SlamSettings(), weights=method, weight_bounds="none")
         chosen += fuse(world, newest.view, newest.pose, measured, settings).selections
 
 

@@ -272,7 +272,7 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
   warn(
       "camera",
       graph.num_cameras,
-      [&](int i) { return !graph.is_observed(i); },
+      [&](int i) { return !graph.takes_part(i); },
       "no observations, left as given",
       warnings);
   warn(

@@ -81,20 +81,6 @@ void check_constraints(const Problem& problem, const optim::State& state) {
                   });
 }
 
-void check_constrained_cameras_observed(const Problem& problem,
-                                        const linear::ObservationGraph& graph) {
-  for_each_member(problem.constraints,
-                  [&](const ConstraintGroup& group, std::size_t k, const ConstraintMember& member) {
-                    if (member.previous == kNoPrevious) return;
-                    for (int camera : {member.camera, member.previous}) {
-                      if (graph.is_observed(camera) || problem.fixed_cameras[camera]) continue;
-                      throw InvalidArgument(residuals::name_of(group, k) + ".cameras: camera " +
-                                            std::to_string(camera) +
-                                            " has no observations: must be observed or fixed");
-                    }
-                  });
-}
-
 ConstraintTerms::ConstraintTerms(const Problem& problem,
                                  const linear::ParameterMap& map,
                                  const std::vector<int>& free_intrinsics)
@@ -142,6 +128,7 @@ void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& 
   terms.set_zero();
   for (const auto& [group, member] : active_) {
     residuals::evaluate(*group, *member, cameras, &columns_, e);
+    residuals::apply_loss(group->loss, e);
     for (double& value : e.residual) value = -value;  // e + J δ is −(r − J δ)
     const bool two = member->previous != kNoPrevious;
     terms.add({.rows = e.rows,
@@ -160,6 +147,7 @@ double ConstraintTerms::slope(const optim::State& state,
   double sum = 0.0;
   for (const auto& [group, member] : active_) {
     residuals::evaluate(*group, *member, cameras, &columns_, e);
+    residuals::apply_loss(group->loss, e);
     std::vector<double> moved(e.rows, 0.0);
     add_product(e.by_camera, map_, camera_step, member->camera, moved);
     if (member->previous != kNoPrevious)

@@ -52,8 +52,8 @@ class GaugeChooser {
     }
   }
 
-  bool is_observed(int i) const { return graph_.is_observed(i); }
-  bool is_free(int i) const { return is_observed(i) && !problem_.fixed_cameras[i]; }
+  bool takes_part(int i) const { return graph_.takes_part(i); }
+  bool is_free(int i) const { return takes_part(i) && !problem_.fixed_cameras[i]; }
 
   Eigen::Map<const CameraMatrix> camera(int i) const {
     return Eigen::Map<const CameraMatrix>(state_.cameras.data() + problem_.camera_offset(i));
@@ -63,13 +63,13 @@ class GaugeChooser {
   void normalise() {
     int count = 0;
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_observed(i)) continue;
+      if (!takes_part(i)) continue;
       middle_ += camera(i).col(3);
       ++count;
     }
     middle_ /= std::max(count, 1);
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (is_observed(i)) extent_ = std::max(extent_, (camera(i).col(3) - middle_).norm());
+      if (takes_part(i)) extent_ = std::max(extent_, (camera(i).col(3) - middle_).norm());
     }
     if (extent_ == 0.0) extent_ = 1.0;
   }
@@ -103,7 +103,7 @@ class GaugeChooser {
 
   void add_fixed_cameras(Similarities& held) const {
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_observed(i) || is_free(i)) continue;
+      if (!takes_part(i) || is_free(i)) continue;
       const Motions rows = response_of_camera(i);
       held += rows.transpose() * rows;
     }

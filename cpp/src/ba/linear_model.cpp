@@ -1,6 +1,7 @@
 #include "sfmcpp/ba/linear_model.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "linear_model_work.hpp"
 
@@ -24,6 +25,12 @@ void add_entries(const linear::ParameterMap& map,
   for_each_column(map, camera, [&](int k, int column) {
     if (jacobian[k] != 0.0) out.emplace_back(row, column, jacobian[k]);
   });
+}
+
+// The loss of errors that lack the weight w of the group: ρ′(w s / c²) = ρ′(s / (c² / w)).
+Loss per_unit_weight(const residuals::ConstraintGroup& group) {
+  if (!(group.weight > 0.0)) return {};
+  return {group.loss.kind, group.loss.scale / std::sqrt(group.weight)};
 }
 
 }  // namespace
@@ -77,6 +84,7 @@ void LinearModel::fill_groups() {
       const residuals::ConstraintMember& member = group.members[k];
       if (!(member.weight > 0.0)) continue;
       residuals::evaluate(unweighted, member, cameras, &columns, e);
+      residuals::apply_loss(per_unit_weight(group), e);
       for (long row = 0; row < e.rows; ++row) {
         const auto place = static_cast<int>(errors.size());
         add_entries(map_, member.camera, e.by_camera.data() + columns.width * row, place, entries);

@@ -32,9 +32,9 @@ class Builder {
 
   ParameterMap build() {
     for (int i = 0; i < problem_.num_cameras(); ++i) {
-      if (!graph_.is_observed(i)) continue;
+      if (!graph_.takes_part(i)) continue;
       if (!problem_.fixed_cameras[i]) add_pose(i);
-      if (users_[group(i)] == 1) add_intrinsics(group(i), {i});
+      if (graph_.is_observed(i) && users_[group(i)] == 1) add_intrinsics(group(i), {i});
       end_block();
     }
     add_shared_intrinsics();

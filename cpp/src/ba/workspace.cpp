@@ -5,6 +5,7 @@
 #include <functional>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/ba/held_cameras.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/statistics.hpp"
 
@@ -109,6 +110,7 @@ linear::ObservationGraph checked_graph(const Problem& problem,
     check_constraints(problem, start);
   });
   exchange.sum(graph.of_camera_on_all_ranks);
+  graph.held = cameras_held_by_constraints(problem, graph, start);
   return graph;
 }
 
@@ -219,7 +221,6 @@ Workspace::Workspace(const Problem& problem,
       choice(choose_solver(*this, problem, options)),
       model(problem, graph, map, intrinsics, pool, ranks, precision) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
-  check_constrained_cameras_observed(problem, graph);
   check_determined(graph, map, model.constraints().num_equations(), exchange);
   solver = make_solver(model, options, choice);
   model.set_camera_modes_wanted(solver->wants_camera_modes());

@@ -86,11 +86,24 @@ std::array<double, 5> pinhole_of(const ba::Problem& problem, int camera) {
   return pinhole;
 }
 
+Loss loss_of(const py::dict& arrays, const std::string& group) {
+  Loss loss;
+  try {
+    loss.kind = parse_enum<LossKind>(arrays["loss"].cast<std::string>());
+  } catch (const InvalidArgument& error) {
+    throw InvalidArgument("constraints['" + group + "']." + error.what());
+  }
+  const py::object scale = arrays["loss_scale"];
+  loss.scale = scale.is_none() ? efficient_scale(loss.kind, 1.0) : scale.cast<double>();
+  return loss;
+}
+
 ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
   ConstraintGroup group;
   group.name = arrays["name"].cast<std::string>();
   group.kind = parse_enum<residuals::ConstraintKind>(arrays["kind"].cast<std::string>());
   group.weight = arrays["weight"].cast<double>();
+  group.loss = loss_of(arrays, group.name);
   const ConstraintKindFacts& kind = facts_of(group.kind);
   const auto cameras = view<const int>(arrays, "cameras");  // previous, this
   auto values = view<const double>(arrays, "values");

@@ -93,8 +93,7 @@ double group_cost(const ConstraintGroup& group,
   for (const ConstraintMember& member : group.members) {
     if (!is_active(group, member)) continue;
     evaluate(group, member, cameras, nullptr, scratch);
-    for (int row = 0; row < scratch.rows; ++row)
-      sum += scratch.residual[row] * scratch.residual[row];
+    sum += group.loss.rho(squared_error(scratch));
   }
   return 0.5 * sum;
 }
@@ -208,6 +207,10 @@ void check_intrinsics(const ConstraintGroup& group,
 void check_group(const ConstraintGroup& group) {
   if (group.name.empty()) refuse("constraints", "a group has an empty name");
   check_weight("constraints['" + group.name + "'].weight", group.weight);
+  if (!(group.loss.scale > 0.0 && std::isfinite(group.loss.scale))) {
+    refuse("constraints['" + group.name + "'].loss_scale = " + std::to_string(group.loss.scale),
+           "must be finite and positive");
+  }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
     check_weight(name_of(group, k) + ".weight", member.weight);
@@ -309,6 +312,20 @@ int num_equations(ConstraintKind kind, const ConstraintMember& member) {
   const ConstraintKindFacts& facts = facts_of(kind);
   const int images = static_cast<int>(member.points.size()) / 3;
   return std::min(facts.compares_images() ? 2 * images : facts.entries, facts.freedom);
+}
+
+double squared_error(const ConstraintResidual& e) {
+  double sum = 0.0;
+  for (int row = 0; row < e.rows; ++row) sum += e.residual[row] * e.residual[row];
+  return sum;
+}
+
+void apply_loss(const Loss& loss, ConstraintResidual& e) {
+  if (loss.kind == LossKind::kSquared) return;
+  const double factor = std::sqrt(loss.derivative(squared_error(e)));
+  scale(factor, e.residual);
+  scale(factor, e.by_camera);
+  scale(factor, e.by_previous);
 }
 
 void evaluate(const ConstraintGroup& group,

@@ -46,6 +46,8 @@ def _core_constraint(group: ConstraintGroup) -> dict[str, Any]:
         "name": group.name,
         "kind": group.kind,
         "weight": float(group.weight),
+        "loss": group.loss,
+        "loss_scale": None if group.loss_scale is None else float(group.loss_scale),
         "cameras": np.ascontiguousarray(pairs, dtype=np.int32),
         "values": np.zeros(0) if group.values is None else np.ascontiguousarray(group.values),
         "member_weights": np.ascontiguousarray(group.member_weights),

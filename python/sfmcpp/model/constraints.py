@@ -58,6 +58,12 @@ class ConstraintGroup:
     points : sequence of n (k, 3) float64, optional
         World points, one array per member, of kinds that compare images; they stay where they are.
         The images are those of a camera without distortion.
+    loss : str
+        Robust loss ρ of each member, for a sensor with outliers: ``"squared"`` (none), ``"huber"``,
+        ``"cauchy"`` or ``"tukey"``. The group then adds ``½ Σ ρ(weight · member_weight · ε)``.
+    loss_scale : float, optional
+        Where the loss leaves the parabola, in standard deviations of the sensor, with the weight d / σ².
+        Default: 95 % efficiency on normal errors, as for observations.
 
     Raises
     ------
@@ -72,6 +78,8 @@ class ConstraintGroup:
     member_weights: FloatArray = None  # type: ignore[assignment]
     name: str = ""
     points: Sequence[FloatArray] = field(default=(), repr=False)
+    loss: str = "squared"
+    loss_scale: float | None = None
 
     def __post_init__(self) -> None:
         kind = constraint_kind(self.kind)

@@ -39,6 +39,9 @@ class ConflictReport:
         Standard deviations by which the mean error of the members differs from zero.
     alike_sigmas : float
         Standard deviations by which errors of neighbouring members are more alike than chance has it.
+    images_sigma : float
+        Standard deviation that the noise of the images gives each number of the error, in `unit`; of a group:
+        0.
     """
 
     name: str
@@ -52,6 +55,7 @@ class ConflictReport:
     member: int | None = None
     bias_sigmas: float = 0.0
     alike_sigmas: float = 0.0
+    images_sigma: float = 0.0
 
     def describe(self) -> str:
         """The report in one sentence."""

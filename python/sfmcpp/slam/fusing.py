@@ -56,9 +56,10 @@ def fuse(
         return Fused(pose, usual_weights(world, measurements))
     images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics[0])
     previous = world.keyframes[-1].pose
-    methods = ["none" if m.doubtful else settings.weights for m in measurements]
+    methods = [_method(m, settings) for m in measurements]
     constraints = [_constraint(m, previous) for m in measurements]
-    selections = select_weights(images, constraints, pose, methods, threads=0)
+    bounds = settings.weight_bounds
+    selections = select_weights(images, constraints, pose, methods, bounds=bounds, threads=0)
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
     # Sensors without weight must not move the pose: a least-squares fit is not what resection gives.
     used = any(constraint.weight > 0 for constraint in weighted)
@@ -118,6 +119,13 @@ def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettin
     known = view.only(world.knows(view.tracks))
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
     return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics[0], threshold_px))
+
+
+def _method(measurement: Measurement, settings: SlamSettings) -> str:
+    """None without a bound to choose within: a σ that is yet to be learnt."""
+    bounded = settings.weight_bounds == "declared"
+    unknown = measurement.doubtful or (bounded and measurement.sigma is None)
+    return "none" if unknown else settings.weights
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:

@@ -8,10 +8,13 @@ from sfmcpp.ba import Summary
 from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
 from sfmcpp.map import LocalProblem
 from sfmcpp.slam.fusing import constraint_groups
-from sfmcpp.slam.sensing import METRIC_KINDS
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve
+
+# Oldest keyframes of a window that stay, so that no similarity moves it. The same with sensors and without:
+# with one alone the scale would be left to odometers, and to drift where they have no weight.
+HELD_KEYFRAMES = 2
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
@@ -34,7 +37,7 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
     if local.problem.num_observations < 3 * settings.min_inliers:
         return None
     groups = constraint_groups(world, local)
-    hold_gauge(local, 1 if any(group.kind in METRIC_KINDS for group in groups) else 2)
+    hold_gauge(local, HELD_KEYFRAMES)
     summary = solve(
         local.problem,
         constraints=groups,
@@ -50,7 +53,7 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
 
 
 def hold_gauge(local: LocalProblem, count: int) -> None:
-    """Fix `count` cameras, the oldest that see points: one alone leaves the scale to sensors, or to drift."""
+    """Fix `count` cameras, the oldest that see points."""
     problem = local.problem
     sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
     missing = count - np.count_nonzero(problem.fixed_cameras & sees)

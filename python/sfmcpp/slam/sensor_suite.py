@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import check_rotations, describe_gaps
+from sfmcpp.slam.experience import Experience
+from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 
 _Answer = TypeVar("_Answer")
@@ -26,13 +29,28 @@ class SensorSuite:
         self.sensors = tuple(sensors)
         # Names of those that disagreed with the images the last time they were compared.
         self.in_conflict: frozenset[str] = frozenset()
+        self._experience: dict[str, Experience] = {}
 
     def measure(
         self, start_s: float, end_s: float, rotation: FloatArray, *, metric: bool
     ) -> list[Measurement]:
         """All that can constrain the map as it is: nothing in metres before it has metres."""
         found = [sensor.measure(start_s, end_s, rotation) for sensor in self.sensors]
-        return [m for m in found if m is not None and (metric or m.kind not in METRIC_KINDS)]
+        return [
+            m if m.sigma is not None else replace(m, sigma=self._of(m.sensor).sigma)
+            for m in found
+            if m is not None and (metric or m.kind not in METRIC_KINDS)
+        ]
+
+    def learn(self, fused: Fused) -> None:
+        """Remember how the sensors compared with the images; doubtful ones are named already."""
+        self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
+        for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
+            if not constraint.measurement.doubtful:
+                self._of(selection.name).add(selection.conflict)
+
+    def _of(self, name: str) -> Experience:
+        return self._experience.setdefault(name, Experience())
 
     def remarks(self) -> list[str]:
         """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
@@ -45,13 +63,17 @@ class SensorSuite:
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
 
     def complaints(self, vision: Trajectory) -> list[str]:
-        """What a whole run tells of a gyroscope, a sentence each: its clock, its unit, its axes."""
+        """What a whole run tells of the sensors, a sentence each: conflicts, and what nobody declared.
+
+        Of a gyroscope also its clock, its unit and its axes.
+        """
+        learnt = [found for name, known in self._experience.items() for found in known.describe(name)]
         checks = {
             sensor.name: check_rotations(sensor.stream, sensor.mounting, vision)
             for sensor in self.sensors
             if isinstance(sensor, Gyroscope)
         }
-        return [found for name, check in checks.items() if (found := check.complaint(name))]
+        return learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
 
     def distance(self, start_s: float, end_s: float) -> float | None:
         """Distance between two times [m]."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.weighting import selection_method
+from sfmcpp.weighting.bounds import require_bounds
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,11 @@ class SlamSettings:
         Keyframes that bring the map into the sensors' world (thesis §5.3.3: 6).
     weights : str
         How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.weighting.select_weight`.
+    weight_bounds : str
+        Between which weights to choose: ``"declared"``, at most that of the σ that the sensor declares and at
+        least what a conflict with the images leaves of it; ``"none"``, any, as in the thesis. Without bounds,
+        cross-validation takes an odometer of centimetres for one of tenths of a millimetre at a quarter of
+        the keyframes, and for nothing at another.
     correct_drift : bool
         Whether the last keyframes are moved back to a sensor, where they have drifted from it as one. Not in
         the thesis; not done where no weight is asked for.
@@ -65,6 +71,7 @@ class SlamSettings:
     min_inliers: int = 10
     registration_keyframes: int = 6
     weights: str = "loo"
+    weight_bounds: str = "declared"
     correct_drift: bool = True
     seed: int = 0
 
@@ -79,5 +86,6 @@ class SlamSettings:
                 raise InvalidArgument(f"{name} = {getattr(self, name)}: must be positive")
         if self.weights != "none":
             selection_method(self.weights)
+        require_bounds("weight_bounds", self.weight_bounds)
         if self.min_inliers < 6:
             raise InvalidArgument(f"min_inliers = {self.min_inliers}: must be at least 6")

@@ -190,9 +190,7 @@ class Slam:
         record.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
         record.conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
         record.selections = list(fused.selections)
-        self._sensors.in_conflict = frozenset(
-            selection.name for selection in fused.selections if selection.conflict.conflicting
-        )
+        self._sensors.learn(fused)
         self.result.records.append(record)
 
     @property

@@ -16,6 +16,7 @@ problem; `WEIGHT_METHODS` says which method can do what. Both give a :class:`Wei
 """
 
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
+from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, WeightBounds, declared_bounds, declared_weight
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS, conflict
 from sfmcpp.weighting.criteria import (
     admissible_weights,
@@ -50,6 +51,7 @@ __all__ = [
     "CONFLICT_SIGMAS",
     "POSE_METHODS",
     "PROBLEM_METHODS",
+    "WEIGHT_BOUNDS",
     "WEIGHT_METHODS",
     "ConflictReport",
     "ConstraintUnit",
@@ -57,11 +59,14 @@ __all__ = [
     "PoseConstraint",
     "PoseFit",
     "PoseView",
+    "WeightBounds",
     "WeightMethod",
     "WeightSelection",
     "WeightSweep",
     "admissible_weights",
     "conflict",
+    "declared_bounds",
+    "declared_weight",
     "equivalent_sigma",
     "filter_orientations",
     "filter_trajectory",

@@ -60,7 +60,10 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
     jacobian = np.asarray(at["jacobians"][0])
     vision = view.pixel_sigma(at["vision"]) ** 2 * _inverse(np.asarray(at["vision_normal"]))
     sensor = (constraint.sensor_sigma or 0.0) ** 2 / constraint.unit.spread
-    squared, freedom = _squared_mahalanobis(error, jacobian, vision, sensor)
+    seen, covariance = _seen(jacobian, vision)
+    freedom = seen.shape[1]
+    squared = _squared_mahalanobis(seen.T @ error, covariance + sensor * np.eye(freedom))
+    from_images = float(np.trace(covariance)) * constraint.unit.spread / max(freedom, 1)
     sigmas = equivalent_sigmas(squared, freedom)
     return ConflictReport(
         name=constraint.name,
@@ -71,6 +74,7 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
         sigmas=sigmas,
         conflicting=sigmas > CONFLICT_SIGMAS,
         sensor_sigma=constraint.sensor_sigma,
+        images_sigma=math.sqrt(from_images),
     )
 
 
@@ -166,19 +170,19 @@ def _inverse(normal: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(unit) / np.outer(scale, scale))
 
 
-def _squared_mahalanobis(
-    error: FloatArray, jacobian: FloatArray, pose_covariance: FloatArray, sensor_variance: float
-) -> tuple[float, int]:
-    """Within the directions in which the pose moves the error: of rotation matrices three out of nine."""
+def _seen(jacobian: FloatArray, pose_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions (R, k) in which the pose moves the error, of rotation matrices three out of nine.
+
+    With the covariance (k, k) that the error has along them.
+    """
     spread = np.sqrt(np.diag(pose_covariance))
     directions, sizes, _ = np.linalg.svd(jacobian * spread, full_matrices=False)
     seen = directions[:, sizes > _RANK_TOLERANCE * sizes.max(initial=0.0)]
-    if seen.shape[1] == 0:
-        return 0.0, 0
-    covariance = seen.T @ jacobian @ pose_covariance @ jacobian.T @ seen
-    covariance += sensor_variance * np.eye(len(covariance))
-    apart = seen.T @ error
-    return float(apart @ np.linalg.solve(covariance, apart)), seen.shape[1]
+    return seen, np.asarray(seen.T @ jacobian @ pose_covariance @ jacobian.T @ seen)
+
+
+def _squared_mahalanobis(apart: FloatArray, covariance: FloatArray) -> float:
+    return float(apart @ np.linalg.solve(covariance, apart)) if len(apart) else 0.0
 
 
 def _neighbour_sigmas(

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.weight_selection import WeightSelection
+from sfmcpp.weighting.bounds import declared_bounds, require_bounds
 from sfmcpp.weighting.conflict import conflict
 from sfmcpp.weighting.criteria import admissible_weights, running_median
 from sfmcpp.weighting.methods import WeightMethod, selection_method
@@ -56,6 +57,7 @@ def select_weight(
     *,
     weights: ArrayLike | None = None,
     held: Sequence[WeightedConstraint] = (),
+    bounds: str = "none",
     threads: int = 1,
 ) -> WeightSelection:
     """Choose the weight of one constraint (thesis §5.2.3).
@@ -76,6 +78,10 @@ def select_weight(
         ``"none"``.
     held : sequence of (PoseConstraint, float)
         Further constraints, each with the weight it keeps.
+    bounds : {"none", "declared"}
+        Between which weights to choose: any, as in the thesis, or at most that of the declared σ and at least
+        what a conflict leaves of it (:func:`declared_bounds`), whatever it does to the inliers. The second
+        makes its own weights to try, and is not for ``"fixed:λ"`` and ``"none"``.
     threads : int
         Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
 
@@ -89,8 +95,8 @@ def select_weight(
     InvalidArgument
         If the method is unknown or an argument breaks a rule; there must be at least 4 observations.
     """
-    alone = refine_pose(view, [], start)
-    images = _Images(view, alone.pose, threads)
+    require_bounds("bounds", bounds)
+    images = _Images(view, refine_pose(view, [], start).pose, bounds, threads)
     return _select(images, constraint, selection_method(method), weights, held)
 
 
@@ -101,6 +107,7 @@ def select_weights(
     method: str | Sequence[str] = "loo",
     *,
     weights: ArrayLike | None = None,
+    bounds: str = "none",
     threads: int = 1,
 ) -> list[WeightSelection]:
     """Choose the weights of several constraints, one after the other, twice round.
@@ -122,6 +129,8 @@ def select_weights(
         One of those of :func:`select_weight`, for all or for each.
     weights : (W,) float64, optional
         Weights to try, increasing, the first zero; None: :func:`weight_grid`.
+    bounds : {"none", "declared"}
+        As in :func:`select_weight`, for all.
     threads : int
         Of exact cross-validation; 0: as many as the machine has and it is worth. Same bits for any.
 
@@ -135,6 +144,7 @@ def select_weights(
     InvalidArgument
         As :func:`select_weight`, or if methods and constraints differ in number.
     """
+    require_bounds("bounds", bounds)
     methods = [method] * len(constraints) if isinstance(method, str) else list(method)
     if len(methods) != len(constraints):
         raise InvalidArgument(
@@ -143,7 +153,7 @@ def select_weights(
     exact = [selection_method(m) for m in methods]
     early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
     rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
-    images = _Images(view, refine_pose(view, [], start).pose, threads)
+    images = _Images(view, refine_pose(view, [], start).pose, bounds, threads)
     chosen = np.zeros(len(constraints))
     selections: list[WeightSelection] = []
     for parsed in [*rounds, exact]:
@@ -158,10 +168,11 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """What a camera sees, the pose that the images alone say, and threads to look at it."""
+    """What a camera sees, the pose that the images alone say, and how to look at it."""
 
     view: PoseView
     pose: FloatArray
+    bounds: str
     threads: int
 
 
@@ -172,7 +183,13 @@ def _select(
     weights: ArrayLike | None,
     held: Sequence[WeightedConstraint],
 ) -> WeightSelection:
-    grid = method.grid if method.grid is not None else _checked_grid(weights)
+    vision = refine_pose(images.view, [], images.pose).vision
+    pixel_sigma = images.view.pixel_sigma(vision)
+    report = conflict(images.view, constraint, images.pose)
+    within = None
+    if images.bounds == "declared" and method.grid is None:
+        within = declared_bounds(constraint, images.view.count, pixel_sigma, report)
+    grid = within.grid() if within is not None else _checked_grid(weights, method)
     sweep = sweep_weights(
         images.view,
         constraint,
@@ -185,9 +202,12 @@ def _select(
     )
     alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
     admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))
+    if within is not None:
+        admissible = within.hold(grid)
     score = _score(method, sweep)
     index = method.choose(score, admissible)
-    pixel_sigma = images.view.pixel_sigma(float(alone.vision[0]))
+    if not admissible[index] and within is not None:  # nothing to choose by
+        index = int(np.flatnonzero(admissible)[0])
     weight = float(grid[index])
     return WeightSelection(
         name=constraint.name,
@@ -200,7 +220,7 @@ def _select(
         admissible=admissible,
         sensor_sigma=equivalent_sigma(constraint, weight, images.view.count, pixel_sigma),
         unit=constraint.unit.name,
-        conflict=conflict(images.view, constraint, images.pose),
+        conflict=report,
         pose=sweep.poses[index],
     )
 
@@ -213,7 +233,9 @@ def _score(method: WeightMethod, sweep: WeightSweep) -> FloatArray:
     return measured.get(method.name, np.zeros_like(sweep.weights))
 
 
-def _checked_grid(weights: ArrayLike | None) -> FloatArray:
+def _checked_grid(weights: ArrayLike | None, method: WeightMethod) -> FloatArray:
+    if method.grid is not None:
+        return method.grid
     if weights is None:
         return weight_grid()
     grid = finite_array("weights", weights, (ANY,))

@@ -124,6 +124,12 @@ def _methods(groups: Sequence[ConstraintGroup], weight: str | Mapping[str, str])
         if name not in names:
             raise InvalidArgument(f"weight[{name!r}]: no such group, must be one of {', '.join(names)}")
         selection_method(method, "problem", "weight")
+    robust = next((group for group in groups if group.name in wanted and group.loss != "squared"), None)
+    if robust is not None:
+        raise InvalidArgument(
+            f"constraints[{robust.name!r}].loss = {robust.loss!r}: a weight is chosen for errors that count "
+            "by their squares; choose it with loss = 'squared' first"
+        )
     resolved = {name: VARIANCE if method == "auto" else method for name, method in wanted.items()}
     return {k: resolved[name] for k, name in enumerate(names) if name in resolved}
 

@@ -30,7 +30,7 @@ def solve(
     """Adjust cameras, intrinsics and points of a problem, in place.
 
     Minimises ½ Σ ρ(‖r‖²) over everything that is free, r = (observed − projected) / σ, and the costs of
-    the constraints, to which the robust loss does not apply.
+    the constraints, each group with a loss of its own.
 
     Parameters
     ----------

@@ -31,15 +31,33 @@ OwnedProblem scene() {
   return result;
 }
 
-class ConstraintTermsOf : public testing::TestWithParam<residuals::ConstraintKind> {
+struct KindAndLoss {
+  residuals::ConstraintKind kind;
+  LossKind loss;
+};
+
+std::vector<KindAndLoss> kinds_and_losses() {
+  std::vector<KindAndLoss> result;
+  for (auto kind : support::all_constraint_kinds()) result.push_back({kind, LossKind::kSquared});
+  for (LossKind loss : {LossKind::kHuber, LossKind::kCauchy, LossKind::kTukey}) {
+    for (auto kind : {Kind::kPosition, Kind::kDisplacementPose, Kind::kFocal})
+      result.push_back({kind, loss});
+  }
+  return result;
+}
+
+class ConstraintTermsOf : public testing::TestWithParam<KindAndLoss> {
  protected:
   static OwnedProblem constrained() {
     OwnedProblem result = scene();
     residuals::ConstraintGroup group =
-        random_group(result, GetParam(), {{0, 1}, {1, 4}, {2, 3}, {5, 2}});
+        random_group(result, GetParam().kind, {{0, 1}, {1, 4}, {2, 3}, {5, 2}});
     // Relative to the intrinsics of another row (thesis table 5.1: f of the previous camera).
-    if (!facts_of(GetParam()).is_on_poses()) group.members[1].previous = 3;
+    if (!facts_of(GetParam().kind).is_on_poses()) group.members[1].previous = 3;
     group.weight = 1e6;
+    // Errors are 30 to 150 of these units; Tukey's loss would not see any beyond its scale.
+    const double scale = GetParam().loss == LossKind::kTukey ? 300.0 : 40.0;
+    group.loss = {GetParam().loss, scale};
     result.constraints.add(group);
     return result;
   }
@@ -124,8 +142,11 @@ TEST_P(ConstraintTermsOf, RobustLossLeavesConstraintsAlone) {
 
 INSTANTIATE_TEST_SUITE_P(Kinds,
                          ConstraintTermsOf,
-                         testing::ValuesIn(support::all_constraint_kinds()),
-                         [](const auto& test) { return support::identifier_of(test.param); });
+                         testing::ValuesIn(kinds_and_losses()),
+                         [](const auto& test) {
+                           const std::string kind = support::identifier_of(test.param.kind);
+                           return kind + "_" + std::string(enum_name(test.param.loss));
+                         });
 
 class RefusedProblem : public testing::Test {
  protected:
@@ -166,15 +187,23 @@ TEST_F(RefusedProblem, IntrinsicsThatAreFixed) {
                  {"constraints['principal-point'][1]: camera 2 keeps its cy", "free"});
 }
 
-TEST_F(RefusedProblem, TwoCamerasOfWhichOneIsNotObservedUnlessItIsFixed) {
+TEST_F(RefusedProblem, TwoCamerasOfWhichOneIsNeitherObservedNorDeterminedNorFixed) {
   take_observations_from(3);
   constrain(Kind::kPosition, {{0, 3}});
   EXPECT_NO_THROW(solve_it());
-  constrain(Kind::kDisplacementPose, {{0, 1}, {3, 4}});
+  constrain(Kind::kScale, {{0, 1}, {3, 4}});
   expect_refused([&] { solve_it(); },
-                 {"constraints['displacement-pose'][1].cameras: camera 3 has no observations"});
+                 {"constraints['scale'][1].cameras: camera 3 has no observations",
+                  "must be observed, fixed or constrained further"});
   problem.fixed_cameras[3] = 1;
   EXPECT_NO_THROW(solve_it());
+}
+
+TEST_F(RefusedProblem, LossOfAGroupWithoutAScale) {
+  residuals::ConstraintGroup group = random_group(problem, Kind::kScale, {{0, 1}});
+  group.loss = {LossKind::kHuber, 0.0};
+  expect_refused([&] { problem.constraints.add(group); },
+                 {"constraints['scale'].loss_scale", "positive"});
 }
 
 }  // namespace

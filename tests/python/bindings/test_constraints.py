@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
-from constrained import CAMERAS, PAIRS, Array, positions, random_group, scene, weighted_errors
+from constrained import CAMERAS, PAIRS, Array, matrix, positions, random_group, scene, weighted_errors
 from projection import reference_residuals
-from sfmcpp import CONSTRAINT_KINDS, ConstraintGroup
+from sfmcpp import CONSTRAINT_KINDS, ConstraintGroup, Problem
 
 
 @pytest.mark.parametrize("kind", CONSTRAINT_KINDS)
@@ -37,7 +39,22 @@ def test_intrinsics_may_be_compared_with_those_of_another_camera() -> None:
     assert summary.constraint_costs["focal"][0] == pytest.approx(expected, rel=1e-12)
 
 
-def test_minimum_equals_that_of_scipy() -> None:
+# ρ(s) at scale 1.5, as thesis §2.3 and docs/equations.md have them.
+RHO: dict[str, Callable[[float], float]] = {
+    "squared": lambda s: s,
+    "huber": lambda s: s if s <= 2.25 else 3 * np.sqrt(s) - 2.25,
+    "cauchy": lambda s: 2.25 * np.log1p(s / 2.25),
+}
+
+
+def robust_errors(problem: Problem, group: ConstraintGroup) -> Array:
+    """Errors of members whose squares are ρ of those without a loss."""
+    parts = np.split(weighted_errors(problem, group), group.num_members)
+    return np.concatenate([e * np.sqrt(RHO[group.loss](e @ e) / (e @ e)) for e in parts])
+
+
+@pytest.mark.parametrize("loss", RHO)
+def test_minimum_equals_that_of_scipy(loss: str) -> None:
     truth = sfmcpp.circle_scene(6, 30, camera_model="calibrated", seed=1)
     problem = scene("calibrated")
     start = problem.copy()
@@ -47,6 +64,9 @@ def test_minimum_equals_that_of_scipy() -> None:
         ConstraintGroup("position", CAMERAS, truth.centres[CAMERAS] + rng.normal(0, 0.1, (3, 3)), 50.0),
         ConstraintGroup("scale", PAIRS, moved_by + rng.normal(0, 0.1, 3), 50.0),
     ]
+    groups[0].values[0] += [3.0, 0.0, -2.0]  # type: ignore[index]
+    for group in groups:
+        group.loss, group.loss_scale = loss, 1.5
 
     def residuals_at(x: Array) -> Array:
         moved = start.copy()
@@ -55,7 +75,7 @@ def test_minimum_equals_that_of_scipy() -> None:
         moved.centres[:] = start.centres + steps[:, 3:]
         moved.points[:] = start.points + x[6 * start.num_cameras :].reshape(-1, 3)
         pixels = reference_residuals(moved).ravel()
-        return np.concatenate([pixels, *(weighted_errors(moved, group) for group in groups)])
+        return np.concatenate([pixels, *(robust_errors(moved, group) for group in groups)])
 
     unknowns = 6 * start.num_cameras + 3 * start.num_points
     reference = least_squares(residuals_at, np.zeros(unknowns), x_scale="jac", ftol=1e-12)
@@ -85,6 +105,50 @@ def test_positions_recover_metric_scale_and_place(method: str, linear_solver: st
     assert summary.initial_rms_px < 1e-9
     assert np.abs(problem.centres - truth.centres).max() < 1e-4
     assert np.abs(problem.points - truth.points).max() < 1e-3
+
+
+@pytest.mark.parametrize("method", ["lm-nielsen", "dog-leg", "gauss-newton"])
+@pytest.mark.parametrize("search", ["none", "g-als", "backtracking"])
+def test_a_robust_loss_ignores_a_wrong_position_with_any_method(method: str, search: str) -> None:
+    truth = sfmcpp.circle_scene(6, 30, camera_model="calibrated", pixel_sigma_px=0.0, seed=1)
+    errors = {}
+    for loss in ("squared", "cauchy"):
+        problem = truth.copy()
+        group = positions(problem, truth, weight=1e4, loss=loss)
+        assert group.values is not None
+        group.values[2] += [0.5, 0.5, 0.0]
+        sfmcpp.solve(problem, constraints=[group], method=method, line_search=search, max_iterations=300)
+        errors[loss] = np.abs(problem.centres - truth.centres).max()
+    assert errors["squared"] > 0.05
+    assert errors["cauchy"] < 0.1 * errors["squared"]
+
+
+def test_cameras_without_images_are_placed_by_what_sensors_say() -> None:
+    truth = sfmcpp.circle_scene(6, 30, camera_model="calibrated", pixel_sigma_px=0.0, seed=1)
+    seen = ~np.isin(truth.camera_index, [2, 3])
+    problem = replace(
+        truth,
+        cameras=truth.cameras.copy(),
+        points=truth.points.copy(),
+        camera_index=truth.camera_index[seen],
+        point_index=truth.point_index[seen],
+        pixels=truth.pixels[seen],
+    )
+    problem.fixed_cameras[0] = True
+    problem.cameras[2:4, :, 3] += 0.5
+    values = [relative_pose(truth, i, i + 1) for i in range(1, 4)]
+    group = ConstraintGroup("displacement-pose", [[1, 2], [2, 3], [3, 4]], values, 1e4)
+    summary = sfmcpp.solve(problem, constraints=[group], function_tolerance=1e-14, max_iterations=100)
+    assert not any("no observations" in warning for warning in summary.warnings)
+    np.testing.assert_allclose(problem.centres, truth.centres, atol=1e-6)
+    problem.cameras[2:4, :, 3] += 0.5
+    distances = ConstraintGroup("scale", [[1, 2], [2, 3], [3, 4]], [1.0, 1.0, 1.0])
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"'scale'\]\[0\].cameras: camera 2 has no observ"):
+        sfmcpp.solve(problem, constraints=[distances])
+
+
+def relative_pose(problem: Problem, i: int, j: int) -> Array:
+    return np.asarray((np.linalg.inv(matrix(problem.cameras[i])) @ matrix(problem.cameras[j]))[:3])
 
 
 def test_a_window_is_held_by_displacements_to_fixed_cameras() -> None:

@@ -1,5 +1,6 @@
 // The constraints of a problem as part of its cost and of its normal equations
-// (residuals/constraint_set.hpp, linear/camera_terms.hpp). A robust loss does not apply to them.
+// (residuals/constraint_set.hpp, linear/camera_terms.hpp). The robust loss of
+// the observations does not apply to them: a group may have its own.
 #pragma once
 
 #include <vector>
@@ -17,11 +18,6 @@ residuals::ConstrainedCameras constrained_cameras(const Problem& problem,
 // Throws InvalidArgument, naming group and member, for constraints that break a rule at this state,
 // or that are on intrinsics which are all fixed.
 void check_constraints(const Problem& problem, const optim::State& state);
-
-// Throws InvalidArgument for a constraint between two cameras of which one would stay at its start
-// without having been fixed, for want of observations.
-void check_constrained_cameras_observed(const Problem& problem,
-                                        const linear::ObservationGraph& graph);
 
 class ConstraintTerms {
  public:

@@ -1,7 +1,7 @@
 // The linear model of a problem at one state, and what statistics ask of it.
 //
-// Residuals r = (observed − projected)/σ of the observations, errors √(member weight) e of groups
-// of constraints with weights w:
+// Residuals r = (observed − projected)/σ of the observations, errors √(member weight · ρ′) e of
+// groups of constraints with weights w, ρ the loss of the group:
 //   √ρ′ r(x ⊕ δ) ≈ √ρ′ r + J δ,   e(x ⊕ δ) ≈ e + G δ,   H = JᵀJ + Σ w GᵀG,
 // with J, H and the factorised Schur complement S of the solver itself. Nothing is derived twice.
 //

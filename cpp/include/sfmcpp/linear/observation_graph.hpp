@@ -5,6 +5,7 @@
 // reads its own half of the coupling blocks in sequence.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -38,6 +39,8 @@ struct ObservationGraph {
   std::vector<int> chunk_begin;  // chunks of camera i: [chunk_begin[i], chunk_begin[i + 1])
   // Observations of each camera on all ranks (core/exchange.hpp); those here unless there are more.
   std::vector<double> of_camera_on_all_ranks;
+  // Cameras without observations that other residuals determine (ba/held_cameras.hpp); empty: none.
+  std::vector<std::uint8_t> held;
 
   GraphView view() const {
     return {camera.data(), point.data(), point_begin.data(), of_point.data(), rank.data()};
@@ -46,6 +49,8 @@ struct ObservationGraph {
   int observations_of_camera(int i) const { return camera_begin[i + 1] - camera_begin[i]; }
   // On any rank.
   bool is_observed(int i) const { return of_camera_on_all_ranks[i] > 0.0; }
+  // Whether anything tells where it is.
+  bool takes_part(int i) const { return is_observed(i) || (!held.empty() && held[i]); }
   int observations_of_point(int p) const { return point_begin[p + 1] - point_begin[p]; }
 };
 

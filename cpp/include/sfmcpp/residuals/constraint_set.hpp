@@ -6,6 +6,9 @@
 // the weight d/σ² with d the dimension of e, where observations are over theirs; a constraint
 // chosen by λ beside N observations has the member weight λ² N (docs/equations.md §6).
 //
+// A group may have a robust loss, with the cost ½ Σ ρ(s), s = weight · member weight · ‖e‖²: the
+// squared error over σ² where the weight is d/σ², so that the loss has its scale in σ.
+//
 // Changing a weight rebuilds nothing.
 #pragma once
 
@@ -16,6 +19,7 @@
 #include <vector>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/residuals/loss.hpp"
 #include "sfmcpp/residuals/pose_constraints.hpp"
 
 namespace sfmcpp::residuals {
@@ -38,6 +42,7 @@ struct ConstraintGroup {
   ConstraintKind kind = ConstraintKind::kPosition;
   double weight = 1.0;
   std::vector<ConstraintMember> members;
+  Loss loss{};  // of each member
 };
 
 // The cameras that the constraints are on, as ba/problem.hpp and optim/state.hpp have them.
@@ -70,7 +75,7 @@ struct ConstraintResidual {
 class ConstraintSet {
  public:
   // Throws InvalidArgument naming group, member, value and rule: a name that is empty or taken, a
-  // weight that is negative or not finite, a measurement that cannot be one, cameras that do not go
+  // weight that is negative or not finite, a scale of a loss that is not positive, a measurement that cannot be one, cameras that do not go
   // with the kind.
   void add(ConstraintGroup group);
   void set_weight(std::string_view name, double weight);
@@ -105,6 +110,13 @@ PoseConstraint measurement_of(const ConstraintMember& member);
 
 // Rank of the Jacobian at most.
 int num_equations(ConstraintKind kind, const ConstraintMember& member);
+
+// ‖e‖² of what evaluate() gives: with all weights.
+double squared_error(const ConstraintResidual& e);
+
+// Residual and Jacobians times √ρ′(‖e‖²), as robust observations are: the gradient is that of the
+// robust cost, the Hessian its positive part.
+void apply_loss(const Loss& loss, ConstraintResidual& e);
 
 // Without Jacobians if `columns` is null. Weights as in ConstraintResidual.
 void evaluate(const ConstraintGroup& group,

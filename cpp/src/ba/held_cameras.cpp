@@ -1,0 +1,196 @@
+#include "sfmcpp/ba/held_cameras.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <string>
+
+#include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using residuals::ConstraintGroup;
+using residuals::ConstraintMember;
+using residuals::kNoPrevious;
+
+// A pivot below this share of its column is rounding: the column follows from those before it.
+constexpr double kNegligible = 1e-12;
+
+// JᵀJ of poses, by rows from their first entry on: constraints in the order of time tie neighbours.
+class Envelope {
+ public:
+  explicit Envelope(int poses) : row_(static_cast<std::size_t>(poses) * kPoseTangent) {}
+
+  void add(const double* by_a, int a, const double* by_b, int b, int rows) {
+    if (a < b) return add(by_b, b, by_a, a, rows);
+    for (int r = 0; r < kPoseTangent; ++r) {
+      const int i = kPoseTangent * a + r;
+      reach(i, kPoseTangent * b);
+      for (int c = 0; c < kPoseTangent && kPoseTangent * b + c <= i; ++c) {
+        for (int e = 0; e < rows; ++e)
+          at(i, kPoseTangent * b + c) += by_a[kPoseTangent * e + r] * by_b[kPoseTangent * e + c];
+      }
+    }
+  }
+
+  // Cholesky's factorisation of the matrix scaled to a diagonal of ones.
+  bool has_full_rank() {
+    const int count = static_cast<int>(row_.size());
+    std::vector<double> scale(row_.size());
+    for (int i = 0; i < count; ++i) {
+      if (row_[i].empty() || !(at(i, i) > 0.0)) return false;
+      scale[i] = 1.0 / std::sqrt(at(i, i));
+    }
+    for (int i = 0; i < count; ++i) {
+      for (int j = first(i); j <= i; ++j) at(i, j) *= scale[i] * scale[j];
+      for (int j = first(i); j < i; ++j) at(i, j) = (at(i, j) - dot(i, j)) / at(j, j);
+      const double pivot = 1.0 - dot(i, i);
+      if (pivot < kNegligible) return false;
+      at(i, i) = std::sqrt(pivot);
+    }
+    return true;
+  }
+
+ private:
+  int first(int i) const { return i + 1 - static_cast<int>(row_[i].size()); }
+  double& at(int i, int j) { return row_[i][j - first(i)]; }
+  void reach(int i, int j) {
+    if (j < first(i)) row_[i].insert(row_[i].begin(), first(i) - j, 0.0);
+  }
+  // Of the parts of two rows before column j.
+  double dot(int i, int j) {
+    double sum = 0.0;
+    for (int k = std::max(first(i), first(j)); k < j; ++k) sum += at(i, k) * at(j, k);
+    return sum;
+  }
+
+  std::vector<std::vector<double>> row_;
+};
+
+// One constraint on a camera without images.
+struct Tie {
+  const ConstraintGroup* group;
+  std::size_t position;
+
+  const ConstraintMember& member() const { return group->members[position]; }
+};
+
+class Search {
+ public:
+  Search(const Problem& problem, const linear::ObservationGraph& graph, const optim::State& state)
+      : problem_(problem), graph_(graph), cameras_(constrained_cameras(problem, state)) {
+    const auto count = static_cast<std::size_t>(problem.num_cameras());
+    island_.resize(count);
+    std::iota(island_.begin(), island_.end(), 0);
+    place_.assign(count, 0);
+    held_.assign(count, 0);
+    columns_.width = kPoseTangent;
+    columns_.of_intrinsics.assign(problem.num_intrinsics(), residuals::ConstraintColumns::kNone);
+  }
+
+  std::vector<std::uint8_t> run() {
+    find_ties();
+    std::vector<std::vector<Tie>> ties(island_.size());
+    for (const Tie& tie : ties_) ties[root(an_open_camera(tie.member()))].push_back(tie);
+    std::vector<std::vector<int>> members(island_.size());
+    for (std::size_t i = 0; i < island_.size(); ++i) {
+      std::vector<int>& island = members[root(static_cast<int>(i))];
+      place_[i] = static_cast<int>(island.size());
+      island.push_back(static_cast<int>(i));
+    }
+    bool any = false;
+    for (std::size_t i = 0; i < island_.size(); ++i) {
+      if (ties[i].empty()) continue;
+      const bool held = is_determined(ties[i], static_cast<int>(members[i].size()));
+      if (!held) refuse_pairs(ties[i]);
+      for (int camera : members[i]) held_[camera] = held;
+      any |= held;
+    }
+    return any ? std::move(held_) : std::vector<std::uint8_t>();
+  }
+
+ private:
+  // Without images and not fixed.
+  bool is_open(int camera) const {
+    return camera != kNoPrevious && !graph_.is_observed(camera) && !problem_.fixed_cameras[camera];
+  }
+  int an_open_camera(const ConstraintMember& member) const {
+    return is_open(member.camera) ? member.camera : member.previous;
+  }
+
+  int root(int camera) {
+    while (island_[camera] != camera) camera = island_[camera] = island_[island_[camera]];
+    return camera;
+  }
+
+  void find_ties() {
+    for (const ConstraintGroup& group : problem_.constraints->groups()) {
+      for (std::size_t k = 0; k < group.members.size(); ++k) {
+        const ConstraintMember& member = group.members[k];
+        const bool here = is_open(member.camera), there = is_open(member.previous);
+        if (!(here || there) || !residuals::is_active(group, member)) continue;
+        ties_.push_back({&group, k});
+        if (here && there) island_[root(member.previous)] = root(member.camera);
+      }
+    }
+  }
+
+  // Errors count without their weights: these do not change what is determined.
+  bool is_determined(const std::vector<Tie>& ties, int poses) {
+    Envelope matrix(poses);
+    for (const Tie& tie : ties) {
+      if (!facts_of(tie.group->kind).is_on_poses()) continue;
+      const ConstraintMember& member = tie.member();
+      residuals::evaluate(*tie.group, member, cameras_, &columns_, error_);
+      const double factor = 1.0 / std::sqrt(tie.group->weight * member.weight);
+      for (double& value : error_.by_camera) value *= factor;
+      for (double& value : error_.by_previous) value *= factor;
+      add(member, matrix);
+    }
+    return matrix.has_full_rank();
+  }
+
+  void add(const ConstraintMember& member, Envelope& matrix) const {
+    const double *by_camera = error_.by_camera.data(), *by_previous = error_.by_previous.data();
+    const int rows = error_.rows;
+    const bool here = is_open(member.camera), there = is_open(member.previous);
+    const int at = place_[member.camera], before = there ? place_[member.previous] : 0;
+    if (here) matrix.add(by_camera, at, by_camera, at, rows);
+    if (there) matrix.add(by_previous, before, by_previous, before, rows);
+    if (here && there) matrix.add(by_camera, at, by_previous, before, rows);
+  }
+
+  void refuse_pairs(const std::vector<Tie>& ties) const {
+    for (const Tie& tie : ties) {
+      if (tie.member().previous == kNoPrevious) continue;
+      throw InvalidArgument(residuals::name_of(*tie.group, tie.position) + ".cameras: camera " +
+                            std::to_string(an_open_camera(tie.member())) +
+                            " has no observations, and constraints do not determine its pose: must "
+                            "be observed, fixed or constrained further");
+    }
+  }
+
+  const Problem& problem_;
+  const linear::ObservationGraph& graph_;
+  residuals::ConstrainedCameras cameras_;
+  residuals::ConstraintColumns columns_;
+  residuals::ConstraintResidual error_;
+  std::vector<Tie> ties_;
+  std::vector<int> island_;  // union–find over cameras that constraints tie
+  std::vector<int> place_;   // of each camera in its island
+  std::vector<std::uint8_t> held_;
+};
+
+}  // namespace
+
+std::vector<std::uint8_t> cameras_held_by_constraints(const Problem& problem,
+                                                      const linear::ObservationGraph& graph,
+                                                      const optim::State& state) {
+  if (problem.constraints == nullptr) return {};
+  return Search(problem, graph, state).run();
+}
+
+}  // namespace sfmcpp::ba

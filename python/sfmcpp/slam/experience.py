@@ -1,0 +1,78 @@
+"""What a run learns of a sensor beside the images: its σ, if nobody declared one, and conflicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.model.weight_selection import ConflictReport
+
+# Keyframes whose innovations give a standard deviation.
+KEYFRAMES_OF_SIGMA = 6
+# It is at least this share of what sensor and images are apart: below, images say nothing of the sensor.
+_LEAST_SHARE = 0.1
+# As many keyframes in a row disagree where one of both is wrong: honest sensors came to four (the map drifts,
+# and its points count as exact), a bias, a slip or a clock of three tenths of a second to eight and more.
+_FEWEST_IN_A_ROW = 5
+
+
+@dataclass
+class Experience:
+    """How one sensor compared with the images so far.
+
+    Attributes
+    ----------
+    reports : list of ConflictReport
+        One of each keyframe.
+    sigma : float or None
+        Standard deviation estimated from the innovations of the first keyframes, where none is declared: the
+        errors at the poses of the images alone, less what the noise of the images makes of them. Medians, so
+        that a few wrong ones do not matter. None before there are as many.
+    """
+
+    reports: list[ConflictReport] = field(default_factory=list)
+    sigma: float | None = None
+
+    def add(self, report: ConflictReport) -> None:
+        """Take the next keyframe."""
+        self.reports.append(report)
+        undeclared = report.sensor_sigma is None
+        if undeclared and self.sigma is None and len(self.reports) >= KEYFRAMES_OF_SIGMA:
+            self.sigma = _sigma_of(self.reports)
+
+    def describe(self, name: str) -> list[str]:
+        """What to tell of a sensor of that name, a sentence each."""
+        told = []
+        if self.sigma is not None:
+            told.append(
+                f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} by the "
+                f"images of its first {KEYFRAMES_OF_SIGMA} keyframes"
+            )
+        worst = _longest_conflict(self.reports)
+        if worst:
+            told.append(
+                f"{name}: disagrees with the images at {len(worst)} keyframes in a row, by up to "
+                f"{max(report.sigmas for report in worst):.0f} σ and "
+                f"{max(report.discrepancy for report in worst):.2g} {worst[0].unit}: one of them is wrong"
+            )
+        return told
+
+
+def _sigma_of(reports: list[ConflictReport]) -> float:
+    freedom = np.array([max(report.degrees_of_freedom, 1) for report in reports])
+    # The median of a chi-square number (Wilson and Hilferty).
+    medians = freedom * (1 - 2 / (9 * freedom)) ** 3
+    apart = float(np.median([report.discrepancy**2 for report in reports] / medians))
+    from_images = float(np.median([report.images_sigma**2 for report in reports]))
+    return float(np.sqrt(max(apart - from_images, _LEAST_SHARE**2 * apart)))
+
+
+def _longest_conflict(reports: list[ConflictReport]) -> list[ConflictReport]:
+    """The longest stretch of keyframes in conflict, if it is long enough to tell."""
+    longest: list[ConflictReport] = []
+    stretch: list[ConflictReport] = []
+    for report in reports:
+        stretch = [*stretch, report] if report.conflicting else []
+        longest = max(longest, stretch, key=len)
+    return longest if len(longest) >= _FEWEST_IN_A_ROW else []

@@ -1,0 +1,89 @@
+"""What a run learns of its sensors: σ where none is declared, and conflicts that chance does not explain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sfmcpp.slam import Gyroscope, Odometer, SlamSettings, run_slam
+from sfmcpp.slam.experience import KEYFRAMES_OF_SIGMA, Experience
+from sfmcpp.weighting import ConflictReport
+from winding import AT_CAMERA, winding
+
+
+def report(sigmas: float = 0.5, **more: float | None) -> ConflictReport:
+    return ConflictReport("odometer", 0.01, "m", sigmas**2, 1, sigmas, sigmas > 3, **more)  # type: ignore[arg-type]
+
+
+def test_sigma_is_what_is_apart_less_what_the_images_make_of_it() -> None:
+    rng = np.random.default_rng(0)
+    sigma, images = 0.05, 0.03
+    found = []
+    for _ in range(200):
+        known = Experience()
+        for _ in range(KEYFRAMES_OF_SIGMA):
+            apart = abs(np.hypot(sigma, images) * rng.normal())
+            known.add(replace(report(images_sigma=images), discrepancy=apart))
+        assert known.sigma is not None
+        found.append(known.sigma)
+    assert np.median(found) == pytest.approx(sigma, rel=0.2)
+
+
+def test_sigma_is_not_known_before_enough_keyframes_and_stays_then() -> None:
+    known = Experience()
+    for k in range(KEYFRAMES_OF_SIGMA):
+        assert known.sigma is None
+        known.add(replace(report(), discrepancy=0.01 * (k + 1)))
+    first = known.sigma
+    known.add(replace(report(), discrepancy=5.0))
+    assert known.sigma == first
+    (told,) = known.describe("odometer")
+    assert "no standard deviation is declared" in told
+
+
+def test_a_declared_sigma_is_not_estimated() -> None:
+    known = Experience()
+    for _ in range(2 * KEYFRAMES_OF_SIGMA):
+        known.add(report(sensor_sigma=0.02))
+    assert known.sigma is None
+    assert known.describe("odometer") == []
+
+
+@pytest.mark.parametrize(("in_a_row", "named"), [(4, False), (5, True)])
+def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
+    known = Experience()
+    for k in range(40):
+        lies = k in (3, 4, 5, 7, 9) or 20 <= k < 20 + in_a_row
+        known.add(report(9.0 if lies else 0.5, sensor_sigma=0.02))
+    told = known.describe("odometer")
+    assert bool(told) == named
+    if named:
+        assert "disagrees with the images" in told[0]
+
+
+def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:
+    drive = winding(seed=1)
+    result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer, sigma_m=None)])
+    (told,) = result.warnings
+    assert told.startswith("odometer: no standard deviation is declared")
+    weights = [record.weights["odometer"] for record in result.records if "odometer" in record.weights]
+    assert set(weights[:KEYFRAMES_OF_SIGMA]) == {0.0}
+    assert min(weights[KEYFRAMES_OF_SIGMA:]) > 0
+
+
+def test_honest_sensors_are_not_complained_of() -> None:
+    drive = winding()
+    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
+    assert run_slam(drive.sequence, sensors=sensors).warnings == []
+
+
+def test_at_no_weight_the_map_is_that_of_the_images_but_for_its_unit() -> None:
+    """The gauge does not depend on whether there is a sensor."""
+    drive = winding()
+    settings = SlamSettings(weights="fixed:0", correct_drift=False)
+    alone = run_slam(drive.sequence)
+    beside = run_slam(drive.sequence, settings, [Odometer(drive.odometer)])
+    assert beside.metric
+    assert drive.errors(beside) == pytest.approx(drive.errors(alone), rel=0.02)
