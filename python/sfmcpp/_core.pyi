@@ -248,6 +248,14 @@ class SolveOptions:
     def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
         ...
     @property
+    def point_steps(self) -> str:
+        """
+        What becomes of points that a step makes worse
+        """
+    @point_steps.setter
+    def point_steps(self, arg1: str) -> None:
+        ...
+    @property
     def precision(self) -> str:
         """
         How the Jacobian of the observations is stored
@@ -292,6 +300,9 @@ class CoreIteration:
         ...
     @property
     def gradient_norm(self) -> float:
+        ...
+    @property
+    def held_points(self) -> int:
         ...
     @property
     def iteration(self) -> int:
@@ -694,6 +705,7 @@ class SolveKeywords(typing.TypedDict, total=False):
     backtracking_test: str
     algebraic_weights: str
     acceleration: str
+    point_steps: str
     linear_solver: str
     precision: str
     loss: str

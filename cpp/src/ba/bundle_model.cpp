@@ -51,6 +51,7 @@ BundleModel::BundleModel(const Problem& problem,
       pool_(pool),
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
+      held_(images_, map),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_),
@@ -64,11 +65,18 @@ void BundleModel::set_loss(const Loss& loss) {
 }
 
 double BundleModel::cost(const State& state) {
-  return images_.fit(state).cost + constraints_.cost(state);
+  return images_.fit(state, held_.at_candidate()).cost + constraints_.cost(state);
+}
+
+double BundleModel::growth() const { return held_.growth(); }
+
+long BundleModel::hold_back(const State& start, State& candidate) {
+  return held_.hold_back(start, candidate);
 }
 
 double BundleModel::linearize(const State& state) {
-  fit_ = images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); });
+  fit_ =
+      images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); }, held_.at_start());
   constraints_.linearize(state, normal_.camera_terms());
   normal_.finish();
   if (modes_wanted_) set_camera_modes(problem_, map_, state, normal_.camera_modes());

@@ -117,8 +117,28 @@ std::vector<double> ImageResiduals::values(const State& state) const {
   return values;
 }
 
-ImageFit ImageResiduals::fit(const State& state) const {
-  return sum_over_chunks([&](int c) { return chunk_fit(state, graph_.chunks[c]); });
+void ImageResiduals::observation_costs(const State& state,
+                                       const Chunk& chunk,
+                                       double* costs) const {
+  ChunkResiduals r;
+  residuals_of(state, chunk, r.u.data(), r.v.data());
+  for (int k = 0; k < chunk.end - chunk.begin; ++k) costs[k] = rho(r.squared(k));
+}
+
+double ImageResiduals::cost_of_place(const State& state, int k, const double* place) const {
+  static constexpr std::array<int, 1 + kReadAhead> kFirst{};
+  const Chunk one{graph_.camera[k], k, k + 1};
+  residuals::ObservationBatch observation = batch(state, one);
+  observation.points = place;
+  observation.point = kFirst.data();
+  std::array<double, 1 + kReadAhead> u, v;
+  kernels_.residuals(observation, u.data(), v.data());
+  residuals::whiten(shapes(one), 1, u.data(), v.data());
+  return rho(u[0] * u[0] + v[0] * v[0]);
+}
+
+ImageFit ImageResiduals::fit(const State& state, std::vector<double>* costs) const {
+  return sum_over_chunks([&](int c) { return chunk_fit(state, graph_.chunks[c]); }, costs);
 }
 
 ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {

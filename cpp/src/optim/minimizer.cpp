@@ -12,6 +12,8 @@ namespace {
 
 // Relative decreases of the cost below this are rounding.
 constexpr double kRounding = 1e-9;
+// Parts of the cost that grow by this share of all of it are worth a look at who grows.
+constexpr double kWorthHoldingBack = 0.1;
 // A cost, in squared standard deviations, far below what any measurement can tell.
 constexpr double kNegligibleCost = 1e-18;
 
@@ -35,7 +37,9 @@ class Minimizer {
         candidate_(state),
         strategy_(make_step_strategy(options)),
         line_search_(make_line_search(options.line_search)),
-        acceleration_(options) {
+        acceleration_(options),
+        holds_back_(options.point_steps != PointSteps::kWhole &&
+                    facts_of(options.method).can_hold_back() && !line_search_) {
     if (line_search_ || acceleration_.is_possible()) trial_ = state;
   }
 
@@ -97,7 +101,25 @@ class Minimizer {
     candidate_cost_ = unit_cost_ = line.cost(now_.lengths);
     if (line_search_ && search_is_due()) search(line);
     now_.cost_evaluations = line.num_evaluations();
-    if (acceleration_.is_due(solver_)) accelerate();
+    if (holding_back_is_due()) hold_back();
+    if (now_.held_points == 0 && acceleration_.is_due(solver_)) accelerate();
+  }
+
+  bool holding_back_is_due() const {
+    return holds_back_ &&
+           (!step_is_successful() || model_.growth() > kWorthHoldingBack * candidate_cost_);
+  }
+
+  // A failed step of which nothing but a negligible decrease can be saved has failed.
+  void hold_back() {
+    const long held = model_.hold_back(state_, candidate_);
+    if (held == 0) return;
+    const double cost = model_.cost(candidate_);
+    ++now_.cost_evaluations;
+    const double least = step_is_successful() ? 0.0 : options_.termination.function_tolerance;
+    if (!(cost_ - cost > least * cost_)) return;
+    now_.held_points = held;
+    candidate_cost_ = unit_cost_ = cost;
   }
 
   // The bent step where its cost is lower. Then it is the strategy's: λ that learned from straight
@@ -256,6 +278,7 @@ class Minimizer {
   std::unique_ptr<StepStrategy> strategy_;
   std::unique_ptr<LineSearch> line_search_;
   GeodesicAcceleration acceleration_;
+  bool holds_back_;
 
   linear::Step step_;
   StepResult result_;

@@ -41,6 +41,8 @@ class Iteration:
         Whether a line search was made.
     accelerated : bool
         Whether the step was bent by an acceleration that lowered the cost.
+    held_points : int
+        Points that the step made worse and that were drawn back along it.
     cost_evaluations : int
         Evaluations of the cost for this step.
     """
@@ -57,6 +59,7 @@ class Iteration:
     proposed_lengths: list[tuple[float, float]] = field(default_factory=list)
     line_searched: bool = False
     accelerated: bool = False
+    held_points: int = 0
     cost_evaluations: int = 1
 
     def __repr__(self) -> str:

@@ -7,6 +7,7 @@
 #include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/bending.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/optim/model.hpp"
@@ -47,6 +48,8 @@ class BundleModel final : public optim::LeastSquaresModel {
                                             const linear::Step& step) override;
 
   const std::vector<double>& bending(const optim::State& state, const linear::Step& step) override;
+  double growth() const override;
+  long hold_back(const optim::State& start, optim::State& candidate) override;
 
   const ImageResiduals& images() const { return images_; }
   const ConstraintTerms& constraints() const { return constraints_; }
@@ -85,6 +88,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   ThreadPool& pool_;
   Exchange& exchange_;
   ImageResiduals images_;
+  HeldPoints held_;
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;

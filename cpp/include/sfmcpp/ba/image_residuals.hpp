@@ -39,14 +39,24 @@ class ImageResiduals {
 
   // Two per observation.
   std::vector<double> values(const optim::State& state) const;
-  ImageFit fit(const optim::State& state) const;
+  // With the costs Σ ρ(‖r‖²) of the chunks, where there is room for them.
+  ImageFit fit(const optim::State& state, std::vector<double>* costs = nullptr) const;
   // `of_chunk(c)` fits chunk c: their sum.
   template <class F>
-  ImageFit sum_over_chunks(const F& of_chunk) const {
+  ImageFit sum_over_chunks(const F& of_chunk, std::vector<double>* costs = nullptr) const {
     std::vector<ImageFit> fits(graph_.chunks.size());
     pool_.parallel_for(static_cast<int>(fits.size()), [&](int c) { fits[c] = of_chunk(c); });
+    if (costs != nullptr) {
+      costs->resize(fits.size());
+      for (std::size_t c = 0; c < fits.size(); ++c) (*costs)[c] = fits[c].cost;
+    }
     return total(fits);
   }
+  // ρ(‖r‖²) of each observation of a chunk, and of one observation with its point at `place`.
+  void observation_costs(const optim::State& state,
+                         const linear::Chunk& chunk,
+                         double* costs) const;
+  double cost_of_place(const optim::State& state, int observation, const double* place) const;
 
   // A chunk of observations as the kernels take it, what 1/σ_u leaves to whiten in it, and its
   // residuals with their Jacobian; how many points are not in front of the camera.
@@ -79,6 +89,7 @@ class ImageResiduals {
                    const linear::Chunk& chunk,
                    double* ru,
                    double* rv) const;
+  double rho(double squared) const { return is_robust() ? loss_.rho(squared) : squared; }
   void copy_pixels();
   bool is_plain() const { return !is_robust() && whiteners_.shear.empty(); }
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;

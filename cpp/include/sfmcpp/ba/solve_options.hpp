@@ -83,6 +83,9 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"acceleration", "Whether steps are bent by the curvature of the residuals"},
       [](auto& o) -> auto& { return o.minimizer.acceleration; });
   f(
+      O{"point_steps", "What becomes of points that a step makes worse"},
+      [](auto& o) -> auto& { return o.minimizer.point_steps; });
+  f(
       O{"linear_solver", "Solver of the reduced camera system"},
       [](auto& o) -> auto& { return o.linear_solver.kind; });
   f(

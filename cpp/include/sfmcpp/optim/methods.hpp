@@ -64,6 +64,9 @@ struct MethodFacts {
   bool shortens = true;               // rejections make its steps shorter and shorter
   // Its step solves the damped system, so that a geodesic acceleration belongs to it.
   constexpr bool can_accelerate() const { return has_damping && solves_linear_system; }
+  // Its next step can differ from a failed one, so that it is worth to save what can be saved of
+  // it.
+  constexpr bool can_hold_back() const { return solves_linear_system && shortens; }
   // Its system is singular while the gauge is free.
   constexpr bool needs_fixed_gauge() const { return solves_linear_system && !shortens; }
 };

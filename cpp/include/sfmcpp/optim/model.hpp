@@ -37,6 +37,13 @@ class LeastSquaresModel {
   // the next call. Only the geodesic acceleration asks for it.
   virtual const std::vector<double>& bending(const State&, const linear::Step&) = 0;
 
+  // What the parts of the cost that grew since the normal equations were filled have grown by at
+  // the last cost(): much, if a few unknowns spoil the step of the others.
+  virtual double growth() const { return 0.0; }
+  // Draws back such unknowns of the candidate of that cost() toward `start`, where the normal
+  // equations were filled last, each as far as lowers the cost most; how many.
+  virtual long hold_back(const State&, State&) { return 0; }
+
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.
   virtual std::optional<Biquadratic> algebraic_cost(const State&, const linear::Step&) {

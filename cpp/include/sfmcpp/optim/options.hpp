@@ -9,6 +9,7 @@
 #include "sfmcpp/optim/geodesic_acceleration.hpp"
 #include "sfmcpp/optim/line_searches.hpp"
 #include "sfmcpp/optim/methods.hpp"
+#include "sfmcpp/optim/point_steps.hpp"
 
 namespace sfmcpp {
 
@@ -49,6 +50,7 @@ struct MinimizerOptions {
   linear::DampingMatrix damping_matrix = linear::DampingMatrix::kDiagonal;
   LineSearchOptions line_search;
   Acceleration acceleration = Acceleration::kNone;
+  PointSteps point_steps = PointSteps::kAuto;
   TerminationOptions termination;
 };
 

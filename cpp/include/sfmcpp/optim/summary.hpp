@@ -51,6 +51,7 @@ struct Iteration {
   std::vector<StepLengths> proposed_lengths{};  // by an algebraic line search, accepted or not
   bool line_searched = false;
   bool accelerated = false;  // by a geodesic acceleration that lowered the cost
+  long held_points = 0;      // drawn back along the step, which made them worse
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 };

@@ -1,0 +1,50 @@
+// A length of its own for each point that a step makes worse.
+//
+// Given the cameras the points know nothing of each other, and one among millions that steps
+// through the plane of a camera can cost more than all others have gained: λ would then follow that
+// point, or the step be rejected for all. Where it stands is no reason against the step of the
+// others, so it is drawn back along its own step to the length that costs least.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
+
+namespace sfmcpp::ba {
+
+class HeldPoints {
+ public:
+  // The references must outlive this object.
+  HeldPoints(const ImageResiduals& images, const linear::ParameterMap& map)
+      : images_(images), map_(map) {}
+
+  // Where the costs of the chunks are to be written: at the state where a step starts, and at its
+  // candidate.
+  std::vector<double>* at_start() { return &start_; }
+  std::vector<double>* at_candidate() { return &candidate_; }
+
+  // What the chunks that cost more at the candidate cost more there, over all ranks: most points
+  // that matter show in it, without a look at any observation.
+  double growth() const;
+  // Draws back points of `candidate` that cost more there than at `start`; how many, over all
+  // ranks. Of observations that make a ten-thousandth of the growth each: the others do not matter.
+  long hold_back(const optim::State& start, optim::State& candidate) const;
+
+ private:
+  double growth_of(int chunk) const;
+  std::vector<int> suspects(const optim::State& start, const optim::State& candidate) const;
+  void suspect(const optim::State& start,
+               const optim::State& candidate,
+               int chunk,
+               double least,
+               std::vector<char>& suspected) const;
+  bool draw_back(const optim::State& start, int point, optim::State& candidate) const;
+  double cost(const optim::State& state, int point, const double* place) const;
+
+  const ImageResiduals& images_;
+  const linear::ParameterMap& map_;
+  std::vector<double> start_, candidate_;  // of each chunk
+};
+
+}  // namespace sfmcpp::ba
