@@ -81,28 +81,27 @@ void HeldPoints::suspect(const State& start,
   }
 }
 
-// Half the step, a quarter, …, or none of it.
+// To half the step, a quarter, … or none of it: the first length at which the point costs no more
+// than at the start, else the best. Short lengths that cost least have kept points in local minima.
 bool HeldPoints::draw_back(const State& start, int p, State& candidate) const {
   constexpr int kLargestStorage = 4;
   const int size = images_.problem().point_storage();
   const double* from = start.points.data() + images_.problem().point_offset(p);
   double* to = candidate.points.data() + images_.problem().point_offset(p);
-  double least = cost(candidate, p, to);
-  if (least <= cost(start, p, from)) return false;
+  const double enough = cost(start, p, from), whole = cost(candidate, p, to);
+  double least = whole;
   std::array<double, kLargestStorage> place, best;
   std::copy_n(to, size, best.data());
-  bool drawn = false;
-  for (int halving = 1; halving <= kHalvings + 1; ++halving) {
+  for (int halving = 1; least > enough && halving <= kHalvings + 1; ++halving) {
     const double length = halving > kHalvings ? 0.0 : std::ldexp(1.0, -halving);
     for (int k = 0; k < size; ++k) place[k] = from[k] + length * (to[k] - from[k]);
     const double there = cost(candidate, p, place.data());
-    if (!(there < least)) continue;
+    if (there >= least) continue;
     least = there;
     best = place;
-    drawn = true;
   }
   std::copy_n(best.data(), size, to);
-  return drawn;
+  return least < whole;
 }
 
 // Of a point at a place, as the cameras of a state see it; infinite where it is no number.

@@ -43,6 +43,7 @@ ITERATION_FIELDS: dict[str, type] = {
     "linear_solver_iterations": int,
     "proposed_lengths": list,
     "line_searched": bool,
+    "held_points": int,
     "cost_evaluations": int,
 }
 

@@ -3,7 +3,7 @@
 // Given the cameras the points know nothing of each other, and one among millions that steps
 // through the plane of a camera can cost more than all others have gained: λ would then follow that
 // point, or the step be rejected for all. Where it stands is no reason against the step of the
-// others, so it is drawn back along its own step to the length that costs least.
+// others, so it is drawn back along its own step until it costs no more than before.
 #pragma once
 
 #include <vector>
