@@ -181,7 +181,7 @@ def _at_camera(mounting: Mounting | None) -> Mounting:
 
 
 _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]] = {
-    "odometer": lambda name, stream, mounting: Odometer(stream, name),
+    "odometer": lambda name, stream, mounting: Odometer(stream, name, mounting=mounting),
     "imu": lambda name, stream, mounting: Gyroscope(stream, _at_camera(mounting), name),
     "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
     "gps": _gps,
