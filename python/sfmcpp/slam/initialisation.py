@@ -17,7 +17,7 @@ from sfmcpp.slam.fusing import constraint_groups, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
+from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
@@ -152,10 +152,11 @@ class Initialiser:
         for before, keyframe in pairwise(world.keyframes):
             rotation = keyframe.pose[:, :3]
             measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
-            agreed = [m for m in measured if m.kind not in PLACE_KINDS and _agrees(m, before, keyframe)]
             count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
             keyframe.constraints = [
-                WeightedMeasurement(m, _SIGMA_PX / (m.sigma * np.sqrt(count))) for m in agreed
+                WeightedMeasurement(m, _SIGMA_PX / (m.sigma * np.sqrt(count)))
+                for m in measured
+                if m.sigma is not None and _agrees(m, m.sigma, before, keyframe)
             ]
 
     def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
@@ -181,10 +182,11 @@ class Initialiser:
         return True
 
 
-def _agrees(measurement: Measurement, before: Keyframe, keyframe: Keyframe) -> bool:
+def _agrees(measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe) -> bool:
+    """Whether a rotation of the start is one that the sensor, a gyroscope, tells."""
     turn = before.pose[:, :3].T @ keyframe.pose[:, :3]
     angle = float(so3.rotation_angle(np.asarray(measurement.value).T @ turn))
-    return angle < _SAME_TURN_SIGMAS * measurement.sigma
+    return angle < _SAME_TURN_SIGMAS * sigma
 
 
 def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:

@@ -171,6 +171,38 @@ class KeyframeRecord:
     selections: list[WeightSelection] = field(default_factory=list, repr=False)
 
 
+@dataclass(frozen=True)
+class FinalAdjustment:
+    """What the adjustment of all keyframes did.
+
+    Attributes
+    ----------
+    kept : bool
+        Whether the map is the adjusted one.
+    pixels : tuple of float
+        Robust cost of the images before and after.
+    sensors : dict of str to (float, float)
+        Cost of what each sensor says, before and after.
+    """
+
+    kept: bool
+    pixels: tuple[float, float]
+    sensors: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def improved(self) -> bool:
+        """Whether it brought the images nearer to the map, and every sensor too; one at least must tell."""
+        return bool(self.sensors) and all(
+            after < before for before, after in (self.pixels, *self.sensors.values())
+        )
+
+    def describe(self) -> str:
+        """Say it in a sentence."""
+        costs = {"images": self.pixels, **self.sensors}
+        told = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
+        return f"{'kept' if self.kept else 'not kept'}: cost of {told}"
+
+
 @dataclass
 class SlamResult:
     """What a run has found so far.
@@ -194,6 +226,8 @@ class SlamResult:
     metric : bool
         Whether the map is in the sensors' world: in metres, and in their frame where they give positions.
         Else its unit and its frame are its own.
+    final : FinalAdjustment or None
+        What adjusting all keyframes at the end did, where it was asked for.
     warnings : list of str
         What is wrong with the sensors' streams by themselves, and with their rotations beside the camera's.
     message : str
@@ -207,6 +241,7 @@ class SlamResult:
     restarts: list[int] = field(default_factory=list)
     corrections: list[int] = field(default_factory=list)
     metric: bool = False
+    final: FinalAdjustment | None = None
     warnings: list[str] = field(default_factory=list)
     message: str = "there is no frame"
 

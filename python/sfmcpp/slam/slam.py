@@ -9,6 +9,7 @@ import numpy as np
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.clock import Clock
+from sfmcpp.slam.ending import finish_map
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
@@ -68,7 +69,8 @@ class Slam:
             self._add_keyframe(frame, pose, clock)
 
     def finish(self) -> None:
-        """After the last frame: tell what the whole run says of the sensors."""
+        """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
+        finish_map(self.result, self.settings)
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
 
