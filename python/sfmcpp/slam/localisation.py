@@ -18,7 +18,7 @@ from sfmcpp.slam.world_map import WorldMap
 # Few tracks often fit two poses. One that turns otherwise than a gyroscope says is the wrong one.
 SAME_TURN_RAD = float(np.radians(1.0))
 # What a gyroscope says is supported where it leaves this share of the inliers of the best pose …
-_SUPPORT = 0.95
+_SUPPORT = 0.9
 # … and of this share of the points, where there is no such pose.
 _LEAST_SHARE = 0.5
 

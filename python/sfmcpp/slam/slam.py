@@ -100,10 +100,9 @@ class Slam:
     def _locate(self, frame: Frame) -> FloatArray | None:
         rotation = expected_rotation(self._world, self._sensors, frame.t_s)
         found = locate(self._world, frame.view, self.settings, rotation)
-        if found is None or found.seen is None:
-            return None if found is None else found.pose
-        self.result.path.seen_from[frame.number] = found.pose[:, :3].T @ found.seen[:, :3]
-        return found.pose
+        if found is not None and found.seen is not None:
+            self.result.path.seen_from[frame.number] = found.pose[:, :3].T @ found.seen[:, :3]
+        return None if found is None else found.pose
 
     def _place(self, frame: Frame, pose: FloatArray | None) -> None:
         """Say where a frame is; None: it is a keyframe, and the map says it."""
