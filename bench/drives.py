@@ -76,12 +76,12 @@ def table(found: Sequence[Row], drives: Sequence[str]) -> str:
         lines.append({"drive": "median", **{name: median(values) for name, values in known.items()}})
         lines.append({"drive": "worst", **worst})
     columns = ["drive", "frames", *labels, DEAD, *over]
-    columns += [f"{label} {what}" for what in ("posed", "end/start", "range") for label in labels]
+    columns += [f"{label} {what}" for what in ("posed", "end/start", "range") for label in (*labels, DEAD)]
     return text_table([name for name in columns if any(line.get(name) is not None for line in lines)], lines)
 
 
 def _line(name: str, found: Sequence[Row], labels: Sequence[str]) -> Row:
-    line: Row = {"drive": name, "frames": found[0]["frames"], DEAD: found[0][DEAD]}
+    line: Row = {"drive": name, **{key: found[0][key] for key in ("frames", DEAD, f"{DEAD} end/start")}}
     alone = {row["seed"]: row["error_m"] for row in found if row["sensors"] == "none"}
     for label in labels:
         rows = [row for row in found if row["sensors"] == label]
@@ -107,7 +107,8 @@ def _run(asked: tuple[str, str, int], options: Row) -> Row:
     if result.poses:
         found = evaluate(result.trajectory(), drive.truth, with_scale=not result.metric)
         row |= {"error_m": found.mean_3d_error_m, "bend": bend(found)}
-    row[DEAD] = evaluate(dead_reckoning(read(name)), drive.truth, with_scale=False).mean_3d_error_m
+    dead = evaluate(dead_reckoning(read(name)), drive.truth, with_scale=False)
+    row |= {DEAD: dead.mean_3d_error_m, f"{DEAD} end/start": bend(dead)}
     return row
 
 

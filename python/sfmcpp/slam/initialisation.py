@@ -193,7 +193,8 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     """Put a part that has just started where its frames were followed to, and into the map.
 
     Its first keyframe stays at the pose that bridges the gap; its scale makes its way as long as the odometer
-    says, or the speed before the loss. From here on sensors constrain its keyframes as all others.
+    says, or the speed before the loss. Sensors constrain its keyframes as all others, the first one across
+    the gap: adjustments may bend what bridged it.
 
     Parameters
     ----------
@@ -213,8 +214,10 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.
     anchor = result.poses[part.keyframes[0].frame]
-    for before, keyframe in pairwise(part.keyframes):
+    last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
+    for keyframe in part.keyframes:
         rotation = anchor[:, :3] @ keyframe.pose[:, :3]
-        measured = sensors.measure(before.t_s, keyframe.t_s, rotation, metric=result.metric)
+        measured = sensors.measure(last.t_s, keyframe.t_s, rotation, metric=result.metric, previous=previous)
         keyframe.constraints = usual_weights(world, measured)
+        last, previous = keyframe, rotation
     world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))
