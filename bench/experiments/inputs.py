@@ -73,7 +73,7 @@ def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSe
     if name == "odometer":
         stream = drive.velocity if isinstance(drive, KittiDrive) else drive.odometer
         assert stream is not None
-        return Odometer(_lying(stream, lie, factor=True))
+        return Odometer(_lying(stream, lie, factor=True), mounting=mounting_of(drive))
     if name == "imu":
         return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
     if name in ("gps", "ins"):

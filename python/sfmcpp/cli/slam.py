@@ -12,6 +12,7 @@ from sfmcpp.cli.choices import one_of
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSORS
+from sfmcpp.slam.settings import FINAL_ADJUSTMENTS
 from sfmcpp.sources.vision import CORNERS
 from sfmcpp.weighting import POSE_METHODS as WEIGHTS
 
@@ -105,6 +106,16 @@ Weights = Annotated[
     typer.Option(metavar="RULE", help=f"How sensors are weighed: {', '.join(WEIGHTS)}; else loo."),
 ]
 
+Final = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        callback=one_of(FINAL_ADJUSTMENTS),
+        help=f"Whether all keyframes are adjusted together at the end: {', '.join(FINAL_ADJUSTMENTS)}; auto: "
+        "kept where the images and all sensors gain.",
+    ),
+]
+
 
 @with_exit_code
 def slam(
@@ -118,6 +129,7 @@ def slam(
     fps: Fps = None,
     corners: Corners = CORNERS[0],
     window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
+    final_adjustment: Final = FINAL_ADJUSTMENTS[0],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
     view: View = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
@@ -132,7 +144,13 @@ def slam(
         raise typer.BadParameter(reason, param_hint="'--mounting'")
     if sensor_file is not None and not sensor:
         raise InvalidArgument("sensor_file: no --sensor is named that could use it")
-    settings = {"sensors": sensor or [], "weights": weights or "loo", "window": window, "seed": seed}
+    settings = {
+        "sensors": sensor or [],
+        "weights": weights or "loo",
+        "window": window,
+        "final_adjustment": final_adjustment,
+        "seed": seed,
+    }
     images = {"camera": _camera(camera), "fps": fps, "corners": corners}
     opening = {"sensor_file": sensor_file, "mounting": mounting, **images}
     return run_slam_files(source, output, settings, opening, view=view, quiet=quiet)

@@ -3,6 +3,7 @@
 from sfmcpp.geometry.agreeing_pairs import agreeing_pairs
 from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
 from sfmcpp.geometry.focal_resection import FocalPoseEstimate, resection_with_focal
+from sfmcpp.geometry.known_rotation import relative_pose_of_rotation, resection_of_rotation
 from sfmcpp.geometry.optimal_triangulation import triangulate_optimal
 from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
@@ -45,9 +46,11 @@ __all__ = [
     "pose_inliers",
     "refine_points",
     "relative_pose",
+    "relative_pose_of_rotation",
     "reliable_points",
     "reprojection_errors_px",
     "resection",
+    "resection_of_rotation",
     "resection_with_focal",
     "robust_triangulation",
     "triangulate_linear",

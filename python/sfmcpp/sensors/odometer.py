@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.geometry import so3
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
@@ -51,6 +53,56 @@ def travelled_distance(stream: SensorStream, start_s: float, end_s: float) -> fl
     if stream.kind == "velocity":
         return float(np.linalg.norm(values, axis=1) @ lengths_s)
     return float((values[:, 0] * lengths_s).sum())
+
+
+def camera_distance(
+    stream: SensorStream, start_s: float, end_s: float, mounting: Mounting, turn: FloatArray
+) -> float | None:
+    """Distance of a camera on the body between two times: in a bend it is not that of the body.
+
+    The body is taken to turn at a constant rate; its chord is then sin(θ/2)/(θ/2) of its way, and half the
+    turn aside.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        As for :func:`travelled_distance`; without a direction of its own it goes along the body's x axis.
+    start_s, end_s : float
+        The interval [s].
+    mounting : Mounting
+        How the camera sits on the body.
+    turn : (3, 3) float64
+        Rotation start_from_end of the camera.
+
+    Returns
+    -------
+    float or None
+        Distance [m], not negative; None if the stream does not cover the interval.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind, or the interval is none.
+    """
+    way = travelled_distance(stream, start_s, end_s)
+    if way is None:
+        return None
+    body = mounting.camera_from_body.T @ turn @ mounting.camera_from_body
+    vector = so3.log(body)
+    chord = way * np.sinc(np.linalg.norm(vector) / (2 * np.pi))
+    step = chord * (so3.exp(0.5 * vector) @ _direction(stream, start_s, end_s))
+    return float(np.linalg.norm(step + body @ mounting.lever_arm_m - mounting.lever_arm_m))
+
+
+def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
+    """Mean direction (3,) of the motion in the body's axes."""
+    ahead = np.array([1.0, 0.0, 0.0])
+    if stream.kind != "velocity":
+        return ahead
+    middles_s, lengths_s = segments(start_s, end_s, stream)
+    mean = lengths_s @ measured_at(stream, middles_s)
+    length = float(np.linalg.norm(mean))
+    return np.asarray(mean / length) if length > 0 else ahead
 
 
 def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:

@@ -2,7 +2,7 @@
 
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.drive_run import SlamRun, motion_sensors, run
-from sfmcpp.slam.result import KeyframeRecord, Path, SlamResult
+from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, Path, SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam, run_slam
@@ -10,6 +10,7 @@ from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.sources.frames import FrameSource, TrackSequence
 
 __all__ = [
+    "FinalAdjustment",
     "Frame",
     "FrameSource",
     "Gps",

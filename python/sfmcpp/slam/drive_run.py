@@ -99,6 +99,7 @@ def run(
     *,
     weights: str = "loo",
     window: int = 8,
+    final_adjustment: str = "auto",
     seed: int = 0,
     callback: Callable[[int, SlamResult], object] | None = None,
     **opening: Any,
@@ -116,6 +117,9 @@ def run(
         How sensors are weighed; see :class:`SlamSettings`.
     window : int
         Keyframes that the local adjustment moves.
+    final_adjustment : str
+        Whether all keyframes are adjusted together at the end: ``"auto"``, ``"on"`` or ``"off"``; see
+        :class:`SlamSettings`.
     seed : int
         Of all random samples.
     callback : callable, optional
@@ -137,7 +141,7 @@ def run(
     InvalidArgument
         If an option breaks its rule, or the input lacks what a sensor needs.
     """
-    settings = SlamSettings(window=window, seed=seed, weights=weights)
+    settings = SlamSettings(window=window, weights=weights, final_adjustment=final_adjustment, seed=seed)
     drive = source if isinstance(source, Drive) else open_drive(source, **opening)
     used = motion_sensors(drive, sensors)
     listener = _Listener(callback)
@@ -181,7 +185,7 @@ def _at_camera(mounting: Mounting | None) -> Mounting:
 
 
 _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]] = {
-    "odometer": lambda name, stream, mounting: Odometer(stream, name),
+    "odometer": lambda name, stream, mounting: Odometer(stream, name, mounting=mounting),
     "imu": lambda name, stream, mounting: Gyroscope(stream, _at_camera(mounting), name),
     "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
     "gps": _gps,

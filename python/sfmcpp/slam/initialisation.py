@@ -9,21 +9,32 @@ from itertools import pairwise
 
 import numpy as np
 
-from sfmcpp.geometry import relative_pose
+from sfmcpp.geometry import relative_pose, relative_pose_of_rotation, so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
-from sfmcpp.slam.fusing import usual_weights
-from sfmcpp.slam.localisation import Follower, locate
+from sfmcpp.slam.fusing import constraint_groups, usual_weights
+from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.weighting import solve
 
 # Tracks run out when fewer than this many times the inliers of a pose are left.
 _RUNNING_OUT = 3
+# A rotation that a sensor tells is supported where it leaves this share of the inliers of the best pose …
+_SUPPORT = 0.85
+# … and of this share of the matches, where there is no such pose.
+_LEAST_SHARE = 0.7
+# A start may contradict the gyroscope after so many that were not made.
+_DOUBTS = 3
+# What a track is off by, beside what a sensor declares [px].
+_SIGMA_PX = 0.5
+# Rotations of the start that a sensor may not be off by.
+_SAME_TURN_SIGMAS = 4.0
 # Frames kept while the camera stands: the oldest are given up beyond.
 _PATIENCE = 1000
 
@@ -37,6 +48,8 @@ class Initialiser:
         Of the camera.
     settings : SlamSettings
         Thresholds and seed.
+    sensors : SensorSuite, optional
+        A gyroscope among them tells the rotations, where the images support it.
 
     Attributes
     ----------
@@ -46,10 +59,13 @@ class Initialiser:
         Why there is no map yet.
     """
 
-    def __init__(self, intrinsics: FloatArray, settings: SlamSettings) -> None:
-        self._intrinsics, self._settings = intrinsics, settings
+    def __init__(
+        self, intrinsics: FloatArray, settings: SlamSettings, sensors: SensorSuite | None = None
+    ) -> None:
+        self._intrinsics, self._settings, self._sensors = intrinsics, settings, sensors or SensorSuite()
         self.frames: list[Frame] = []
         self.reason = "no frame yet"
+        self._contradictions = 0
 
     def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""
@@ -77,28 +93,71 @@ class Initialiser:
 
     def _map_of(self, before: FloatArray, after: FloatArray) -> WorldMap | None:
         settings, first, last = self._settings, self.frames[0], self.frames[-1]
-        found = relative_pose(
+        found = self._pose_of_last(before, after)
+        if found is None:
+            return None
+        pair = self._map([(first, np.eye(3, 4)), (last, found)])
+        triangulate_new(pair, settings)
+        middle = self.frames[(len(self.frames) - 1) // 2]
+        located = locate(pair, middle.view, settings, expected_rotation(pair, self._sensors, middle.t_s))
+        if located is None:
+            self.reason = f"frame {middle.number} between the first keyframes has no pose"
+            return None
+        world = self._map([(first, np.eye(3, 4)), (middle, located.pose), (last, found)])
+        tracks = np.flatnonzero(pair.known)
+        world.points[tracks] = pair.points[tracks]
+        self._constrain(world)
+        return world if self._adjusted(world) else None
+
+    def _pose_of_last(self, before: FloatArray, after: FloatArray) -> FloatArray | None:
+        """Pose (3, 4) of the last frame in the first: turned as a gyroscope tells, if the images agree.
+
+        What contradicts it is not believed at once: a few matches often fit a wrong rotation. Nor is it left
+        aside for ever: the sensor may be wrong.
+        """
+        settings, first, last = self._settings, self.frames[0], self.frames[-1]
+        names = f"frames {first.number} and {last.number}"
+        least_px = settings.start_parallax_px / 2
+        free = relative_pose(
             before,
             after,
             self._intrinsics,
-            min_parallax_px=settings.start_parallax_px / 2,
+            min_parallax_px=least_px,
             max_iterations=1000,
             seed=settings.seed,
         )
-        if not found.success:
-            self.reason = f"frames {first.number} and {last.number}: {found.message}"
+        self.reason = f"{names}: {free.message}"
+        turn = self._sensors.rotation(first.t_s, last.t_s)
+        if turn is None:
+            return free.camera if free.success else None
+        told = relative_pose_of_rotation(
+            before, after, self._intrinsics, turn, min_inliers=settings.min_inliers, seed=settings.seed
+        )
+        best = 0 if free.failure == "rotation only" else free.num_inliers
+        supported = told.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
+        if told.success and supported:
+            self.reason = (
+                f"{names}: median parallax {told.median_parallax_px:.3g} px beside the gyroscope's turn"
+            )
+            return told.camera if told.median_parallax_px >= least_px else None
+        self._contradictions += 1
+        if not free.success:
             return None
-        pair = self._map([(first, np.eye(3, 4)), (last, found.camera)])
-        triangulate_new(pair, settings)
-        middle = self.frames[(len(self.frames) - 1) // 2]
-        pose = locate(pair, middle.view, settings)
-        if pose is None:
-            self.reason = f"frame {middle.number} between the first keyframes has no pose"
-            return None
-        world = self._map([(first, np.eye(3, 4)), (middle, pose), (last, found.camera)])
-        tracks = np.flatnonzero(pair.known)
-        world.points[tracks] = pair.points[tracks]
-        return world if self._adjusted(world) else None
+        angle = so3.rotation_angle(turn.T @ free.camera[:, :3])
+        self.reason = f"{names}: turned by {np.degrees(angle):.2g} deg from what the gyroscope says"
+        return free.camera if angle <= SAME_TURN_RAD or self._contradictions > _DOUBTS else None
+
+    def _constrain(self, world: WorldMap) -> None:
+        """Let the rotations that a gyroscope tells hold those of the start, weighed by what it may be off."""
+        for before, keyframe in pairwise(world.keyframes):
+            rotation = keyframe.pose[:, :3]
+            measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
+            count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
+            keyframe.constraints = [
+                WeightedMeasurement(m, _SIGMA_PX / (m.sigma * np.sqrt(count)))
+                for m in measured
+                if m.sigma is not None and _agrees(m, m.sigma, before, keyframe)
+            ]
 
     def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
         world = WorldMap(self._intrinsics)
@@ -111,7 +170,8 @@ class Initialiser:
         settings = self._settings
         local = world.around(3)
         local.problem.fixed_cameras[0] = True
-        solve(local.problem, threads=1, loss="huber", loss_scale_px=2.0)
+        groups = constraint_groups(world, local)
+        solve(local.problem, constraints=groups, threads=1, loss="huber", loss_scale_px=2.0)
         world.take(local)
         drop_outliers(world, local, settings)
         shared = len(common(world.keyframes[0].view, world.keyframes[2].view)[0])
@@ -122,11 +182,19 @@ class Initialiser:
         return True
 
 
+def _agrees(measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe) -> bool:
+    """Whether a rotation of the start is one that the sensor, a gyroscope, tells."""
+    turn = before.pose[:, :3].T @ keyframe.pose[:, :3]
+    angle = float(so3.rotation_angle(np.asarray(measurement.value).T @ turn))
+    return angle < _SAME_TURN_SIGMAS * sigma
+
+
 def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:
     """Put a part that has just started where its frames were followed to, and into the map.
 
     Its first keyframe stays at the pose that bridges the gap; its scale makes its way as long as the odometer
-    says, or the speed before the loss. From here on sensors constrain its keyframes as all others.
+    says, or the speed before the loss. Sensors constrain its keyframes as all others, the first one across
+    the gap: adjustments may bend what bridged it.
 
     Parameters
     ----------
@@ -146,8 +214,10 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.
     anchor = result.poses[part.keyframes[0].frame]
-    for before, keyframe in pairwise(part.keyframes):
+    last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
+    for keyframe in part.keyframes:
         rotation = anchor[:, :3] @ keyframe.pose[:, :3]
-        measured = sensors.measure(before.t_s, keyframe.t_s, rotation, metric=result.metric)
+        measured = sensors.measure(last.t_s, keyframe.t_s, rotation, metric=result.metric, previous=previous)
         keyframe.constraints = usual_weights(world, measured)
+        last, previous = keyframe, rotation
     world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))

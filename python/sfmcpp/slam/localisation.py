@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.geometry import relative_pose, resection, so3
+from sfmcpp.geometry import relative_pose, resection, resection_of_rotation, so3
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.result import SlamResult
@@ -15,24 +16,64 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 
 # Few tracks often fit two poses. One that turns otherwise than a gyroscope says is the wrong one.
-_SAME_TURN_RAD = float(np.radians(1.0))
+SAME_TURN_RAD = float(np.radians(1.0))
+# What a gyroscope says is supported where it leaves this share of the inliers of the best pose …
+_SUPPORT = 0.9
+# … and of this share of the points, where there is no such pose.
+_LEAST_SHARE = 0.5
 
 
-def locate(world: WorldMap, view: View, settings: SlamSettings) -> FloatArray | None:
-    """Pose (3, 4) of a view by resection from the points of the map, or None."""
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Pose (3, 4) of a view, and the one that the images alone say; None where they say none."""
+
+    pose: FloatArray
+    seen: FloatArray | None
+
+
+def locate(
+    world: WorldMap, view: View, settings: SlamSettings, rotation: FloatArray | None = None
+) -> Located | None:
+    """Pose of a view by resection from the points of the map, or None.
+
+    The `rotation` (3, 3) that a gyroscope tells, world_from_camera, is kept where the images support it
+    about as well as the one they like best.
+    """
     known = view.only(world.knows(view.tracks))
     if len(known.tracks) < settings.min_inliers:
         return None
-    found = resection(
-        world.points[known.tracks],
+    points, row = world.points[known.tracks], world.intrinsics[0]
+    threshold_px, least = settings.resection_threshold_px, settings.min_inliers
+    free = resection(
+        points,
         known.pixels,
-        world.intrinsics[0],
-        threshold_px=settings.resection_threshold_px,
-        min_inliers=settings.min_inliers,
+        row,
+        threshold_px=threshold_px,
+        min_inliers=least,
         max_iterations=1000,
         seed=settings.seed,
     )
-    return found.camera if found.success else None
+    if rotation is not None:
+        least = max(least, math.ceil(_SUPPORT * max(free.num_inliers, _LEAST_SHARE * len(points))))
+        told = resection_of_rotation(
+            points,
+            known.pixels,
+            row,
+            rotation,
+            threshold_px=threshold_px,
+            min_inliers=least,
+            seed=settings.seed,
+        )
+        if told.success:
+            return Located(told.camera, free.camera if free.success else None)
+    return Located(free.camera, free.camera) if free.success else None
+
+
+def expected_rotation(world: WorldMap, sensors: SensorSuite, time_s: float) -> FloatArray | None:
+    """Rotation (3, 3) world_from_camera that a gyroscope tells, from the keyframe before that time on."""
+    before = next((k for k in reversed(world.keyframes) if k.t_s < time_s), None)
+    turn = None if before is None else sensors.rotation(before.t_s, time_s)
+    return None if before is None or turn is None else before.pose[:, :3] @ turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +115,7 @@ class Follower:
         if found.failure not in ("", "ambiguous", "rotation only"):
             return None
         turn = self._sensors.rotation(last.t_s, frame.t_s)
-        if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > _SAME_TURN_RAD:
+        if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > SAME_TURN_RAD:
             return None
         moved = found.failure != "rotation only"
         length = self.length(last.t_s, frame.t_s, result) if moved else 0.0

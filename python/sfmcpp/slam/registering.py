@@ -162,7 +162,7 @@ def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
 def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
     """Ratio of the mean steps (eq. 5.19) of the last keyframes in a row, whose distances must be known."""
     last = keyframes[-count:]
-    found = [sensors.distance(*span) for span in pairwise(k.t_s for k in last)]
+    found = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(last)]
     distances = np.array([d for d in found if d is not None])
     if len(last) < count or len(distances) < len(found) or not distances.sum() > 0:
         return None

@@ -29,11 +29,15 @@ class Path:
         Time of each frame looked at [s].
     world : WorldMap or None
         The map, as soon as there is one.
+    seen_from : dict of int to (3, 3) float64
+        Rotation that the images alone say of a frame between keyframes, in the axes of its pose: where a
+        gyroscope has told that, they are different.
     """
 
     between: dict[int, FloatArray] = field(default_factory=dict)
     times: dict[int, float] = field(default_factory=dict)
     world: WorldMap | None = None
+    seen_from: dict[int, FloatArray] = field(default_factory=dict)
 
     @property
     def poses(self) -> dict[int, FloatArray]:
@@ -51,6 +55,32 @@ class Path:
         """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
         for number in [k for k in self.between if k >= first]:
             self.between[number] = similarity.apply_to_poses(self.between[number])
+
+    def follow(self, before: FloatArray) -> None:
+        """Let the frames between keyframes go where an adjustment has moved these.
+
+        Parameters
+        ----------
+        before : (k, 3, 4) float64
+            Poses of the keyframes before it. A frame keeps its pose beside the keyframe before it and its
+            pose beside the one after, and where the two have become different, some of both, by time.
+        """
+        assert self.world is not None
+        keyframes, after = self.world.keyframes, self.world.poses
+        moved = np.flatnonzero((before != after).any(axis=(1, 2)))
+        if not len(moved):
+            return
+        for k in range(max(int(moved[0]) - 1, 0), len(keyframes)):
+            end = keyframes[k + 1].frame if k + 1 < len(keyframes) else max(self.times) + 1
+            numbers = [f for f in range(keyframes[k].frame + 1, end) if f in self.between]
+            if not numbers:
+                continue
+            poses = np.stack([self.between[f] for f in numbers])
+            ends = slice(k, k + 2)
+            stamps = np.array([keyframe.t_s for keyframe in keyframes[ends]])
+            times = np.array([self.times[f] for f in numbers])
+            carried = carry(poses, times, stamps, before[ends], after[ends])
+            self.between.update(zip(numbers, carried, strict=True))
 
     def predict(self, time_s: float) -> FloatArray:
         """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
@@ -74,6 +104,37 @@ class Path:
         centres = np.stack([pose[:, 3] for pose in last.values()])
         lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
         return float(np.median(lengths / np.diff([self.times[k] for k in last])))
+
+
+def carry(
+    poses: FloatArray, times_s: FloatArray, stamps_s: FloatArray, before: FloatArray, after: FloatArray
+) -> FloatArray:
+    """Poses (n, 3, 4) that keep their place beside one or two others, which have moved.
+
+    Parameters
+    ----------
+    poses : (n, 3, 4) float64
+        World_from_camera, with the two.
+    times_s : (n,) float64
+        Their times [s].
+    stamps_s : (1,) or (2,) float64
+        Times of the others, before and after [s].
+    before, after : (1, 3, 4) or (2, 3, 4) float64
+        Where the others were and are.
+
+    Returns
+    -------
+    (n, 3, 4) float64
+    """
+    turns = after[:, :, :3] @ np.swapaxes(before[:, :, :3], 1, 2)
+    beside = [t @ (poses[:, :, 3] - b[:, 3]).T for t, b in zip(turns, before, strict=True)]
+    centres = [b.T + a[:, 3] for b, a in zip(beside, after, strict=True)]
+    if len(stamps_s) == 1:
+        return np.concatenate([turns[0] @ poses[:, :, :3], centres[0][:, :, None]], axis=2)
+    share = ((times_s - stamps_s[0]) / (stamps_s[1] - stamps_s[0]))[:, None]
+    rest = so3.exp(share * so3.log(turns[0].T @ turns[1]))
+    rotations = turns[0] @ rest @ poses[:, :, :3]
+    return np.concatenate([rotations, ((1 - share) * centres[0] + share * centres[1])[:, :, None]], axis=2)
 
 
 @dataclass
@@ -110,6 +171,38 @@ class KeyframeRecord:
     selections: list[WeightSelection] = field(default_factory=list, repr=False)
 
 
+@dataclass(frozen=True)
+class FinalAdjustment:
+    """What the adjustment of all keyframes did.
+
+    Attributes
+    ----------
+    kept : bool
+        Whether the map is the adjusted one.
+    pixels : tuple of float
+        Robust cost of the images before and after.
+    sensors : dict of str to (float, float)
+        Cost of what each sensor says, before and after.
+    """
+
+    kept: bool
+    pixels: tuple[float, float]
+    sensors: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def improved(self) -> bool:
+        """Whether it brought the images nearer to the map, and every sensor too; one at least must tell."""
+        return bool(self.sensors) and all(
+            after < before for before, after in (self.pixels, *self.sensors.values())
+        )
+
+    def describe(self) -> str:
+        """Say it in a sentence."""
+        costs = {"images": self.pixels, **self.sensors}
+        told = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
+        return f"{'kept' if self.kept else 'not kept'}: cost of {told}"
+
+
 @dataclass
 class SlamResult:
     """What a run has found so far.
@@ -133,6 +226,8 @@ class SlamResult:
     metric : bool
         Whether the map is in the sensors' world: in metres, and in their frame where they give positions.
         Else its unit and its frame are its own.
+    final : FinalAdjustment or None
+        What adjusting all keyframes at the end did, where it was asked for.
     warnings : list of str
         What is wrong with the sensors' streams by themselves, and with their rotations beside the camera's.
     message : str
@@ -146,6 +241,7 @@ class SlamResult:
     restarts: list[int] = field(default_factory=list)
     corrections: list[int] = field(default_factory=list)
     metric: bool = False
+    final: FinalAdjustment | None = None
     warnings: list[str] = field(default_factory=list)
     message: str = "there is no frame"
 
@@ -170,6 +266,13 @@ class SlamResult:
         frames = sorted(poses)
         times = np.array([self.path.times[k] for k in frames])
         return Trajectory(times, np.stack([poses[k] for k in frames]))
+
+    def seen_trajectory(self) -> Trajectory:
+        """All frames with a pose, turned as the images alone say: what a gyroscope can be compared with."""
+        whole = self.trajectory()
+        for row, frame in enumerate(sorted(self.poses)):
+            whole.poses[row, :, :3] @= self.path.seen_from.get(frame, np.eye(3))
+        return whole
 
     def keyframe_trajectory(self) -> Trajectory:
         """Keyframes alone."""

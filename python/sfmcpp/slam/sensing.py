@@ -12,6 +12,7 @@ from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     Mounting,
+    camera_distance,
     doubtful_stretches,
     pose_at,
     position_at,
@@ -99,33 +100,40 @@ class Odometer:
         What a distance may be off [m]; None: not known, it is estimated on the run.
     relative_sigma : float
         And as a share of the distance.
+    mounting : Mounting, optional
+        How the camera sits on the body: distances are then those of the camera where a turn is given.
     """
 
     stream: SensorStream
     name: str = "odometer"
     sigma_m: float | None = 0.02
     relative_sigma: float = 0.03
+    mounting: Mounting | None = None
 
     @cached_property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
         """Where its speed is one that no vehicle can have driven."""
         return doubtful_stretches(self.stream)
 
-    def between(self, start_s: float, end_s: float) -> float | None:
+    def between(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance travelled [m]; None where it is not measured, or doubtful."""
-        return None if self._doubts(start_s, end_s) else self._distance(start_s, end_s)
+        return None if self._doubts(start_s, end_s) else self._distance(start_s, end_s, turn)
 
-    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Distance from the keyframe before."""
-        distance = self._distance(start_s, end_s)
+    def measure(
+        self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
+    ) -> Measurement | None:
+        """Distance from the keyframe before; of the camera, if its `turn` start_from_end is given."""
+        distance = self._distance(start_s, end_s, turn)
         if distance is None:
             return None
         relative_m = self.relative_sigma * distance
         sigma_m = None if self.sigma_m is None else float(np.hypot(self.sigma_m, relative_m))
         return Measurement(self.name, "scale", distance, sigma_m, self._doubts(start_s, end_s))
 
-    def _distance(self, start_s: float, end_s: float) -> float | None:
-        """Length of the arc; it stands for the chord, which keyframes are close enough for."""
+    def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
+        """Length of the body's arc; for short ways it stands for the chord of the camera."""
+        if turn is not None and self.mounting is not None:
+            return camera_distance(self.stream, start_s, end_s, self.mounting, turn)
         distance = travelled_distance(self.stream, start_s, end_s)
         return None if distance is None else abs(distance)
 

@@ -32,10 +32,25 @@ class SensorSuite:
         self._experience: dict[str, Experience] = {}
 
     def measure(
-        self, start_s: float, end_s: float, rotation: FloatArray, *, metric: bool
+        self,
+        start_s: float,
+        end_s: float,
+        rotation: FloatArray,
+        *,
+        metric: bool,
+        previous: FloatArray | None = None,
     ) -> list[Measurement]:
-        """All that can constrain the map as it is: nothing in metres before it has metres."""
-        found = [sensor.measure(start_s, end_s, rotation) for sensor in self.sensors]
+        """All that can constrain the map as it is: nothing in metres before it has metres.
+
+        `rotation` and `previous` are those of the keyframe and of the one before, world_from_camera.
+        """
+        turn = self._turn(start_s, end_s, None if previous is None else previous.T @ rotation)
+        found = [
+            sensor.measure(start_s, end_s, rotation, turn)
+            if isinstance(sensor, Odometer)
+            else sensor.measure(start_s, end_s, rotation)
+            for sensor in self.sensors
+        ]
         return [
             m if m.sigma is not None else replace(m, sigma=self._of(m.sensor).sigma)
             for m in found
@@ -75,10 +90,15 @@ class SensorSuite:
         }
         return learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
 
-    def distance(self, start_s: float, end_s: float) -> float | None:
-        """Distance between two times [m]."""
-        answers = (s.between(start_s, end_s) for s in self.sensors if isinstance(s, Odometer))
+    def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
+        """Distance between two times [m]; `turn` start_from_end of the camera, where no gyroscope tells."""
+        turn = self._turn(start_s, end_s, turn)
+        answers = (s.between(start_s, end_s, turn) for s in self.sensors if isinstance(s, Odometer))
         return _first_known(answers)
+
+    def _turn(self, start_s: float, end_s: float, seen: FloatArray | None) -> FloatArray | None:
+        turn = self.rotation(start_s, end_s)
+        return seen if turn is None else turn
 
     def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
         """Rotation start_from_end of the camera, by a gyroscope that agrees with the images."""

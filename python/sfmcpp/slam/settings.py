@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.checks import require_one_of
 from sfmcpp.weighting import selection_method
 from sfmcpp.weighting.bounds import require_bounds
+
+FINAL_ADJUSTMENTS = ("auto", "on", "off")
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,9 @@ class SlamSettings:
     correct_drift : bool
         Whether the last keyframes are moved back to a sensor, where they have drifted from it as one. Not in
         the thesis; not done where no weight is asked for.
+    final_adjustment : str
+        Whether all keyframes are adjusted together at the end, with Cauchy's loss: ``"on"``, ``"off"``, or
+        ``"auto"``, where that brings the images nearer to the map and every sensor too.
     seed : int
         Of every random sample; same seed, same result.
     """
@@ -73,6 +79,7 @@ class SlamSettings:
     weights: str = "loo"
     weight_bounds: str = "declared"
     correct_drift: bool = True
+    final_adjustment: str = "auto"
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -87,5 +94,6 @@ class SlamSettings:
         if self.weights != "none":
             selection_method(self.weights)
         require_bounds("weight_bounds", self.weight_bounds)
+        require_one_of("final_adjustment", self.final_adjustment, FINAL_ADJUSTMENTS)
         if self.min_inliers < 6:
             raise InvalidArgument(f"min_inliers = {self.min_inliers}: must be at least 6")

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
+from sfmcpp.slam.clock import Clock
+from sfmcpp.slam.ending import finish_map
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
-from sfmcpp.slam.localisation import Follower, Step, locate
+from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
@@ -46,7 +47,7 @@ class Slam:
         self._sensors = SensorSuite(sensors)
         self.result = SlamResult(warnings=self._sensors.remarks())
         # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
-        self._initialiser: Initialiser | None = Initialiser(intrinsics, self.settings)
+        self._initialiser: Initialiser | None = Initialiser(intrinsics, self.settings, self._sensors)
         self._follower = Follower(intrinsics, self.settings, self._sensors)
         self._last: Frame | None = None
 
@@ -56,8 +57,8 @@ class Slam:
         if self.result.world is None:
             self._start(frame)
             return
-        clock = _Clock()
-        pose = locate(self.result.world, frame.view, self.settings)
+        clock = Clock()
+        pose = self._locate(frame)
         clock.lap("resection")
         if pose is None:
             self._go_on_without_map(frame, clock)
@@ -68,9 +69,10 @@ class Slam:
             self._add_keyframe(frame, pose, clock)
 
     def finish(self) -> None:
-        """After the last frame: tell what the whole run says of the sensors."""
+        """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
+        finish_map(self.result, self.settings)
         if len(self.result.poses) > 1:
-            self.result.warnings += self._sensors.complaints(self.result.trajectory())
+            self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
 
     def _start(self, frame: Frame) -> None:
         initialiser = self._initialiser
@@ -87,13 +89,20 @@ class Slam:
         """Give poses to the frames from which a map has started."""
         keyframes = {keyframe.frame for keyframe in world.keyframes}
         for frame in frames:
-            pose = None if frame.number in keyframes else locate(world, frame.view, self.settings)
+            pose = None if frame.number in keyframes else self._locate(frame)
             if pose is None and frame.number not in keyframes:
                 continue
             self._place(frame, pose)
             for doubtful in (self.result.bridged, self.result.lost):
                 if frame.number in doubtful:
                     doubtful.remove(frame.number)
+
+    def _locate(self, frame: Frame) -> FloatArray | None:
+        rotation = expected_rotation(self._world, self._sensors, frame.t_s)
+        found = locate(self._world, frame.view, self.settings, rotation)
+        if found is not None and found.seen is not None:
+            self.result.path.seen_from[frame.number] = found.pose[:, :3].T @ found.seen[:, :3]
+        return None if found is None else found.pose
 
     def _place(self, frame: Frame, pose: FloatArray | None) -> None:
         """Say where a frame is; None: it is a keyframe, and the map says it."""
@@ -103,7 +112,7 @@ class Slam:
             between[frame.number] = pose
         self._last = frame
 
-    def _go_on_without_map(self, frame: Frame, clock: _Clock) -> None:
+    def _go_on_without_map(self, frame: Frame, clock: Clock) -> None:
         """Too few points are left: go on from the last frame, and look for a new start once that fails."""
         result, last = self.result, self._last
         assert last is not None
@@ -111,7 +120,9 @@ class Slam:
         if step is None:
             result.lost.append(frame.number)
             pose = self._follower.predict(frame, result)
-            self._initialiser = self._initialiser or Initialiser(self._intrinsics, self.settings)
+            self._initialiser = self._initialiser or Initialiser(
+                self._intrinsics, self.settings, self._sensors
+            )
         else:
             result.bridged.append(frame.number)
             pose = step.pose
@@ -121,7 +132,7 @@ class Slam:
         elif step is not None and step.moved:
             self._bridge(last, frame, step, clock)
 
-    def _bridge(self, last: Frame, frame: Frame, step: Step, clock: _Clock) -> None:
+    def _bridge(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
             self._add_keyframe(last, self.result.poses[last.number], clock)
@@ -168,19 +179,23 @@ class Slam:
         moved = np.linalg.norm(view.pixels[here] - last.pixels[there], axis=1)
         return bool(known < settings.keyframe_min_tracks and np.median(moved) > settings.keyframe_parallax_px)
 
-    def _add_keyframe(self, frame: Frame, pose: FloatArray, clock: _Clock) -> None:
+    def _add_keyframe(self, frame: Frame, pose: FloatArray, clock: Clock) -> None:
         world = self._world
         inliers = int(np.count_nonzero(world.knows(frame.view.tracks)))
+        last, metric = world.keyframes[-1], self.result.metric
         measurements = self._sensors.measure(
-            world.keyframes[-1].t_s, frame.t_s, pose[:, :3], metric=self.result.metric
+            last.t_s, frame.t_s, pose[:, :3], metric=metric, previous=last.pose[:, :3]
         )
         fused = fuse(world, frame.view, pose, measurements, self.settings)
         world.add(frame, fused.pose, fused.constraints)
         self.result.path.between.pop(frame.number, None)
+        self.result.path.seen_from.pop(frame.number, None)
         clock.lap("weights")
         new_points = triangulate_new(world, self.settings)
         clock.lap("triangulation")
+        before = world.poses.copy()
         adjust(world, self.settings)
+        self.result.path.follow(before)
         clock.lap("adjustment")
         if self.result.metric:
             self._correct_drift()
@@ -197,19 +212,6 @@ class Slam:
     def _world(self) -> WorldMap:
         assert self.result.world is not None
         return self.result.world
-
-
-class _Clock:
-    """Milliseconds of each stage."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.laps[name] = 1e3 * (now - self._last)
-        self._last = now
 
 
 def run_slam(

@@ -88,6 +88,7 @@ class SlamReport(ReportTable):
             "restart_frames": result.restarts,
             "correction_frames": result.corrections,
             "metric": result.metric,
+            "final_adjustment": None if result.final is None else asdict(result.final),
             "warnings": result.warnings,
             "keyframes": [_keyframe(record) for record in result.records],
             "truth": None if self.comparison is None else self.comparison.to_dict(),
@@ -130,6 +131,8 @@ class SlamReport(ReportTable):
             each = 1e3 * frames.seconds / max(run.frames, 1)
             told = f"{frames.seconds:.3f} of these seconds with their corners, {each:.3g} ms an image"
             yield "images", told
+        if run.result.final is not None:
+            yield "adjusted at the end", run.result.final.describe()
         if run.sensors:
             yield "sensors", f"{', '.join(run.sensors)}; weights {self._weights()}"
         for name in run.sensors:

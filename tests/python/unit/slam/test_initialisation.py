@@ -184,14 +184,15 @@ def test_the_adjustment_of_a_new_part_does_not_look_behind_its_first_keyframe() 
     assert world.triangulation(8).images.tolist() == [3, 4, 5]
 
 
-def test_sensors_constrain_a_new_part_from_its_second_keyframe_on_with_their_usual_weight() -> None:
+def test_sensors_constrain_a_new_part_from_the_gap_before_it_on_with_their_usual_weight() -> None:
     result, suite, follower = run_before([odometer(3.0)])
     part = new_part()
     rejoin(result, part, suite, follower)
     world = result.world
     assert world is not None
     told = [keyframe.constraints for keyframe in world.keyframes[3:]]
-    assert [len(constraints) for constraints in told] == [0, 1, 1]
-    for (constraint,) in told[1:]:
+    assert [len(constraints) for constraints in told] == [1, 1, 1]
+    gap_s = world.keyframes[3].t_s - world.keyframes[2].t_s
+    for (constraint,), seconds in zip(told, (gap_s, STEP_S, STEP_S), strict=True):
         assert constraint.weight == 1.0
-        assert constraint.measurement.value == pytest.approx(3.0 * STEP_S)
+        assert constraint.measurement.value == pytest.approx(3.0 * seconds)

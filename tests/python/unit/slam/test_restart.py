@@ -55,6 +55,18 @@ def test_an_odometer_tells_the_scale_of_the_new_part() -> None:
     assert np.linalg.norm(ahead) == pytest.approx(np.linalg.norm(true), rel=0.03)
 
 
+def test_sensors_constrain_the_new_part_across_the_gap_too() -> None:
+    result = run_slam(cut_sequence(blind=5), sensors=[odometer()])
+    assert result.world is not None
+    keyframes = result.world.keyframes
+    first = next(k for k in range(len(keyframes)) if keyframes[k].frame >= CUT)
+    (constraint,) = keyframes[first].constraints
+    gap_m = np.linalg.norm(SCENE.centres[keyframes[first].frame] - SCENE.centres[keyframes[first - 1].frame])
+    assert constraint.measurement.value == pytest.approx(gap_m, rel=0.02)
+    found_m = np.linalg.norm(keyframes[first].pose[:, 3] - keyframes[first - 1].pose[:, 3])
+    assert found_m == pytest.approx(gap_m, rel=0.03)
+
+
 def test_both_parts_are_in_the_map() -> None:
     result = run_slam(cut_sequence())
     assert result.world is not None

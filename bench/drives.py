@@ -1,0 +1,219 @@
+"""One table over all drives: none, each sensor, both, and the sensors' streams integrated without a camera.
+
+    python bench/drives.py [--drives tuning|reporting|all|0027 …] [--seeds N] [--slam window=3 …]
+                           [--lie bias=5 slip=0.8] [--blackout SECONDS] [--out FILE]
+
+Settings are chosen on the drives for tuning, 0001, 0027, 0036 and 0039 of `$SFMCPP_DATA/kitti_tracks`, and on
+no other; 0005, 0051, 0095, 0020 and kitti_clip, whose images are tracked here, are for reporting.
+
+Errors are mean distances of all frames with a pose from the truth [m], aligned to all of it: by a similarity
+where no sensor is used, rigidly elsewhere. `posed` counts these frames, and `end/start` is the scale over the
+last fifth of the way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then
+medians, and the last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a
+factor on the speed, lasts a fifth of the run, from its second fifth on; a blackout is in the middle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from experiments.drives import median, run_setting
+from experiments.inputs import Lie, mounting_of
+from experiments.real_problems import data_folder
+from experiments.text_table import text_table
+
+from sfmcpp.model import Trajectory
+from sfmcpp.sensors import measured_at, orientations
+from sfmcpp.sources.frames import open_images
+from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.study.evaluation import Evaluation, evaluate
+
+TUNING = ("0001", "0027", "0036", "0039")
+REPORTING = ("0005", "0051", "0095", "0020", "clip")
+SENSORS: dict[str, list[str]] = {
+    "none": [],
+    "odometer": ["odometer"],
+    "imu": ["imu"],
+    "both": ["odometer", "imu"],
+}
+DEAD = "dead reckoning"
+MOVED_PX = 1e-6
+PROCESSES = 2
+Row = dict[str, Any]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run and print."""
+    args = _parser().parse_args(arguments)
+    names = {"tuning": TUNING, "reporting": REPORTING, "all": TUNING + REPORTING}
+    drives = [name for word in args.drives for name in names.get(word, (word,))]
+    options = {"slam": dict(args.slam), "lie": dict(args.lie), "blackout": args.blackout}
+    asked = list(product(drives, args.sensors, range(args.seeds)))
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        found = list(pool.map(_run, asked, [options] * len(asked)))
+    print(table(found, drives))
+    if args.out:
+        args.out.write_text(json.dumps(found))
+
+
+def table(found: Sequence[Row], drives: Sequence[str]) -> str:
+    """A line for each drive, medians over seeds, and for the drives of more than one the median line."""
+    labels = list(dict.fromkeys(row["sensors"] for row in found))
+    lines = [_line(name, [row for row in found if row["drive"] == name], labels) for name in drives]
+    over = [f"{label} over none" for label in labels if label != "none"]
+    if len(lines) > 1:
+        known = {name: [line[name] for line in lines if line.get(name) is not None] for name in over}
+        worst = {name: max(values, default=None) for name, values in known.items()}
+        lines.append({"drive": "median", **{name: median(values) for name, values in known.items()}})
+        lines.append({"drive": "worst", **worst})
+    columns = ["drive", "frames", *labels, DEAD, *over]
+    columns += [f"{label} {what}" for what in ("posed", "end/start", "range") for label in (*labels, DEAD)]
+    return text_table([name for name in columns if any(line.get(name) is not None for line in lines)], lines)
+
+
+def _line(name: str, found: Sequence[Row], labels: Sequence[str]) -> Row:
+    line: Row = {"drive": name, **{key: found[0][key] for key in ("frames", DEAD, f"{DEAD} end/start")}}
+    alone = {row["seed"]: row["error_m"] for row in found if row["sensors"] == "none"}
+    for label in labels:
+        rows = [row for row in found if row["sensors"] == label]
+        line[label] = median([row["error_m"] for row in rows if row["error_m"] is not None])
+        line[f"{label} posed"] = min(row["posed"] for row in rows)
+        line[f"{label} end/start"] = median([row["bend"] for row in rows if row["bend"] is not None])
+        both = [(row["error_m"], alone.get(row["seed"])) for row in rows]
+        ratios = [ours / none for ours, none in both if ours is not None and none is not None]
+        if label != "none":
+            line[f"{label} over none"] = median(ratios)
+            line[f"{label} range"] = [min(ratios), max(ratios)] if len(ratios) > 1 else None
+    return line
+
+
+def _run(asked: tuple[str, str, int], options: Row) -> Row:
+    name, label, seed = asked
+    drive = with_blackout(moved(read(name), seed), options["blackout"])
+    slam = dict(options["slam"])
+    setting = {"sensors": SENSORS[label], "weights": slam.pop("weights", "loo"), "slam": slam}
+    result = run_setting(drive, setting, lie_of(drive, options["lie"]))
+    row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
+    row |= {"posed": len(result.poses), "error_m": None, "bend": None}
+    if result.poses:
+        found = evaluate(result.trajectory(), drive.truth, with_scale=not result.metric)
+        row |= {"error_m": found.mean_3d_error_m, "bend": bend(found)}
+    dead = evaluate(dead_reckoning(read(name)), drive.truth, with_scale=False)
+    row |= {DEAD: dead.mean_3d_error_m, f"{DEAD} end/start": bend(dead)}
+    return row
+
+
+@cache
+def read(name: str) -> KittiDrive:
+    """Read a drive by the number in its name, or the clip."""
+    if name == "clip":
+        return _clip()
+    (file,) = sorted((data_folder() / "kitti_tracks").glob(f"*_drive_{name}_*.mat"))
+    return read_kitti_mat(file)
+
+
+def _clip() -> KittiDrive:
+    """The first frames of 0020 with tracks of their images."""
+    whole = read("0020")
+    images, _ = open_images(data_folder() / "kitti_clip/image_l")
+    views = [frame.view for frame in images]
+    kept = slice(0, len(views))
+    pixels = np.concatenate([view.pixels for view in views])
+    return replace(
+        whole,
+        t_s=whole.t_s[kept],
+        frame_index=np.repeat(np.arange(len(views), dtype=np.int32), [len(view.tracks) for view in views]),
+        track_index=np.concatenate([view.tracks for view in views]).astype(np.int32),
+        left_px=pixels,
+        right_px=pixels,
+        truth=Trajectory(whole.truth.t_s[kept], whole.truth.poses[kept]),
+    )
+
+
+def moved(drive: KittiDrive, seed: int) -> KittiDrive:
+    """The drive itself for seed 0, else with its pixels moved by next to nothing."""
+    if not seed:
+        return drive
+    noise = np.random.default_rng(seed).normal(0.0, MOVED_PX, drive.left_px.shape)
+    return replace(drive, left_px=drive.left_px + noise)
+
+
+def with_blackout(drive: KittiDrive, seconds: float) -> KittiDrive:
+    """Take away what is seen in the middle of the drive; tracks on both sides are different ones."""
+    middle, half = drive.t_s[len(drive.t_s) // 2], seconds / 2
+    t_s = drive.t_s[drive.frame_index]
+    kept = np.abs(t_s - middle) > half
+    tracks = drive.track_index + np.where(t_s > middle, drive.num_tracks, 0).astype(np.int32)
+    if not seconds:
+        return drive
+    return replace(
+        drive,
+        frame_index=drive.frame_index[kept],
+        track_index=tracks[kept],
+        left_px=drive.left_px[kept],
+        right_px=drive.right_px[kept],
+    )
+
+
+def lie_of(drive: KittiDrive, wrong: dict[str, float]) -> Lie | None:
+    """What is wrong, over the second fifth of the run."""
+    if not wrong:
+        return None
+    fifth = (drive.t_s[-1] - drive.t_s[0]) / 5
+    return Lie(fifth, fifth, factor=wrong.get("slip", 1.0), bias_deg_s=wrong.get("bias", 0.0))
+
+
+def dead_reckoning(drive: KittiDrive) -> Trajectory:
+    """Integrate velocity and rate, without a camera, up to where both are measured."""
+    times = drive.t_s[(drive.t_s <= drive.velocity.t_s[-1]) & (drive.t_s <= drive.angular_rate.t_s[-1])]
+    rotations = orientations(drive.angular_rate, times)
+    velocities = np.einsum("nij,nj->ni", rotations, measured_at(drive.velocity, times))
+    steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(times)[:, None]
+    centres = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    body = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    known = np.isfinite(body).all(axis=(1, 2))
+    return Trajectory(times[known], mounting_of(drive).camera_poses(body[known]))
+
+
+def bend(found: Evaluation) -> float | None:
+    """Scale over the last fifth of the way, over that over the first; None where nothing moves."""
+    steps, true = (
+        np.linalg.norm(np.diff(t.poses[:, :, 3], axis=0), axis=1) for t in (found.estimate, found.truth)
+    )
+    way = np.cumsum(true) / max(true.sum(), 1e-9)
+    ratios = [steps[part].sum() / max(true[part].sum(), 1e-9) for part in (way < 0.2, way > 0.8)]
+    return float(ratios[1] / ratios[0]) if ratios[0] > 0 else None
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--drives", nargs="+", default=["tuning"])
+    parser.add_argument("--sensors", nargs="+", default=list(SENSORS), choices=list(SENSORS))
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
+    parser.add_argument("--slam", nargs="*", default=[], type=_assignment, metavar="NAME=VALUE")
+    parser.add_argument("--lie", nargs="*", default=[], type=_assignment, metavar="bias=DEG_S|slip=FACTOR")
+    parser.add_argument("--blackout", type=float, default=0.0, metavar="SECONDS")
+    parser.add_argument("--out", type=Path, help="JSON file of all runs")
+    return parser
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value
+
+
+if __name__ == "__main__":
+    main()

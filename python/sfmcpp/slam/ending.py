@@ -1,0 +1,61 @@
+"""The end of a run: all keyframes adjusted together, with all that sensors say of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sfmcpp.ba import Summary
+from sfmcpp.slam.fusing import constraint_groups
+from sfmcpp.slam.mapping import drop_outliers, hold_gauge
+from sfmcpp.slam.result import FinalAdjustment, SlamResult
+from sfmcpp.slam.sensing import METRIC_KINDS, PLACE_KINDS
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.weighting import solve
+
+# Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
+_LOSS_PX = 1.0
+
+
+def finish_map(result: SlamResult, settings: SlamSettings) -> None:
+    """Adjust all keyframes and points of a run, and keep it: always, or where images and sensors gain by it.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run; its map and the frames between keyframes move, and `final` says what was done.
+    settings : SlamSettings
+        `final_adjustment` decides.
+    """
+    world = result.world
+    if settings.final_adjustment == "off" or world is None:
+        return
+    local = world.whole_problem(settings.min_views)
+    groups = [replace(group, loss="cauchy") for group in constraint_groups(world, local)]
+    # Images alone always gain: on drives their errors did not.
+    if settings.final_adjustment == "auto" and not groups:
+        return
+    placed = any(group.kind in PLACE_KINDS for group in groups)
+    hold_gauge(local, 0 if placed else 1 if any(group.kind in METRIC_KINDS for group in groups) else 2)
+    summary = solve(
+        local.problem,
+        constraints=groups,
+        loss="cauchy",
+        loss_scale_px=_LOSS_PX,
+        max_iterations=50,
+    ).require_uninterrupted()
+    done = _judged(summary)
+    result.final = replace(done, kept=done.improved or settings.final_adjustment == "on")
+    if result.final.kept:
+        before = world.poses.copy()
+        world.take(local)
+        drop_outliers(world, local, settings)
+        result.path.follow(before)
+
+
+def _judged(summary: Summary) -> FinalAdjustment:
+    sensors = {name: (float(a), float(b)) for name, (a, b) in summary.constraint_costs.items()}
+    sums = np.array(list(sensors.values())).reshape(-1, 2).sum(axis=0)
+    pixels = (float(summary.initial_cost - sums[0]), float(summary.final_cost - sums[1]))
+    return FinalAdjustment(False, pixels, sensors)

@@ -1,0 +1,61 @@
+"""The distance of a camera on a body that turns, beside the circle it is on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sfmcpp.model import SensorStream
+from sfmcpp.sensors import Mounting, camera_distance, travelled_distance
+from sfmcpp.slam import Gyroscope, Odometer
+from sfmcpp.slam.sensor_suite import SensorSuite
+
+SPEED_M_S, YAW_RAD_S, END_S = 8.0, 0.4, 0.6
+T_S = np.arange(0.0, 1.01, 0.1)
+AHEAD = Mounting(Mounting.forward_looking().camera_from_body, np.array([1.1, 0.3, 0.8]))
+RATE = SensorStream(T_S, np.tile([0.0, 0.0, YAW_RAD_S], (len(T_S), 1)), "angular_rate")
+
+
+def streams() -> list[SensorStream]:
+    velocity = np.tile([SPEED_M_S, 0.0, 0.0], (len(T_S), 1))
+    return [
+        SensorStream(T_S, velocity, "velocity"),
+        SensorStream(T_S, velocity[:, :1], "speed"),
+        SensorStream(T_S, SPEED_M_S * T_S[:, None], "distance"),
+    ]
+
+
+def chord() -> float:
+    """On a circle about the body's centre of rotation the camera is farther out than the body."""
+    radius = np.hypot(SPEED_M_S / YAW_RAD_S - AHEAD.lever_arm_m[1], AHEAD.lever_arm_m[0])
+    return float(2 * radius * np.sin(YAW_RAD_S * END_S / 2))
+
+
+def turn_of_camera() -> np.ndarray:
+    return AHEAD.camera_rotation(Rotation.from_rotvec([0.0, 0.0, YAW_RAD_S * END_S]).as_matrix())
+
+
+@pytest.mark.parametrize("stream", streams(), ids=lambda stream: stream.kind)
+def test_a_camera_on_a_circle_goes_along_its_chord(stream: SensorStream) -> None:
+    found = camera_distance(stream, 0.0, END_S, AHEAD, turn_of_camera())
+    assert found == pytest.approx(chord(), rel=1e-9)
+    assert travelled_distance(stream, 0.0, END_S) != pytest.approx(chord(), rel=0.005)
+
+
+def test_a_camera_at_the_origin_goes_straight_as_far_as_the_body() -> None:
+    found = camera_distance(streams()[0], 0.0, END_S, Mounting.forward_looking(), np.eye(3))
+    assert found == pytest.approx(SPEED_M_S * END_S)
+
+
+@pytest.mark.parametrize("with_gyro", [True, False])
+def test_the_turn_is_that_of_the_gyroscope_or_of_the_keyframes(with_gyro: bool) -> None:
+    odometer, gyro = Odometer(streams()[0], mounting=AHEAD), Gyroscope(RATE, AHEAD)
+    suite = SensorSuite([odometer, gyro] if with_gyro else [odometer])
+    seen = np.eye(3) if with_gyro else turn_of_camera()
+    measured = suite.measure(0.0, END_S, seen, metric=True, previous=np.eye(3))
+    assert measured[0].value == pytest.approx(chord(), rel=1e-9)
+
+
+def test_nothing_is_told_where_nothing_is_measured() -> None:
+    assert camera_distance(streams()[0], 5.0, 6.0, AHEAD, np.eye(3)) is None

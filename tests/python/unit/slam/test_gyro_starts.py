@@ -1,0 +1,88 @@
+"""Rotations that a gyroscope tells, from the first frame on: taken where the images support them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream
+from sfmcpp.slam import Gyroscope, SlamSettings, TrackSequence, WorldMap
+from sfmcpp.slam.initialisation import Initialiser
+from sfmcpp.slam.localisation import expected_rotation, locate
+from sfmcpp.slam.sensor_suite import SensorSuite
+from slam_helpers import INTRINSICS, STEP_S, drive, path
+from winding import AT_CAMERA
+
+FRAMES = 16
+TURN_RAD_S = 0.05
+FEW, MANY = 24, 200
+STEP_M = 0.1
+
+
+def tracks_of(count: int) -> TrackSequence:
+    """A camera that goes aside and turns a little: of few tracks a turn alone explains almost as much."""
+    aside = np.arange(FRAMES)[:, None] * [STEP_M if count == FEW else 3 * STEP_M, 0.0, 0.02]
+    turns = np.arange(FRAMES)[:, None] * [0.0, TURN_RAD_S * STEP_S, 0.0]
+    return drive(path(aside, turns), sigma_px=0.3, points=count, seed=3)
+
+
+def gyro(bias_rad_s: float = 0.0) -> SensorSuite:
+    t_s = np.arange(0.0, 3.0, STEP_S / 2)
+    rates = np.tile([0.0, TURN_RAD_S + bias_rad_s, 0.0], (len(t_s), 1))
+    return SensorSuite([Gyroscope(SensorStream(t_s, rates, "angular_rate"), AT_CAMERA)])
+
+
+def started(sensors: SensorSuite, count: int = FEW) -> tuple[WorldMap | None, int, list[str]]:
+    """The map, the frame that made it, and why there was none before."""
+    initialiser = Initialiser(INTRINSICS, SlamSettings(), sensors)
+    reasons = []
+    frames = list(tracks_of(count))
+    # Of many tracks none before a start can be made: what is not made then is the gyroscope's.
+    for frame in frames if count == FEW else frames[:2] + frames[5:]:
+        world = initialiser.try_frame(frame)
+        if world is not None:
+            return world, frame.number, reasons
+        reasons.append(initialiser.reason)
+    return None, FRAMES, reasons
+
+
+def turn_error_rad(world: WorldMap) -> float:
+    first, last = world.keyframes[0], world.keyframes[-1]
+    true = so3.exp(np.array([0.0, TURN_RAD_S * (last.t_s - first.t_s), 0.0]))
+    return float(so3.rotation_angle(true.T @ first.pose[:, :3].T @ last.pose[:, :3]))
+
+
+def test_a_start_is_made_where_the_images_alone_see_a_turn() -> None:
+    alone, late, _ = started(SensorSuite())
+    world, early, _ = started(gyro())
+    assert world is not None
+    assert early < late
+    assert turn_error_rad(world) < 0.004
+    assert alone is None or turn_error_rad(world) < turn_error_rad(alone)
+    assert all(k.constraints[0].measurement.sensor == "gyro" for k in world.keyframes[1:])
+
+
+def test_a_start_against_a_gyroscope_waits_and_says_why_but_not_for_ever() -> None:
+    alone, frame, _ = started(SensorSuite(), MANY)
+    world, late, reasons = started(gyro(bias_rad_s=1.5), MANY)
+    assert alone is not None
+    assert world is not None
+    assert late > frame
+    assert any("from what the gyroscope says" in reason for reason in reasons)
+    assert turn_error_rad(world) < 0.01
+    assert not any(k.constraints for k in world.keyframes)
+
+
+@pytest.mark.parametrize(("bias_rad_s", "kept"), [(0.0, True), (0.5, False)])
+def test_the_turn_of_a_gyroscope_is_kept_where_the_images_support_it(bias_rad_s: float, kept: bool) -> None:
+    world, number, _ = started(gyro())
+    assert world is not None
+    frame = list(tracks_of(FEW))[number + 1]
+    told = expected_rotation(world, gyro(bias_rad_s), frame.t_s)
+    assert told is not None
+    found = locate(world, frame.view, SlamSettings(), told)
+    assert found is not None
+    assert found.seen is not None
+    assert np.array_equal(found.pose[:, :3], told) == kept
+    assert np.array_equal(found.pose, found.seen) != kept
