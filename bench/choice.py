@@ -4,10 +4,10 @@
     python bench/choice.py rates [--out DIR]
 
 `table` solves every shape with each linear solver by name and with `auto`, in a process of its own on two
-threads, the fastest of five runs where these are short, and prints seconds to 1e-3 of the lowest cost of any of them, those before the first step
-included, and how far `auto` is behind the best. `rates` fits seconds per unit of each kind of work to the
-steps that `table` has measured of shapes with odd seeds, and prints them as the table in
-cpp/src/linear/solver_costs.cpp; the rows of even seeds are what it has not seen.
+threads, the fastest of five runs where these are short, and prints seconds to 1e-3 of the lowest cost of any
+of them, those before the first step included, and how far `auto` is behind the best. `rates` fits seconds per
+unit of each kind of work to the steps that `table` has measured of shapes with odd seeds, and prints them as
+the table in cpp/src/linear/solver_costs.cpp; the rows of even seeds are what it has not seen.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def main() -> None:
 def run(shape: str, solver: str) -> Record:
     """Solve a shape, or a file, with one solver: the fastest of a few runs.
 
-    The first solve of a process waits for memory that nothing has touched, by chance for longer than it computes.
+    The first solve of a process waits for memory that nothing has touched, at times longer than it computes.
     """
     problem = SHAPES[shape][1]() if shape in SHAPES else sfmcpp.read(shape)
     resident = memory("VmRSS")
