@@ -147,6 +147,7 @@ def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstrain
         measurement.kind,
         previous=previous,
         sensor_sigma=measurement.sigma,
+        yields=measurement.yields,
         name=measurement.sensor,
     )
     value = np.asarray(measurement.value)
