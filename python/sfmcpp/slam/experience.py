@@ -12,9 +12,9 @@ from sfmcpp.model.weight_selection import ConflictReport
 KEYFRAMES_OF_SIGMA = 6
 # It is at least this share of what sensor and images are apart: below, images say nothing of the sensor.
 _LEAST_SHARE = 0.1
-# As many keyframes in a row disagree where one of both is wrong: honest sensors came to four (the map drifts,
-# and its points count as exact), a bias, a slip or a clock of three tenths of a second to eight and more.
-_FEWEST_IN_A_ROW = 5
+# As many keyframes in a row disagree where one of both is wrong: honest sensors came to five (the map drifts,
+# and its points count as exact), a bias, a slip or a clock of three tenths of a second to seven and more.
+_FEWEST_IN_A_ROW = 6
 
 
 @dataclass

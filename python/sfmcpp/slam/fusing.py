@@ -75,10 +75,12 @@ def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[
 def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGroup]:
     """One group per sensor, of the free keyframes in `local`: with their predecessors, if these are there.
 
-    Beside a sum over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
+    A predecessor that is free and sees nothing any more says nothing of the motion from it. Beside a sum
+    over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
     """
     place = {int(k): position for position, k in enumerate(local.images)}
     count = np.bincount(local.problem.camera_index, minlength=len(place))
+    known = (count > 0) | local.problem.fixed_cameras
     members: dict[tuple[str, str], list[_Member]] = {}
     for k, position in place.items():
         if local.problem.fixed_cameras[position]:
@@ -87,7 +89,7 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
             m, weight = constraint.measurement, count[position] * constraint.weight**2
             if m.kind in PLACE_KINDS:
                 cameras: tuple[int, ...] = (position,)
-            elif k - 1 in place:
+            elif k - 1 in place and known[place[k - 1]]:
                 cameras = (place[k - 1], position)
             else:
                 continue
@@ -147,6 +149,7 @@ def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstrain
         measurement.kind,
         previous=previous,
         sensor_sigma=measurement.sigma,
+        yields=measurement.yields,
         name=measurement.sensor,
     )
     value = np.asarray(measurement.value)

@@ -64,8 +64,7 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     """Find how the last keyframes move where poses, positions or distances say that the map has drifted.
 
     Images hold a keyframe to the map, and cross-validation by these images takes the side of the map: what an
-    absolute sensor says against a map that has drifted as a whole would never get a weight. Distances get
-    theirs within bounds, and need no correction: it cost a third of the accuracy then.
+    absolute sensor says against a map that has drifted as a whole would never get a weight.
 
     Parameters
     ----------
@@ -82,8 +81,6 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
         None if no sensor tells, or the last keyframes are as near to it as they can be.
     """
     way = _way_of(sensors)
-    if way is _by_distances and settings.weight_bounds == "declared":
-        return None
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes
     for first in range(len(world.keyframes) - fewest, start - 1, -fewest):

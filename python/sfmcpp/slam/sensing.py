@@ -43,6 +43,8 @@ class Measurement:
         What the sensor may be off [m or rad]: bounds its weight, and tells a conflict. None: not known (yet).
     doubtful : bool
         Whether the sensor's own stream shows that it cannot be right here: it gets no weight.
+    yields : bool
+        Whether a conflict with the images takes weight from it (:class:`sfmcpp.weighting.PoseConstraint`).
     """
 
     sensor: str
@@ -50,6 +52,7 @@ class Measurement:
     value: float | FloatArray
     sigma: float | None
     doubtful: bool = False
+    yields: bool = True
 
 
 class MotionSensor(Protocol):
@@ -90,6 +93,10 @@ class MotionSensor(Protocol):
 class Odometer:
     """Distances: constrains the scale ‖c_i − c_{i−1}‖ (thesis eq. 5.20).
 
+    It does not yield to the images. When a map loses its scale at a keyframe, an odometer that yields is
+    given up for the next twenty; when the odometer slips at once, its stream shows it; and a slow slip is
+    followed by the map before there is a conflict.
+
     Attributes
     ----------
     stream : SensorStream
@@ -128,7 +135,8 @@ class Odometer:
             return None
         relative_m = self.relative_sigma * distance
         sigma_m = None if self.sigma_m is None else float(np.hypot(self.sigma_m, relative_m))
-        return Measurement(self.name, "scale", distance, sigma_m, self._doubts(start_s, end_s))
+        doubtful = self._doubts(start_s, end_s)
+        return Measurement(self.name, "scale", distance, sigma_m, doubtful, yields=False)
 
     def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
         """Length of the body's arc; for short ways it stands for the chord of the camera."""

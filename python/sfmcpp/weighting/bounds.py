@@ -96,7 +96,8 @@ def declared_bounds(
     """Bounds of λ: the declared weight, and what a conflict of c standard deviations leaves of it.
 
     The lower bound is ``λ / (1 + (c/3)²)``. With the root of it, the influence of Cauchy's loss, drives with
-    a sensor that lies are worse, by half with a biased gyroscope; where all are honest it gains a tenth.
+    a gyroscope that lies are worse by half; where all are honest it gains a tenth. A sensor that does not
+    yield has λ for both.
 
     Parameters
     ----------
@@ -120,7 +121,8 @@ def declared_bounds(
         If the constraint declares no standard deviation.
     """
     largest = declared_weight(constraint, count, pixel_sigma)
-    return WeightBounds(largest / (1 + (report.sigmas / YIELDING_SIGMAS) ** 2), largest)
+    left = 1 / (1 + (report.sigmas / YIELDING_SIGMAS) ** 2) if constraint.yields else 1.0
+    return WeightBounds(left * largest, largest)
 
 
 def require_bounds(name: str, text: str) -> None:

@@ -58,6 +58,9 @@ class PoseConstraint:
         ``(f, aspect, cx, cy, skew)`` of these reprojections.
     sensor_sigma : float, optional
         Declared standard deviation of the sensor, in the unit of the kind; None: unknown.
+    yields : bool
+        Whether a conflict with the images lowers the bounds of its weight. Not where the sensor shows by
+        itself when it is wrong: then the map is.
     name : str
         What reports call it; empty: its kind.
 
@@ -75,6 +78,7 @@ class PoseConstraint:
     points: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     intrinsics: FloatArray = field(default_factory=lambda: np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
     sensor_sigma: float | None = None
+    yields: bool = True
     name: str = ""
 
     def __post_init__(self) -> None:

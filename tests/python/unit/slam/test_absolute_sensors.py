@@ -117,7 +117,7 @@ def drifted_and_corrected(
     scene: Problem, sensor: MotionSensor
 ) -> tuple[WorldMap, list[np.ndarray], Correction]:
     """Run, move the last keyframes by `DRIFT`, and correct that; the poses before, too."""
-    settings, suite = SlamSettings(weight_bounds="none"), SensorSuite([sensor])
+    settings, suite = SlamSettings(), SensorSuite([sensor])
     world = run_slam(sequence_of(scene), settings, [sensor]).world
     assert world is not None
     assert correction(world, suite, settings) is None

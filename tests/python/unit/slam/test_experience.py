@@ -51,7 +51,7 @@ def test_a_declared_sigma_is_not_estimated() -> None:
     assert known.describe("odometer") == []
 
 
-@pytest.mark.parametrize(("in_a_row", "named"), [(4, False), (5, True)])
+@pytest.mark.parametrize(("in_a_row", "named"), [(5, False), (6, True)])
 def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
     known = Experience()
     for k in range(40):

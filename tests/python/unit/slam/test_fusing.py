@@ -151,6 +151,16 @@ def test_a_motion_whose_start_takes_no_part_is_left_out_and_a_place_is_not() -> 
     np.testing.assert_array_equal(groups[0].cameras, [1])
 
 
+def test_a_motion_from_a_free_keyframe_that_sees_nothing_any_more_is_left_out() -> None:
+    world = constrained_map()
+    world.forget(world.keypoints_of([2]))
+    local = world.whole_problem()
+    assert local.images.tolist() == [0, 1, 2, 3]
+    groups = {group.name: group for group in constraint_groups(world, local)}
+    assert [1, 2] in groups["odometer"].cameras.tolist()
+    assert [2, 3] not in groups["odometer"].cameras.tolist()
+
+
 def test_a_map_without_sensors_has_no_groups() -> None:
     world = small_map([[0, 1], [0, 1]])
     assert constraint_groups(world, world.around(2)) == []

@@ -95,6 +95,15 @@ def test_a_conflict_takes_weight_away_smoothly_and_never_all() -> None:
     assert weights[-1] < 0.1 * weights[0]
 
 
+def test_a_sensor_that_does_not_yield_keeps_its_declared_weight_in_conflict() -> None:
+    drive = make_drive(2, noise_px=0.3)
+    for off_m in (0.0, 0.3):
+        firm = replace(odometer(drive, off_m), yields=False)
+        found = select_weight(drive.view, firm, drive.truth, bounds="declared")
+        assert found.sensor_sigma == pytest.approx(SIGMA_M)
+    assert found.conflict.conflicting
+
+
 def test_without_bounds_the_choice_is_that_of_the_thesis() -> None:
     drive = make_drive(3)
     constraint = odometer(drive)
