@@ -15,6 +15,7 @@ from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.slam.settings import FINAL_ADJUSTMENTS
 from sfmcpp.sources.vision import CORNERS
 from sfmcpp.weighting import POSE_METHODS as WEIGHTS
+from sfmcpp.weighting import WEIGHT_BOUNDS
 
 
 def _known_sensors(names: list[str]) -> list[str]:
@@ -105,7 +106,15 @@ Weights = Annotated[
     str | None,
     typer.Option(metavar="RULE", help=f"How sensors are weighed: {', '.join(WEIGHTS)}; else loo."),
 ]
-
+Bounds = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        callback=one_of(WEIGHT_BOUNDS),
+        help=f"Between which weights: {', '.join(WEIGHT_BOUNDS)}; declared: at most what the standard "
+        "deviation of a sensor amounts to, at least what a conflict with the images leaves of it.",
+    ),
+]
 Final = Annotated[
     str,
     typer.Option(
@@ -125,6 +134,7 @@ def slam(
     sensor_file: SensorFile = None,
     mounting: MountingOption = None,
     weights: Weights = None,
+    weight_bounds: Bounds = WEIGHT_BOUNDS[0],
     camera: Camera = None,
     fps: Fps = None,
     corners: Corners = CORNERS[0],
@@ -147,6 +157,7 @@ def slam(
     settings = {
         "sensors": sensor or [],
         "weights": weights or "loo",
+        "weight_bounds": weight_bounds,
         "window": window,
         "final_adjustment": final_adjustment,
         "seed": seed,

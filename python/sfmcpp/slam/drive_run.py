@@ -98,6 +98,7 @@ def run(
     sensors: Sequence[str] = (),
     *,
     weights: str = "loo",
+    weight_bounds: str = "declared",
     window: int = 8,
     final_adjustment: str = "auto",
     seed: int = 0,
@@ -115,6 +116,8 @@ def run(
         What to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
     weights : str
         How sensors are weighed; see :class:`SlamSettings`.
+    weight_bounds : str
+        Between which weights: ``"declared"``, what a sensor declares of itself bounds them, or ``"none"``.
     window : int
         Keyframes that the local adjustment moves.
     final_adjustment : str
@@ -141,7 +144,13 @@ def run(
     InvalidArgument
         If an option breaks its rule, or the input lacks what a sensor needs.
     """
-    settings = SlamSettings(window=window, weights=weights, final_adjustment=final_adjustment, seed=seed)
+    settings = SlamSettings(
+        window=window,
+        weights=weights,
+        weight_bounds=weight_bounds,
+        final_adjustment=final_adjustment,
+        seed=seed,
+    )
     drive = source if isinstance(source, Drive) else open_drive(source, **opening)
     used = motion_sensors(drive, sensors)
     listener = _Listener(callback)

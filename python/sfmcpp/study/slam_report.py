@@ -132,7 +132,7 @@ class SlamReport(ReportTable):
             told = f"{frames.seconds:.3f} of these seconds with their corners, {each:.3g} ms an image"
             yield "images", told
         if run.result.final is not None:
-            yield "adjusted at the end", run.result.final.describe()
+            yield "final", run.result.final.describe()
         if run.sensors:
             yield "sensors", f"{', '.join(run.sensors)}; weights {self._weights()}"
         for name in run.sensors:
