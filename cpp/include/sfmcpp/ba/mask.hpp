@@ -35,8 +35,8 @@ namespace ba {
 std::vector<int> free_intrinsics(const Problem& problem, const linear::ObservationGraph& graph);
 
 // Cameras, rows of intrinsics and points without observations get no column, but for the poses that
-// constraints hold (held_cameras.hpp), nor do the pose parameters in `gauge` (choose_gauge; sorted).
-// The columns are the same on every rank.
+// constraints hold (held_cameras.hpp), nor do the pose parameters in `gauge` (choose_gauge;
+// sorted). The columns are the same on every rank.
 linear::ParameterMap make_parameter_map(const Problem& problem,
                                         const linear::ObservationGraph& graph,
                                         const std::vector<int>& free_intrinsics,

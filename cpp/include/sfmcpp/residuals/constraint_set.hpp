@@ -75,8 +75,8 @@ struct ConstraintResidual {
 class ConstraintSet {
  public:
   // Throws InvalidArgument naming group, member, value and rule: a name that is empty or taken, a
-  // weight that is negative or not finite, a scale of a loss that is not positive, a measurement that cannot be one, cameras that do not go
-  // with the kind.
+  // weight that is negative or not finite, a scale of a loss that is not positive, a measurement
+  // that cannot be one, cameras that do not go with the kind.
   void add(ConstraintGroup group);
   void set_weight(std::string_view name, double weight);
 
