@@ -81,7 +81,15 @@ SchurRows::SchurRows(const NormalEquations& normal,
       pattern_(pattern),
       pairs_(normal, pattern),
       scratch_(normal.pool().num_threads()) {
-  for (Scratch& scratch : scratch_) scratch.block_of_camera.resize(normal.graph().num_cameras);
+  const ObservationGraph& graph = normal.graph();
+  int most = 0;
+  for (int i = 0; i < graph.num_cameras; ++i)
+    most = std::max(most, graph.observations_of_camera(i));
+  for (Scratch& scratch : scratch_) {
+    scratch.block_of_camera.resize(graph.num_cameras);
+    if (normal.kernels().sum_pairs == nullptr) continue;
+    scratch.whitened.resize(kWhitenedNumbers * static_cast<std::size_t>(most));
+  }
 }
 
 void SchurRows::form(int i, int worker, double* diagonal, double* blocks, double* rhs) {
@@ -164,8 +172,6 @@ void SchurRows::sort_part(int num_blocks, Scratch& scratch) {
 }
 
 void SchurRows::add_pairs(PairSums sums, Scratch& scratch) const {
-  const std::size_t numbers = static_cast<std::size_t>(kWhitenedNumbers) * (sums.end - sums.begin);
-  if (scratch.whitened.size() < numbers) scratch.whitened.resize(numbers);
   sums.point = normal_.graph().point.data();
   sums.jacobian = normal_.jacobian();
   sums.factors = elimination_.factors();
