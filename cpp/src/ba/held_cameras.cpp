@@ -93,6 +93,7 @@ class Search {
 
   std::vector<std::uint8_t> run() {
     find_ties();
+    if (ties_.empty()) return {};
     std::vector<std::vector<Tie>> ties(island_.size());
     for (const Tie& tie : ties_) ties[root(an_open_camera(tie.member()))].push_back(tie);
     std::vector<std::vector<int>> members(island_.size());
