@@ -3,6 +3,7 @@
 #include <algorithm>
 
 namespace sfmcpp::linear {
+
 OtherResiduals::OtherResiduals(const NormalEquations& normal, PointElimination& elimination)
     : normal_(normal), elimination_(elimination) {}
 

@@ -116,15 +116,8 @@ SolverForecast forecast_sparse(const SolverCounts& counts) {
 }
 
 SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks) {
-  const IterativeSize size{.cameras = counts.cameras,
-                           .points = counts.points,
-                           .observations = counts.observations,
-                           .pair_updates = counts.pairs,
-                           .blocks = counts.blocks,
-                           .camera_size = static_cast<int>(counts.camera_size),
-                           .number_bytes = counts.number_bytes};
   const IterativeCounts iterative =
-      with_blocks ? count_with_blocks(size) : count_from_jacobian(size);
+      with_blocks ? count_with_blocks(counts) : count_from_jacobian(counts);
   SolverForecast forecast{.kind = LinearSolverKind::kIterative,
                           .with_blocks = with_blocks,
                           .step = with_blocks ? explicit_work(counts) : common_work(counts)};
@@ -132,7 +125,7 @@ SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks) 
   amount_of(forecast.iteration, with_blocks ? Work::kBlockProduct : Work::kProduct) =
       iterative.iteration_bytes;
   amount_of(forecast.iteration, Work::kRegions) = 10;
-  forecast.iterations = iterations_of(counts, expected_iterations(size));
+  forecast.iterations = iterations_of(counts, kExpectedIterations);
   forecast.bytes = iterative.kept_bytes + (with_blocks ? counts.pair_list_bytes : 0.0);
   return forecast;
 }

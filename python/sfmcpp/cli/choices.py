@@ -26,6 +26,11 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
     return check
 
 
+def choice_option(names: tuple[str, ...], text: str, more: str = "") -> Any:
+    """Make an option that takes one of the names; `more` of them follows their list."""
+    return typer.Option(metavar="NAME", callback=one_of(names), help=f"{text}: {', '.join(names)}{more}.")
+
+
 def with_solve_options(command: Command) -> Command:
     """Give a command that ends in ``**options`` an option for each of a solve, as the core lists them."""
     signature = signature_with_options(inspect.signature(command, eval_str=True), _annotation)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
 from sfmcpp.sfm.georeference import LEAST_POSITIONS
@@ -48,10 +48,6 @@ def _masks(path: Path | None) -> Path | None:
     return path
 
 
-def _choice(names: tuple[str, ...], text: str) -> Any:
-    return typer.Option(metavar="NAME", callback=one_of(names), help=f"{text}: {', '.join(names)}.")
-
-
 Source = Annotated[
     Path,
     typer.Argument(
@@ -63,7 +59,7 @@ Source = Annotated[
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
 ]
-Method = Annotated[str, _choice(METHODS, "How images are put together")]
+Method = Annotated[str, choice_option(METHODS, "How images are put together")]
 Camera = Annotated[
     str,
     typer.Option(
@@ -72,9 +68,9 @@ Camera = Annotated[
         "or nothing.",
     ),
 ]
-Model = Annotated[str, _choice(CAMERA_MODELS, "What is refined of a camera")]
-Shared = Annotated[str, _choice(SHARING, "Which photos share a camera")]
-Matcher = Annotated[str, _choice(MATCHERS, "Which pairs of photos are compared")]
+Model = Annotated[str, choice_option(CAMERA_MODELS, "What is refined of a camera")]
+Shared = Annotated[str, choice_option(SHARING, "Which photos share a camera")]
+Matcher = Annotated[str, choice_option(MATCHERS, "Which pairs of photos are compared")]
 Masks = Annotated[
     Path | None,
     typer.Option(

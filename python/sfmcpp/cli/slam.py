@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSORS
@@ -68,12 +68,7 @@ Fps = Annotated[
         help="Images per second; else times.txt beside them, the video's own, or 10 for a folder.",
     ),
 ]
-Corners = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME", callback=one_of(CORNERS), help=f"Corners of images to follow: {', '.join(CORNERS)}."
-    ),
-]
+Corners = Annotated[str, choice_option(CORNERS, "Corners of images to follow")]
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
 ]
@@ -108,20 +103,19 @@ Weights = Annotated[
 ]
 Bounds = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        callback=one_of(WEIGHT_BOUNDS),
-        help=f"Between which weights: {', '.join(WEIGHT_BOUNDS)}; declared: at most what the standard "
-        "deviation of a sensor amounts to, at least what a conflict with the images leaves of it.",
+    choice_option(
+        WEIGHT_BOUNDS,
+        "Between which weights",
+        "; declared: at most what the standard deviation of a sensor amounts to, at least what a conflict "
+        "with the images leaves of it",
     ),
 ]
 Final = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        callback=one_of(FINAL_ADJUSTMENTS),
-        help=f"Whether all keyframes are adjusted together at the end: {', '.join(FINAL_ADJUSTMENTS)}; auto: "
-        "kept where the images and all sensors gain.",
+    choice_option(
+        FINAL_ADJUSTMENTS,
+        "Whether all keyframes are adjusted together at the end",
+        "; auto: kept where the images and all sensors gain",
     ),
 ]
 

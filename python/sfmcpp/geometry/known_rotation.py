@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised, unit
-from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
+from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
 from sfmcpp.geometry.relative_pose import RelativePose
 from sfmcpp.geometry.resection import pose_inliers
-from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
+from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_count, require_positive
 
 # With two thirds of the matches wrong, all samples miss once in 10⁷ times.
@@ -67,11 +67,11 @@ def relative_pose_of_rotation(
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(matches) < min_inliers:
-        failed = _failed(len(matches), *too_few("matches", len(matches), min_inliers))
+        failed = failed_pose(len(matches), *too_few("matches", len(matches), min_inliers))
         return RelativePose(**vars(failed), median_parallax_px=np.nan)
     epipolar = _Epipolar(*matches.rays, turn, threshold_px / matches.focal_px)
     camera = np.column_stack([turn, _ahead(matches, turn, epipolar.solve(seed), threshold_px)])
-    found = _found(camera, matches.inliers(camera, threshold_px), min_inliers)
+    found = pose_with_inliers(camera, matches.inliers(camera, threshold_px), min_inliers)
     parallax_px = matches.parallax_px(turn)[found.inliers]
     median_px = float(np.median(parallax_px)) if found.success else np.nan
     return RelativePose(**vars(found), median_parallax_px=median_px)
@@ -122,10 +122,10 @@ def resection_of_rotation(
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(world) < min_inliers:
-        return _failed(len(world), *too_few("matches", len(world), min_inliers))
+        return failed_pose(len(world), *too_few("matches", len(world), min_inliers))
     equations = _Centre(world @ turn, to_normalised(images, row), threshold_px / mean_focal_px(row))
     camera = np.column_stack([turn, turn @ equations.solve(seed)])
-    return _found(camera, pose_inliers(camera, world, images, row, threshold_px), min_inliers)
+    return pose_with_inliers(camera, pose_inliers(camera, world, images, row, threshold_px), min_inliers)
 
 
 class _Epipolar:
@@ -219,14 +219,3 @@ def _ahead(matches: Matches, turn: FloatArray, centre: FloatArray, threshold_px:
         np.count_nonzero(matches.inliers(np.column_stack([turn, c]), threshold_px)) for c in (centre, -centre)
     ]
     return centre if counts[0] >= counts[1] else -centre
-
-
-def _found(camera: FloatArray, inliers: BoolArray, least: int) -> PoseEstimate:
-    count = int(np.count_nonzero(inliers))
-    if count < least:
-        return _failed(len(inliers), *too_few("inliers", count, least))
-    return PoseEstimate(camera, inliers, "", "")
-
-
-def _failed(count: int, failure: str, message: str) -> PoseEstimate:
-    return PoseEstimate(unknown_camera(), np.zeros(count, dtype=np.bool_), failure, message)

@@ -46,6 +46,19 @@ def unknown_camera() -> FloatArray:
     return np.full((3, 4), np.nan)
 
 
+def failed_pose(count: int, failure: str, message: str) -> PoseEstimate:
+    """No pose from `count` matches, and why."""
+    return PoseEstimate(unknown_camera(), np.zeros(count, dtype=np.bool_), failure, message)
+
+
+def pose_with_inliers(camera: FloatArray, inliers: BoolArray, least: int) -> PoseEstimate:
+    """The pose, if it has the `least` inliers."""
+    count = int(np.count_nonzero(inliers))
+    if count < least:
+        return failed_pose(len(inliers), *too_few("inliers", count, least))
+    return PoseEstimate(camera, inliers, "", "")
+
+
 def too_few(kind: str, count: int, least: int) -> tuple[str, str]:
     """Failure and message of having `count` matches or inliers where `least` are needed."""
     return f"too few {kind}", f"{count} {kind}: must be at least {least}"

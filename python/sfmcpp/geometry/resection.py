@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.geometry._poselib import RansacOptions, absolute_camera
 from sfmcpp.geometry.pinhole import intrinsics_row, to_pixels
-from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
+from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count, require_fraction
 
@@ -81,20 +81,14 @@ def resection(
     require_fraction("min_inlier_ratio", min_inlier_ratio)
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)
     if len(world) < min_inliers:
-        return _failed(len(world), *too_few("matches", len(world), min_inliers))
+        return failed_pose(len(world), *too_few("matches", len(world), min_inliers))
     if are_collinear(world):
         reason = f"{len(world)} points on one line: the camera may turn round it"
-        return _failed(len(world), "collinear points", reason)
+        return failed_pose(len(world), "collinear points", reason)
     camera = absolute_camera(world, images, row, options)
     inliers = pose_inliers(camera, world, images, row, threshold_px)
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
-    if np.count_nonzero(inliers) < least:
-        return _failed(len(world), *too_few("inliers", int(np.count_nonzero(inliers)), least))
-    return PoseEstimate(camera, inliers, "", "")
-
-
-def _failed(count: int, failure: str, message: str) -> PoseEstimate:
-    return PoseEstimate(unknown_camera(), np.zeros(count, dtype=np.bool_), failure, message)
+    return pose_with_inliers(camera, inliers, least)
 
 
 def pose_inliers(

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfmcpp.ba import Summary
 from sfmcpp.slam.fusing import constraint_groups
-from sfmcpp.slam.mapping import drop_outliers, hold_gauge
+from sfmcpp.slam.mapping import HELD_KEYFRAMES, drop_outliers, hold_gauge
 from sfmcpp.slam.result import FinalAdjustment, SlamResult
 from sfmcpp.slam.sensing import METRIC_KINDS, PLACE_KINDS
 from sfmcpp.slam.settings import SlamSettings
@@ -37,7 +37,8 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     if settings.final_adjustment == "auto" and not groups:
         return
     placed = any(group.kind in PLACE_KINDS for group in groups)
-    hold_gauge(local, 0 if placed else 1 if any(group.kind in METRIC_KINDS for group in groups) else 2)
+    scaled = any(group.kind in METRIC_KINDS for group in groups)
+    hold_gauge(local, 0 if placed else 1 if scaled else HELD_KEYFRAMES)
     summary = solve(
         local.problem,
         constraints=groups,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.checks import require_one_of
-from sfmcpp.weighting import selection_method
-from sfmcpp.weighting.bounds import require_bounds
+from sfmcpp.weighting import WEIGHT_BOUNDS, selection_method
 
 FINAL_ADJUSTMENTS = ("auto", "on", "off")
 
@@ -93,7 +92,7 @@ class SlamSettings:
                 raise InvalidArgument(f"{name} = {getattr(self, name)}: must be positive")
         if self.weights != "none":
             selection_method(self.weights)
-        require_bounds("weight_bounds", self.weight_bounds)
+        require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)
         require_one_of("final_adjustment", self.final_adjustment, FINAL_ADJUSTMENTS)
         if self.min_inliers < 6:
             raise InvalidArgument(f"min_inliers = {self.min_inliers}: must be at least 6")

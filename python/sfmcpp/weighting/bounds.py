@@ -14,7 +14,6 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.criteria import MEDIAN_WIDTH
 from sfmcpp.weighting.pose_constraint import PoseConstraint
@@ -123,8 +122,3 @@ def declared_bounds(
     largest = declared_weight(constraint, count, pixel_sigma)
     left = 1 / (1 + (report.sigmas / YIELDING_SIGMAS) ** 2) if constraint.yields else 1.0
     return WeightBounds(left * largest, largest)
-
-
-def require_bounds(name: str, text: str) -> None:
-    """Refuse what is no name of bounds."""
-    require_one_of(name, text, WEIGHT_BOUNDS)

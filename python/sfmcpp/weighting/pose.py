@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.weight_selection import WeightSelection
-from sfmcpp.weighting.bounds import declared_bounds, require_bounds
+from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, declared_bounds
 from sfmcpp.weighting.conflict import conflict
 from sfmcpp.weighting.criteria import admissible_weights, running_median
 from sfmcpp.weighting.methods import WeightMethod, selection_method
@@ -95,8 +96,8 @@ def select_weight(
     InvalidArgument
         If the method is unknown or an argument breaks a rule; there must be at least 4 observations.
     """
-    require_bounds("bounds", bounds)
-    images = _Images(view, refine_pose(view, [], start).pose, bounds, threads)
+    require_one_of("bounds", bounds, WEIGHT_BOUNDS)
+    images = _images_of(view, start, bounds, threads)
     return _select(images, constraint, selection_method(method), weights, held)
 
 
@@ -144,7 +145,7 @@ def select_weights(
     InvalidArgument
         As :func:`select_weight`, or if methods and constraints differ in number.
     """
-    require_bounds("bounds", bounds)
+    require_one_of("bounds", bounds, WEIGHT_BOUNDS)
     methods = [method] * len(constraints) if isinstance(method, str) else list(method)
     if len(methods) != len(constraints):
         raise InvalidArgument(
@@ -153,7 +154,7 @@ def select_weights(
     exact = [selection_method(m) for m in methods]
     early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
     rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
-    images = _Images(view, refine_pose(view, [], start).pose, bounds, threads)
+    images = _images_of(view, start, bounds, threads)
     chosen = np.zeros(len(constraints))
     selections: list[WeightSelection] = []
     for parsed in [*rounds, exact]:
@@ -168,12 +169,20 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """What a camera sees, the pose that the images alone say, and how to look at it."""
+    """What a camera sees, the pose that the images alone say, their noise there, and how to look at it."""
 
     view: PoseView
     pose: FloatArray
+    sigma: float
     bounds: str
     threads: int
+
+
+def _images_of(view: PoseView, start: ArrayLike, bounds: str, threads: int) -> _Images:
+    pose = refine_pose(view, [], start).pose
+    # Once more from there, as every sweep begins.
+    sigma = view.pixel_sigma(refine_pose(view, [], pose).vision)
+    return _Images(view, pose, sigma, bounds, threads)
 
 
 def _select(
@@ -183,12 +192,10 @@ def _select(
     weights: ArrayLike | None,
     held: Sequence[WeightedConstraint],
 ) -> WeightSelection:
-    vision = refine_pose(images.view, [], images.pose).vision
-    pixel_sigma = images.view.pixel_sigma(vision)
     report = conflict(images.view, constraint, images.pose)
     within = None
     if images.bounds == "declared" and method.grid is None:
-        within = declared_bounds(constraint, images.view.count, pixel_sigma, report)
+        within = declared_bounds(constraint, images.view.count, images.sigma, report)
     grid = within.grid() if within is not None else _checked_grid(weights, method)
     sweep = sweep_weights(
         images.view,
@@ -218,7 +225,7 @@ def _select(
         constraint_error=sweep.constraint,
         score=score,
         admissible=admissible,
-        sensor_sigma=equivalent_sigma(constraint, weight, images.view.count, pixel_sigma),
+        sensor_sigma=equivalent_sigma(constraint, weight, images.view.count, images.sigma),
         unit=constraint.unit.name,
         conflict=report,
         pose=sweep.poses[index],

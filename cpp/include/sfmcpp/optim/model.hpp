@@ -41,7 +41,7 @@ class LeastSquaresModel {
   // the last cost(): much, if a few unknowns spoil the step of the others.
   virtual double growth() const { return 0.0; }
   // Draws back such unknowns of the candidate of that cost() toward `start`, where the normal
-  // equations were filled last, each as far as lowers the cost most; how many.
+  // equations were filled last, each until it costs no more than there; how many.
   virtual long hold_back(const State&, State&) { return 0; }
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
