@@ -13,8 +13,6 @@
 namespace sfmcpp {
 namespace {
 
-constexpr std::size_t kHugePage = std::size_t{1} << 21;
-
 // As much as the solves of some hundred thousand observations need, and as allocators keep too.
 // Sanitizers are to see every array, its end and its death.
 #if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
@@ -27,22 +25,16 @@ std::size_t rounded(std::size_t bytes, std::size_t multiple) {
   return (bytes + multiple - 1) / multiple * multiple;
 }
 
-// Address space from a huge page on; its pages are the system's until they are touched.
+// Address space; its pages are the system's until they are touched.
 char* reserve(std::size_t bytes) {
 #if defined(__linux__)
   void* memory = mmap(nullptr,
-                      bytes + kHugePage,
+                      bytes,
                       PROT_READ | PROT_WRITE,
                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE,
                       -1,
                       0);
-  if (memory == MAP_FAILED) return nullptr;
-  char* begin = static_cast<char*>(memory);
-  const auto past = reinterpret_cast<std::size_t>(begin) % kHugePage;
-  const std::size_t ahead = past == 0 ? 0 : kHugePage - past;
-  if (ahead > 0) munmap(begin, ahead);
-  munmap(begin + ahead + bytes, kHugePage - ahead);
-  return begin + ahead;
+  return memory == MAP_FAILED ? nullptr : static_cast<char*>(memory);
 #else
   static_cast<void>(bytes);
   return nullptr;
@@ -50,14 +42,6 @@ char* reserve(std::size_t bytes) {
 }
 
 }  // namespace
-
-void wish_for_huge_pages(void* memory, std::size_t bytes) {
-#if defined(__linux__)
-  madvise(memory, bytes, MADV_HUGEPAGE);
-#else
-  static_cast<void>(memory), static_cast<void>(bytes);
-#endif
-}
 
 BufferStore& BufferStore::of_process() {
   // Never destroyed: arrays may live until the process ends. A child that is forked while another
@@ -74,10 +58,9 @@ BufferStore& BufferStore::of_process() {
 }
 
 BufferStore::BufferStore(std::size_t bytes) {
-  if (bytes > 0) begin_ = reserve(rounded(bytes, kHugePage));
+  if (bytes > 0) begin_ = reserve(bytes);
   if (begin_ == nullptr) return;
-  size_ = rounded(bytes, kHugePage);
-  wish_for_huge_pages(begin_, size_);
+  size_ = bytes;
   insert(gaps_end(), {begin_, begin_ + size_});
 }
 

@@ -3,9 +3,10 @@
 // A solve lives for milliseconds, and all its arrays are as old as itself: taken from the system,
 // every page of them would be cleared by it when it is touched first, 4 KB at a time, which costs a
 // small problem as much as a step; and given back, they would have to be cleared again for the next
-// solve. So arrays are cut from one piece of address space, for which huge pages are asked, and
-// what they leave is kept for the next solve. The piece is bounded: what does not fit comes from
-// the system.
+// solve. So arrays are cut from one piece of address space, and what they leave is kept for the
+// next solve. The piece is bounded: what does not fit comes from the system. Huge pages are not
+// asked for: virtual machines have to find them first, which took more than they saved
+// (docs/benchmarks.md, "cold starts").
 #pragma once
 
 #include <array>
@@ -52,8 +53,5 @@ class BufferStore {
   std::size_t num_gaps_ = 0;
   std::mutex mutex_;
 };
-
-// A wish: where it is refused, the pages are small.
-void wish_for_huge_pages(void* memory, std::size_t bytes);
 
 }  // namespace sfmcpp
