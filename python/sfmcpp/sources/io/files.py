@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import IO, Protocol, cast
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
 
 COMPRESSED_SUFFIXES = (".bz2", ".gz", ".xz")
-READABLE_EXPANSION = 1000
-ALWAYS_READABLE_BYTES = 64 << 20
 
 BLANKS = b" \t\n\r\v\f"
 
@@ -63,7 +62,7 @@ def read_bytes(path: Path) -> bytes:
     ------
     DatasetError
         If `path` is no regular file, cannot be read, is empty, is not what its suffix says, ends early,
-        has anything after the compressed data, or expands more than `READABLE_EXPANSION` times.
+        has anything after the compressed data, or expands further than `largest_expansion` allows.
     """
     data = b"".join(_content(path))
     if not data:
@@ -105,7 +104,7 @@ def largest_content(path: Path) -> int:
     """No fewer bytes than :func:`read_bytes` gives."""
     with failures_named(path):
         size = path.stat().st_size
-    return _largest_expansion(size) if path.suffix.lower() in _DECOMPRESSORS else size
+    return largest_expansion(size) if path.suffix.lower() in _DECOMPRESSORS else size
 
 
 def require_regular_file(path: Path) -> None:
@@ -147,13 +146,9 @@ def _behind_last_blank(chunk: bytes) -> int:
     return max(map(chunk.rfind, BLANKS)) + 1
 
 
-def _largest_expansion(size: int) -> int:
-    return max(ALWAYS_READABLE_BYTES, READABLE_EXPANSION * size)
-
-
 def _decompressed(path: Path, data: bytes, make: Callable[[], _Decompressor]) -> Iterator[bytes]:
     """All streams of `data`, in pieces so that no bomb goes off."""
-    kind, limit, start, size = path.suffix.lower(), _largest_expansion(len(data)), 0, 0
+    kind, limit, start, size = path.suffix.lower(), largest_expansion(len(data)), 0, 0
     while start < len(data):
         stream, begin = make(), start
         while not stream.eof:
@@ -163,7 +158,7 @@ def _decompressed(path: Path, data: bytes, make: Callable[[], _Decompressor]) ->
             start += min(_COMPRESSED_BYTES, len(data) - start)
             size += len(chunk)
             if size > limit:
-                raise DatasetError(path, f"expands to more than {limit} bytes: refused")
+                raise DatasetError(path, expands_too_far(limit))
             yield chunk
         start -= len(stream.unused_data)
 

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.files import READABLE_EXPANSION, atomic_files, open_content
+from sfmcpp.sources.io.files import atomic_files, open_content
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
 
 VERSION = 1
 
@@ -135,9 +136,11 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
 
 def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int) -> None:
     stored = sum(info.file_size for info in archive.infolist() if info.compress_type == zipfile.ZIP_STORED)
-    expanded = sum(info.file_size for info in archive.infolist())
-    if expanded > READABLE_EXPANSION * size or stored > size:
-        raise DatasetError(path, f"its members claim {expanded} bytes, it has {size}: refused")
+    compressed = sum(info.file_size for info in archive.infolist()) - stored
+    if stored > size:
+        raise DatasetError(path, f"its members claim {stored} bytes, it has {size}: refused")
+    if compressed > (limit := largest_expansion(size)):
+        raise DatasetError(path, expands_too_far(limit))
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:

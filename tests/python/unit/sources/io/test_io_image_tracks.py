@@ -210,7 +210,7 @@ def test_what_is_wrong_with_an_archive_is_named(
     [
         (np.ones((2, 5)), "must be (rows, 6)"),
         (np.ones((2, 6, 1)), "must be numbers"),
-        (np.array([["a"]]), "must be numbers"),
+        (np.array([["a"]]), "must be an array of real numbers"),
         (np.full((2, 6), np.nan), "must be finite"),
         (np.full((2, 6), 0.5), "must be a point's number"),
         (np.ones((3, 6)), "sees track 0 twice"),
