@@ -5,6 +5,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "gil.hpp"
 #include "options.hpp"
 #include "problem.hpp"
 #include "sfmcpp/ba/check_jacobians.hpp"
@@ -89,7 +90,9 @@ void bind_check(py::module_& m) {
   m.def(
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {
-        return ba::check_jacobians(problem_of(arrays), max_observations);
+        const ba::Problem problem = problem_of(arrays);
+        const ReleasedGil released;
+        return ba::check_jacobians(problem, max_observations);
       },
       py::arg("arrays"),
       py::arg("max_observations") = 1000,

@@ -5,6 +5,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "gil.hpp"
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/group_ranks.hpp"
@@ -41,13 +42,13 @@ py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
   const auto bytes = static_cast<long>(text.size());
   ThreadPool pool(threads_for(threads, bytes, kBytesOfAThread));
   const NumberText numbers = [&] {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     return NumberText(text, comments, pool);
   }();
   py::array_t<double> values(static_cast<py::ssize_t>(numbers.size()));
   double* out = values.mutable_data();
   const long bad = [&] {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     return numbers.read(out, pool);
   }();
   return py::make_tuple(std::move(values), bad);
@@ -57,7 +58,7 @@ py::tuple number_lines(const py::bytes& data, bool comments, int threads) {
   const auto text = static_cast<std::string_view>(data);
   ThreadPool pool(threads_for(threads, static_cast<long>(text.size()), kBytesOfAThread));
   const NumberText::Lines lines = [&] {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     return NumberText(text, comments, pool).lines(pool);
   }();
   return py::make_tuple(array_of(lines.first), array_of(lines.count), array_of(lines.number));
@@ -114,7 +115,7 @@ py::bytes ragged_text(const std::vector<Column>& head,
   const TextRow rows = text_row(item, after_item, items);
   ThreadPool pool(threads_for(threads, counts.size() + items, kRowsOfAThread));
   const std::vector<std::string> texts = [&] {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     return ragged_rows(heads, rows, tail, of_heads, pool);
   }();
   return joined(texts);

@@ -3,6 +3,7 @@
 
 #include "arrays.hpp"
 #include "constraints.hpp"
+#include "gil.hpp"
 #include "options.hpp"
 #include "problem.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
@@ -28,7 +29,7 @@ std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
-  const py::gil_scoped_release release;
+  const ReleasedGil released;
   return std::make_unique<LinearModel>(problem, options, ridge);
 }
 
@@ -63,14 +64,14 @@ py::array_t<double> covariance_blocks(LinearModel& model,
   const py::ssize_t count = columns.shape(0), width = columns.shape(1);
   const std::span<const int> chosen(columns.data(), static_cast<std::size_t>(columns.size()));
   return filled<double>({count, width, width}, [&](double* out) {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     model.covariance_blocks(chosen, static_cast<int>(width), out);
   });
 }
 
 py::array_t<double> leverages(LinearModel& model) {
   return filled<double>({model.num_observations(), 2, 2}, [&](double* out) {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     model.leverages(out);
   });
 }
@@ -78,7 +79,7 @@ py::array_t<double> leverages(LinearModel& model) {
 py::dict step(LinearModel& model) {
   ba::LinearStep step;
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     step = model.step();
   }
   const auto flat = [](const std::vector<double>& values) {
@@ -114,7 +115,11 @@ py::tuple loss_terms(const std::string& kind, double scale, const py::array_t<do
 }
 
 void def_state(py::class_<LinearModel>& c) {
-  c.def(py::init(&linearize), py::arg("arrays"), py::arg("options"), py::arg("ridge") = 0.0)
+  c.def(py::init(&linearize),
+        py::arg("arrays"),
+        py::arg("options"),
+        py::arg("ridge") = 0.0,
+        py::keep_alive<1, 2>())
       .def_property_readonly("cost", &LinearModel::cost)
       .def_property_readonly("loss_scale_px", &LinearModel::loss_scale)
       .def_property_readonly("num_columns", &LinearModel::num_columns)
@@ -146,7 +151,7 @@ void def_state(py::class_<LinearModel>& c) {
 }
 
 void def_statistics(py::class_<LinearModel>& c) {
-  const auto released = py::call_guard<py::gil_scoped_release>();
+  const auto released = py::call_guard<ReleasedGil>();
   c.def("num_determined", &LinearModel::num_determined, released)
       .def("log_determinant", &LinearModel::log_determinant, released)
       .def(

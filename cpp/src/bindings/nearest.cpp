@@ -5,6 +5,7 @@
 
 #include <pybind11/numpy.h>
 
+#include "gil.hpp"
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 
@@ -50,7 +51,7 @@ py::tuple nearest_of_first(const Bytes& first, const Bytes& second, int threads)
                               b = descriptors_of(second, "second");
   features::Neighbours result;
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     ThreadPool pool(threads_for(threads, a, b));
     result = features::nearest_of_first(a, b, pool);
   }
@@ -62,7 +63,7 @@ py::tuple nearest_both_ways(const Bytes& first, const Bytes& second, int threads
                               b = descriptors_of(second, "second");
   features::MutualNeighbours result;
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     ThreadPool pool(threads_for(threads, a, b));
     result = features::nearest_both_ways(a, b, pool);
   }

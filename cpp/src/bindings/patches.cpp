@@ -7,6 +7,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "gil.hpp"
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 
@@ -70,7 +71,7 @@ Array<float> sample_patches(const Images& images,
   const py::ssize_t side = features::patch_side(radius);
   Array<float> samples({static_cast<py::ssize_t>(places.size()), side, side});
   float* out = samples.mutable_data();
-  const py::gil_scoped_release release;
+  const ReleasedGil released;
   for (const features::PatchPlace& place : places) {
     if (!features::sample_patch(pyramid, place, radius, out))
       std::fill_n(out, side * side, std::numeric_limits<float>::quiet_NaN());
@@ -103,7 +104,7 @@ py::tuple align_patches(const Images& images,
   double *centre = found.mutable_data(), *correlation = correlations.mutable_data(),
          *covariance = covariances.mutable_data();
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     features::PatchAligner aligner(static_cast<int>((side - 3) / 2));
     for (py::ssize_t k = 0; k < count; ++k) {
       const float* templ = templates.data() + which.data()[k] * side * side;

@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
+#include "gil.hpp"
 #include "options.hpp"
 #include "sfmcpp/ba/pose_refinement.hpp"
 
@@ -99,7 +100,7 @@ py::dict sweep(const py::dict& arrays,
   const double* from = pose_in(start, "start");
   ba::PoseSweep result;
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     result = ba::sweep_pose_weights(pose_view, constraints, selected, weights, from, options);
   }
   return to_dict(result);

@@ -5,6 +5,7 @@
 
 #include "arrays.hpp"
 #include "constraints.hpp"
+#include "gil.hpp"
 #include "options.hpp"
 #include "problem.hpp"
 #include "sfmcpp/ba/explore.hpp"
@@ -15,7 +16,7 @@ namespace {
 // Ctrl-C as Python sees it. Needs the GIL; swallows the KeyboardInterrupt, which the summary
 // reports.
 bool interrupted() {
-  if (PyErr_CheckSignals() == 0) return false;
+  if (or_wait_for_the_end([] { return PyErr_CheckSignals(); }) == 0) return false;
   if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
   PyErr_Clear();
   return true;
@@ -38,7 +39,7 @@ class Listener {
  private:
   template <class F>
   optim::Signal guarded(const F& f) {
-    const py::gil_scoped_acquire gil;
+    const HeldGil held;
     try {
       if (interrupted()) return optim::Signal::kInterrupt;
       return f();
@@ -54,20 +55,36 @@ class Listener {
   }
   optim::Signal call(const optim::Iteration& iteration) const {
     if (callback_.is_none()) return optim::Signal::kContinue;
-    return callback_(iteration).is(py::bool_(false)) ? optim::Signal::kStop
-                                                     : optim::Signal::kContinue;
+    const py::object argument = py::cast(iteration);
+    PyObject* answer = or_wait_for_the_end(
+        [&] { return PyObject_CallFunctionObjArgs(callback_.ptr(), argument.ptr(), nullptr); });
+    if (answer == nullptr) throw py::error_already_set();
+    return py::reinterpret_steal<py::object>(answer).is(py::bool_(false))
+               ? optim::Signal::kStop
+               : optim::Signal::kContinue;
   }
 
   py::object callback_;
   std::exception_ptr error_;
 };
 
-void write_back(const optim::State& state, const py::dict& arrays) {
-  std::copy(state.cameras.begin(), state.cameras.end(), view<double>(arrays, "cameras").begin());
-  std::copy(
-      state.intrinsics.begin(), state.intrinsics.end(), view<double>(arrays, "intrinsics").begin());
-  std::copy(state.points.begin(), state.points.end(), view<double>(arrays, "points").begin());
-}
+// The caller's arrays of unknowns, taken before a solve: what cannot be written is refused then.
+class Unknowns {
+ public:
+  explicit Unknowns(const py::dict& arrays)
+      : cameras_(view<double>(arrays, "cameras")),
+        intrinsics_(view<double>(arrays, "intrinsics")),
+        points_(view<double>(arrays, "points")) {}
+
+  void write(const optim::State& state) const {
+    std::copy(state.cameras.begin(), state.cameras.end(), cameras_.begin());
+    std::copy(state.intrinsics.begin(), state.intrinsics.end(), intrinsics_.begin());
+    std::copy(state.points.begin(), state.points.end(), points_.begin());
+  }
+
+ private:
+  std::span<double> cameras_, intrinsics_, points_;
+};
 
 ba::SolveSummary solve(const py::dict& arrays,
                        const ba::SolveOptions& options,
@@ -75,14 +92,15 @@ ba::SolveSummary solve(const py::dict& arrays,
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
+  const Unknowns unknowns(arrays);
   optim::State state = ba::state_of(problem);
   Listener listener(callback);
   ba::SolveSummary summary;
   {
-    const py::gil_scoped_release release;
+    const ReleasedGil released;
     summary = ba::solve(problem, options, listener.events(), state);
   }
-  write_back(state, arrays);
+  unknowns.write(state);
   listener.rethrow();
   return summary;
 }
@@ -96,13 +114,14 @@ py::dict explore_step(const py::dict& arrays,
   std::vector<optim::StepLengths> pairs;
   pairs.reserve(lengths.size());
   for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});
+  const Unknowns unknowns(arrays);
   optim::State state = ba::state_of(problem);
   const ba::StepExploration found = ba::explore_step(problem, options, pairs, state);
   std::vector<double> algebraic;
   algebraic.reserve(lengths.size());
   for (const auto& [camera, point] : lengths)
     algebraic.push_back(found.algebraic.value(camera, point));
-  write_back(state, arrays);
+  unknowns.write(state);
   py::dict result;
   result["valid"] = found.valid;
   result["damping"] = found.damping;

@@ -8,19 +8,13 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.constraints import NO_CAMERA
+from sfmcpp.model.constraints import NO_CAMERA, checked_groups
 
-_ARRAYS = (
-    "camera_model",
-    "cameras",
-    "intrinsics",
-    "points",
+_NUMBERS = ("cameras", "intrinsics", "points", "pixels", "sigma_px", "covariance_px2")
+_STRUCTURE = (
     "intrinsics_index",
     "camera_index",
     "point_index",
-    "pixels",
-    "sigma_px",
-    "covariance_px2",
     "fixed_cameras",
     "fixed_points",
     "fixed_intrinsics",
@@ -28,13 +22,17 @@ _ARRAYS = (
 
 
 def core_arrays(problem: Problem) -> dict[str, Any]:
-    """Arrays of `problem` by name, without copies."""
-    return {name: getattr(problem, name) for name in _ARRAYS}
+    """Arrays of `problem` by name, without copies but of indices and masks.
+
+    They say where the core reads and writes, while a callback or another thread may change the caller's.
+    """
+    views = {name: getattr(problem, name) for name in ("camera_model", *_NUMBERS)}
+    return views | {name: np.array(getattr(problem, name), order="C") for name in _STRUCTURE}
 
 
 def core_constraints(groups: Iterable[ConstraintGroup]) -> list[dict[str, Any]]:
     """Groups as the core takes them: pairs (previous, this) of cameras, the points of all members in one."""
-    return [_core_constraint(group) for group in groups]
+    return [_core_constraint(group) for group in checked_groups(groups)]
 
 
 def _core_constraint(group: ConstraintGroup) -> dict[str, Any]:
@@ -45,12 +43,12 @@ def _core_constraint(group: ConstraintGroup) -> dict[str, Any]:
     return {
         "name": group.name,
         "kind": group.kind,
-        "weight": float(group.weight),
+        "weight": group.weight,
         "loss": group.loss,
-        "loss_scale": None if group.loss_scale is None else float(group.loss_scale),
-        "cameras": np.ascontiguousarray(pairs, dtype=np.int32),
-        "values": np.zeros(0) if group.values is None else np.ascontiguousarray(group.values),
-        "member_weights": np.ascontiguousarray(group.member_weights),
+        "loss_scale": group.loss_scale,
+        "cameras": np.ascontiguousarray(pairs),
+        "values": np.zeros(0) if group.values is None else group.values,
+        "member_weights": group.member_weights,
         "points": np.concatenate([np.zeros((0, 3)), *group.points]),
         "points_begin": np.cumsum([0, *sizes], dtype=np.int32),
     }

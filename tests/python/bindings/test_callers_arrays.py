@@ -1,0 +1,128 @@
+"""What callers do to their arrays, their threads and their signals does not reach into the core."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfmcpp import InvalidArgument, Problem
+
+STRUCTURE = (
+    "intrinsics_index",
+    "camera_index",
+    "point_index",
+    "fixed_cameras",
+    "fixed_points",
+    "fixed_intrinsics",
+)
+
+
+def scene() -> Problem:
+    truth = sfmcpp.circle_scene(6, 30, camera_model="perspective", seed=1)
+    return sfmcpp.perturb(truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=2)
+
+
+@pytest.mark.parametrize("name", STRUCTURE)
+def test_structure_changed_by_a_callback_changes_nothing(name: str) -> None:
+    calm, changed = scene(), scene()
+    array = getattr(changed, name)
+    expected = sfmcpp.solve(calm).final_cost
+    found = sfmcpp.solve(changed, callback=lambda _: array.fill(2**30 if array.dtype == np.int32 else 1))
+    assert found.final_cost == expected
+    np.testing.assert_array_equal(changed.cameras, calm.cameras)
+
+
+def test_indices_changed_by_another_thread_end_in_nothing_worse_than_an_error() -> None:
+    problem, over = scene(), threading.Event()
+    kept = problem.point_index.copy()
+
+    def disturb() -> None:
+        while not over.is_set():
+            problem.point_index[:] = 2**30
+            problem.point_index[:] = kept
+
+    thread = threading.Thread(target=disturb)
+    thread.start()
+    outcomes = set()
+    for _ in range(200):
+        try:
+            outcomes.add(sfmcpp.solve(problem, max_iterations=1).termination)
+        except InvalidArgument as error:
+            outcomes.add(str(error).split("[")[0])
+    over.set()
+    thread.join()
+    assert outcomes <= {"max_iterations", "converged", "point_index"}
+
+
+def test_a_linear_model_outlives_the_arrays_it_was_made_of() -> None:
+    problem = scene()
+    model = sfmcpp.linearize(problem)
+    expected = model.step().problem.cameras
+    problem.intrinsics_index[:] = 2**30
+    problem.intrinsics_index = np.zeros(6, dtype=np.int32)
+    np.testing.assert_array_equal(model.step().problem.cameras, expected)
+
+
+@pytest.mark.parametrize("name", ["cameras", "intrinsics", "points"])
+def test_what_cannot_be_written_is_refused_before_the_solve(name: str) -> None:
+    problem, steps = scene(), []
+    before = problem.cameras.copy()
+    getattr(problem, name).flags.writeable = False
+    with pytest.raises(InvalidArgument, match=f"{name}: must be writeable"):
+        sfmcpp.solve(problem, callback=steps.append)
+    assert not steps
+    np.testing.assert_array_equal(problem.cameras, before)
+
+
+AT_EXIT = """
+import sys, threading, time, sfmcpp
+problem, begun = sfmcpp.circle_scene(6, 300, seed=1), threading.Event()
+def work():
+    while True:
+        begun.set()
+        {call}
+for _ in range(2):
+    threading.Thread(target=work, daemon=True).start()
+begun.wait()
+time.sleep(0.05)
+sys.exit(7)
+"""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "sfmcpp.solve(problem.copy())",
+        "sfmcpp.solve(problem.copy(), callback=lambda _: time.sleep(0.001))",
+        "sfmcpp.linearize(problem)",
+    ],
+)
+def test_a_daemon_thread_that_solves_does_not_change_the_exit_code(tmp_path: Path, call: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", AT_EXIT.format(call=call)], cwd=tmp_path, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (7, b"")
+
+
+def test_other_threads_go_on_while_jacobians_are_checked() -> None:
+    problem, ticks, done = sfmcpp.circle_scene(20, 2000, seed=1), [], threading.Event()
+
+    def tick() -> None:
+        while not done.wait(0.001):
+            ticks.append(time.perf_counter())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    begin = time.perf_counter()
+    sfmcpp.check_jacobians(problem, problem.num_observations)
+    end = time.perf_counter()
+    done.set()
+    thread.join()
+    assert any(begin < t < end for t in ticks)
