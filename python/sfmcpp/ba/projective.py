@@ -10,7 +10,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.image_frames import image_frames, matrices_to_frames
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, index_array
 
 
 def projective_problem(
@@ -60,7 +60,7 @@ def projective_problem(
     if matrices.ndim != 3 or matrices.shape[1:] != (3, 4):
         raise InvalidArgument(f"projections: shape {matrices.shape}, must be (any, 3, 4)")
     homogeneous = _homogeneous(np.asarray(points, dtype=np.float64))
-    cameras = np.asarray(camera_index, dtype=np.int32)
+    cameras = index_array("camera_index", camera_index)
     seen = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
     if len(seen) != len(cameras):
         raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
@@ -73,7 +73,7 @@ def projective_problem(
         frames,
         _unit("points", homogeneous),
         cameras,
-        np.asarray(point_index, dtype=np.int32),
+        index_array("point_index", point_index),
         seen,
         sigma_px=None if sigma_px is None else np.asarray(sigma_px, dtype=np.float64),
         covariance_px2=None if covariance_px2 is None else np.asarray(covariance_px2, dtype=np.float64),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -52,6 +54,39 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
         wanted = ", ".join("any" if n == ANY else str(n) for n in shape)
         raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
     return array
+
+
+def require_int32(name: str, array: NDArray[Any]) -> None:
+    """Raise InvalidArgument at the largest whole number that does not fit in 32 bits: it would wrap."""
+    if not array.size or np.can_cast(array.dtype, np.int32):
+        return
+    limits = np.iinfo(np.int32)
+    worst = array.flat[np.argmax(np.abs(array.astype(np.float64)))]
+    if not limits.min <= worst <= limits.max:
+        raise InvalidArgument(f"{name}: value {worst} does not fit in 32 bits")
+
+
+def index_array(name: str, value: ArrayLike) -> IndexArray:
+    """`value` as a C-contiguous (any,) int32 array.
+
+    Raises
+    ------
+    InvalidArgument
+        If it has another shape, is not of whole numbers, or one of them does not fit in 32 bits.
+    """
+    array = number_array(name, value)
+    if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
+        raise InvalidArgument(f"{name}: {array.dtype} {array.shape}, must be (any,) whole numbers")
+    require_int32(name, array)
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def number_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """`value` as an array of any type; InvalidArgument if its rows differ in length."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
 
 
 def require_increasing(name: str, stamps: FloatArray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from unicodedata import combining
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.checks import looked_up
 
 NO_CAMERA = -1
@@ -82,6 +82,16 @@ class ConstraintGroup:
     loss_scale: float | None = None
 
     def __post_init__(self) -> None:
+        self.validate()
+
+    def validate(self) -> None:
+        """Check all fields, as when the group was made; they may have been set since.
+
+        Raises
+        ------
+        InvalidArgument
+            If a field breaks a rule.
+        """
         kind = constraint_kind(self.kind)
         self.name = self.name or self.kind
         self.cameras = _cameras(self._label("cameras"), self.cameras, kind)
@@ -91,6 +101,9 @@ class ConstraintGroup:
             self.member_weights = np.ones(count)
         self.member_weights = finite_array(self._label("member_weights"), self.member_weights, (count,))
         self.points = self._points(kind, count)
+        self.weight = self._number("weight", self.weight)
+        if self.loss_scale is not None:
+            self.loss_scale = self._number("loss_scale", self.loss_scale)
 
     @property
     def num_members(self) -> int:
@@ -99,6 +112,12 @@ class ConstraintGroup:
 
     def _label(self, field_name: str) -> str:
         return f"constraints[{self.name!r}].{field_name}"
+
+    def _number(self, field_name: str, value: float) -> float:
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise InvalidArgument(f"{self._label(field_name)} = {value!r}: must be a number") from None
 
     def _values(self, kind: ConstraintKind, count: int) -> FloatArray | None:
         relative = self.cameras.ndim == 2 and 1 in kind.cameras
@@ -169,8 +188,19 @@ def constraint_kind(name: str) -> ConstraintKind:
     return looked_up("kind", name, CONSTRAINT_KINDS)
 
 
+def checked_groups(groups: Iterable[object]) -> list[ConstraintGroup]:
+    """All groups of a solve, each valid now; InvalidArgument if one is not, or is no group."""
+    checked = []
+    for number, group in enumerate(groups):
+        if not isinstance(group, ConstraintGroup):
+            raise InvalidArgument(f"constraints[{number}] = {group!r}: must be a ConstraintGroup")
+        group.validate()
+        checked.append(group)
+    return checked
+
+
 def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:
-    array = np.asarray(value)
+    array = number_array(label, value)
     if array.size == 0:
         array = np.zeros((0, 2) if kind.cameras == (2,) else 0, dtype=np.int32)
     if array.ndim not in kind.cameras or (array.ndim == 2 and array.shape[1] != 2):
@@ -178,4 +208,5 @@ def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:
         raise InvalidArgument(f"{label}: shape {array.shape}, must be {shapes} for kind {kind.name!r}")
     if not np.issubdtype(array.dtype, np.integer):
         raise InvalidArgument(f"{label}: dtype {array.dtype}, must be whole numbers")
+    require_int32(label, array)
     return np.ascontiguousarray(array, dtype=np.int32)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, require_int32
 from sfmcpp.model.camera_models import camera_model
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
@@ -250,16 +250,9 @@ def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]
     if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if n == -1 else str(n) for n in shape)
         raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
-    if np.dtype(dtype) == np.int32 and array.size and array.dtype.itemsize > 4:
-        _require_int32(name, array)
+    if np.dtype(dtype) == np.int32:
+        require_int32(name, array)
     return np.ascontiguousarray(array, dtype=dtype)
-
-
-def _require_int32(name: str, array: NDArray[Any]) -> None:
-    limits = np.iinfo(np.int32)
-    worst = array.flat[np.argmax(np.abs(array.astype(np.float64)))]
-    if not limits.min <= worst <= limits.max:
-        raise InvalidArgument(f"{name}: value {worst} does not fit in 32 bits")
 
 
 def _require_private_intrinsics(groups: int, cameras: int) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Trajectory
-from sfmcpp.model.arrays import FloatArray, finite_array, require_increasing
+from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, index_array, require_increasing
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside
@@ -24,6 +24,7 @@ from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features,
 _FOLDER_FPS = 10.0
 _TIMES = "times.txt"
 _TRUTH = "poses.txt"
+_DENSE_ENOUGH = 100_000
 
 TimeOf = Callable[[int], float]
 
@@ -70,7 +71,8 @@ class TrackSequence(FrameSource):
     t_s : (n,)
         Time of each frame [s], increasing.
     frame_index, track_index : (M,) int
-        Frame and track of each observation.
+        Frame and track of each observation. A map has room for every number: where one is larger than M and
+        than 100,000, tracks are numbered anew, in the order of their numbers.
     pixels : (M, 2)
         Where the frame sees the track [px].
     intrinsics : (5,)
@@ -94,8 +96,8 @@ class TrackSequence(FrameSource):
         self.t_s = finite_array("t_s", t_s, (-1,))
         require_increasing("t_s", self.t_s)
         self.intrinsics = finite_array("intrinsics", intrinsics, (5,))
-        frames = np.asarray(frame_index, dtype=np.int32)
-        tracks = np.asarray(track_index, dtype=np.int32)
+        frames = index_array("frame_index", frame_index)
+        tracks = index_array("track_index", track_index)
         seen = finite_array("pixels", pixels, (len(frames), 2))
         if len(tracks) != len(frames):
             raise InvalidArgument(f"track_index: {len(tracks)} entries for {len(frames)} observations")
@@ -103,6 +105,7 @@ class TrackSequence(FrameSource):
             raise InvalidArgument(f"frame_index: must be in [0, {len(self.t_s)})")
         if len(tracks) and tracks.min() < 0:
             raise InvalidArgument("track_index: must not be negative")
+        tracks = _numbered_densely(tracks)
         order = np.lexsort((tracks, frames))
         self._tracks, self._pixels, ordered = tracks[order], seen[order], frames[order]
         if ((np.diff(self._tracks) == 0) & (np.diff(ordered) == 0)).any():
@@ -286,6 +289,12 @@ def _listed_times(path: Path, images: Frames) -> FloatArray:
         worst = int(np.argmin(later))
         raise text.error(f"time {text.values[worst]:.9g} s: must be later than the one before", worst)
     return text.values
+
+
+def _numbered_densely(tracks: IndexArray) -> IndexArray:
+    if tracks.max(initial=-1) <= max(len(tracks), _DENSE_ENOUGH):
+        return tracks
+    return np.unique(tracks, return_inverse=True)[1].astype(np.int32)
 
 
 def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:

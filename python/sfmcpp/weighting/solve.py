@@ -10,6 +10,7 @@ from sfmcpp.ba.adjust import Callback, adjust
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
 from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.constraints import checked_groups
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def solve(
     """
     settings = SolveOptions(**options)
     settings.validate()
-    groups = list(constraints)
+    groups = checked_groups(constraints)
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
     apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
     summary = adjust(problem, groups, settings, callback)

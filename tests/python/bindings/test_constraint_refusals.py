@@ -98,11 +98,18 @@ def test_cameras_that_have_no_pose_or_no_free_focal_length_are_refused() -> None
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("values", np.ones((5, 1000)), r"\['gps'\].values: 5000 numbers, must be 9 for 3 members"),
-        ("values", None, r"\['gps'\].values: 0 numbers, must be 9 for 3 members"),
-        ("member_weights", np.ones(4), r"\['gps'\].member_weights: 4 numbers, must be 3 for 3 members"),
-        ("cameras", np.array([1]), r"\['gps'\].values: 9 numbers, must be 3 for 1 members"),
-        ("points", [np.zeros((2, 3))], r"\['gps'\].points_begin: 2 numbers, must be 4 for 3 members"),
+        ("values", np.ones((5, 1000)), r"values: shape \(5, 1000\), must be \(3, 3\)"),
+        ("values", np.zeros((1, 3)), r"values: shape \(1, 3\), must be \(3, 3\)"),
+        ("values", np.zeros((9, 1)), r"values: shape \(9, 1\), must be \(3, 3\)"),
+        ("values", [[1], [2, 3]], "values = .*: must be an array of numbers"),
+        ("values", None, "values: missing"),
+        ("member_weights", np.ones(4), r"member_weights: shape \(4,\), must be \(3\)"),
+        ("cameras", np.array([1]), r"values: shape \(3, 3\), must be \(1, 3\)"),
+        ("cameras", np.arange(3) + 2**32, "cameras: value 4294967298 does not fit in 32 bits"),
+        ("cameras", [[0], [1, 2]], "cameras = .*: must be an array of numbers"),
+        ("points", [np.zeros((2, 3))], "points: 1 arrays, kind 'position' of 3 members needs 0"),
+        ("weight", "heavy", "weight = 'heavy': must be a number"),
+        ("loss_scale", "wide", "loss_scale = 'wide': must be a number"),
     ],
 )
 def test_fields_that_no_longer_fit_each_other_are_refused_by_the_solve(
@@ -119,8 +126,13 @@ def test_points_of_three_numbers_each_are_wanted_by_the_solve() -> None:
     problem = scene()
     group = random_group(problem, "orientation-reprojections", name="gyro")
     group.points = [*group.points[:2], np.zeros((2, 4))]
-    with pytest.raises((InvalidArgument, ValueError)):
+    with pytest.raises(InvalidArgument, match=r"points\[2\]: shape \(2, 4\), must be \(any, 3\)"):
         sfmcpp.solve(problem, constraints=[group])
+
+
+def test_what_is_no_group_is_named() -> None:
+    with pytest.raises(InvalidArgument, match=r"constraints\[0\] = 1: must be a ConstraintGroup"):
+        sfmcpp.solve(scene(), constraints=[1])  # type: ignore[list-item]
 
 
 def test_a_constraint_on_intrinsics_is_none_on_one_pose() -> None:

@@ -40,6 +40,12 @@ def test_a_sequence_without_observations_has_blind_frames_only() -> None:
     assert len(sequence.view(1).tracks) == 0
 
 
+def test_numbers_far_apart_ask_for_no_room_between_them() -> None:
+    sequence = TrackSequence(**arguments(track_index=[2_000_000_000, 500_000, 3, 500_000]))
+    assert sequence.num_tracks == 3
+    assert [sequence.view(frame).tracks.tolist() for frame in (0, 2)] == [[0, 1], [1, 2]]
+
+
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -51,6 +57,8 @@ def test_a_sequence_without_observations_has_blind_frames_only() -> None:
         ({"track_index": [7, 5, -3, 5]}, "track_index: must not be negative"),
         ({"track_index": [7, 5, 5, 5]}, "track_index: a frame sees a track twice"),
         ({"track_index": [7, 5, 3]}, "track_index: 3 entries for 4 observations"),
+        ({"track_index": [2**32, 5, 3, 5]}, "track_index: value 4294967296 does not fit in 32 bits"),
+        ({"track_index": [7.5, 5, 3, 5]}, "track_index: float64"),
         ({"pixels": [[1.0, 2]]}, "pixels: shape"),
         ({"pixels": [[27.0, 1], [5, 2], [3, np.nan], [25, 4]]}, r"pixels\[2, 1\] = nan"),
         ({"intrinsics": [500.0, 320, 240]}, "intrinsics: shape"),
