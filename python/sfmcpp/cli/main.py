@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from sfmcpp.cli.exit_codes import ExitCode, tell_error
+from sfmcpp.cli.stopping import sigterm_as_ctrl_c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted.
+        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted by Ctrl-C or SIGTERM.
     """
     _replace_what_cannot_be_encoded()
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -29,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if empty is not None:
         return tell_error(f"argument {empty!r}: its value is empty")
     try:
-        return _dispatch(given)
+        with sigterm_as_ctrl_c():
+            return _dispatch(given)
     except ModuleNotFoundError as error:
         return tell_error(
             f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"

@@ -9,7 +9,8 @@ from typing import Any
 
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
+from sfmcpp.cli.running import made, require_folder
+from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
@@ -66,7 +67,8 @@ def _forget(cache: Path) -> None:
 
 def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitCode:
     run = report.run
-    written = report.write(folder)
+    with ctrl_c_noted():
+        written = report.write(folder)
     if run.model is None:
         if run.interrupted:
             tell(f"interrupted before there was a model: {folder / PAGE} tells more, --resume goes on")

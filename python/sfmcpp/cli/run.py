@@ -11,6 +11,7 @@ from typing import Any
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
@@ -64,7 +65,8 @@ def solve_file(job: Job) -> ExitCode:
     problem = _problem(job)
     seconds_read = time.perf_counter() - started
     summary = _solve(job, problem)
-    complaints = _write_results(job, problem, summary, seconds_read)
+    with ctrl_c_noted():
+        complaints = _write_results(job, problem, summary, seconds_read)
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from sfmcpp import slam
 from sfmcpp.cli.exit_codes import ExitCode, say, tell
-from sfmcpp.cli.running import ctrl_c_noted, made, require_folder
+from sfmcpp.cli.running import made, require_folder
+from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
@@ -67,7 +68,8 @@ def run_slam_files(
 
 def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
     run = found.run
-    written = found.write(folder)
+    with ctrl_c_noted():
+        written = found.write(folder)
     if run.world is None:
         if run.interrupted:
             tell(f"interrupted before there was a map: {folder / 'report.json'} tells how far it came")

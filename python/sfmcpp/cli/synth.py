@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -121,7 +122,7 @@ def _check_targets(output: Path, truth: Path | None) -> None:
     if truth is None:
         return
     require_writable_problem(truth)
-    if truth.resolve() == output.resolve():
+    if os.path.realpath(truth) == os.path.realpath(output):
         raise DatasetError(truth, "is named twice: the problem and its truth must differ")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -80,10 +81,10 @@ def _require_picture(path: Path) -> None:
 
 def _require_distinct(targets: Targets, source: Path) -> None:
     """Let the result replace the input, and nothing else replace anything of the same run."""
-    taken: list[Path] = []
+    taken: list[str] = []
     for path in targets:
-        resolved = path.resolve()
-        if resolved in taken or (path != targets.problem and resolved == source.resolve()):
+        resolved = os.path.realpath(path)
+        if resolved in taken or (path != targets.problem and resolved == os.path.realpath(source)):
             raise DatasetError(path, "is named twice: input, output, report and picture must differ")
         taken.append(resolved)
 

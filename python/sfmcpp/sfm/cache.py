@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.sources.io.files import atomic_files, failures_named
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import failures_named
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -74,7 +75,7 @@ class Cache:
         path = self._file(stage, key)
         with failures_named(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_files(path) as (file,):
+        with atomic_files(path, durable=False) as (file,):
             file.write(_packed(arrays))
 
     def _file(self, stage: str, key: str) -> Path:

@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import atomic_files, failures_named
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import failures_named
+
+UNFINISHED = "UNFINISHED"
+_UNFINISHED_TEXT = (
+    "The files of a run are being written; if it has ended, some are missing or of an earlier run.\n"
+)
 
 # A file or folder by its name, and what writes it there.
 Step = tuple[str, Callable[[Path], None]]
@@ -24,6 +30,8 @@ Step = tuple[str, Callable[[Path], None]]
 def write_steps(steps: Iterable[Step], folder: Path) -> list[Path]:
     """Write the files of a run into a folder, made if missing, and go on where one fails.
 
+    As long as not all are written, a file `UNFINISHED` says so.
+
     Raises
     ------
     DatasetError
@@ -31,6 +39,7 @@ def write_steps(steps: Iterable[Step], folder: Path) -> list[Path]:
     """
     with failures_named(folder):
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / UNFINISHED).write_text(_UNFINISHED_TEXT)
     written: list[Path] = []
     complaints: list[DatasetError] = []
     for name, step in steps:
@@ -42,6 +51,8 @@ def write_steps(steps: Iterable[Step], folder: Path) -> list[Path]:
     if complaints:
         first, *others = complaints
         raise DatasetError(first.path, "; ".join([first.reason, *map(str, others)]), first.line)
+    with failures_named(folder):
+        (folder / UNFINISHED).unlink()
     return written
 
 

@@ -212,7 +212,8 @@ def test_an_odometer_in_a_file_brings_the_map_to_metres(tmp_path: Path) -> None:
     assert found.length_m == pytest.approx(np.ptp(scene.centres[:, 0]), rel=1e-3)
 
 
-def test_ctrl_c_keeps_what_there_is_and_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_keeps_what_there_is_and_says_so(tmp_path: Path, by: signal.Signals) -> None:
     source, folder = write_drive(tmp_path / "drive.csv", corridor(1200, 0.3)), tmp_path / "out"
     ours, theirs = pty.openpty()
     command = [*COMMAND, "slam", str(source), "-o", str(folder)]
@@ -222,7 +223,7 @@ def test_ctrl_c_keeps_what_there_is_and_says_so(tmp_path: Path) -> None:
         while more := read_terminal(ours):
             shown += more
             if not interrupted and b"keyframes" in shown:
-                process.send_signal(signal.SIGINT)
+                process.send_signal(by)
                 interrupted = True
         process.wait(TIMEOUT_S)
     os.close(ours)

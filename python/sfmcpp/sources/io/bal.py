@@ -16,8 +16,9 @@ import numpy as np
 from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, compressed_writer, largest_content
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, largest_content
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberStream, first_no_integer

@@ -18,6 +18,7 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     finite_rows,
@@ -26,7 +27,7 @@ from sfmcpp.sources.io.checks import (
     require_metadata_length,
     require_valid,
 )
-from sfmcpp.sources.io.files import atomic_files, read_bytes
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText

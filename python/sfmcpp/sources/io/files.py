@@ -1,4 +1,4 @@
-"""Whole files: plain or compressed, as the suffix says; they appear complete or not at all.
+"""Whole files: plain or compressed, as the suffix says.
 
 Whatever goes wrong with a file becomes a DatasetError.
 """
@@ -9,10 +9,9 @@ import bz2
 import gzip
 import io
 import lzma
-import os
-import secrets
+import stat
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import IO, Protocol, cast
@@ -108,10 +107,15 @@ def largest_content(path: Path) -> int:
 
 
 def require_regular_file(path: Path) -> None:
-    """Refuse what is missing, a directory, or a device or pipe that might never end."""
-    if path.is_dir():
+    """Refuse a directory, a device or pipe that might never end, and names that no file can have."""
+    with failures_named(path):
+        try:
+            mode = path.stat().st_mode
+        except FileNotFoundError:
+            return
+    if stat.S_ISDIR(mode):
         raise DatasetError(path, "is a directory, a file is wanted")
-    if path.exists() and not path.is_file():
+    if not stat.S_ISREG(mode):
         raise DatasetError(path, "is not a regular file")
 
 
@@ -173,68 +177,3 @@ def _next_piece(path: Path, stream: _Decompressor, piece: bytes, begin: int) -> 
         else:
             reason = f"not valid {kind} data ({error})"
         raise DatasetError(path, reason) from error
-
-
-@contextmanager
-def atomic_files(*targets: Path) -> Iterator[tuple[IO[bytes], ...]]:
-    """Open one binary file for each target; all replace their targets when the block ends well.
-
-    Until then they are temporary files in the targets' folders; if the block raises, they are removed
-    and the targets stay as they were. Symbolic links are followed.
-
-    Raises
-    ------
-    DatasetError
-        If a target is a directory, a device or a pipe, or its folder cannot be written.
-    """
-    resolved = [_replaceable(target) for target in targets]
-    temporaries = [path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp") for path in resolved]
-    try:
-        with ExitStack() as stack:
-            yield tuple(
-                stack.enter_context(_create(path, t)) for path, t in zip(temporaries, targets, strict=True)
-            )
-        _replace_all(temporaries, resolved)
-    finally:
-        for temporary in temporaries:
-            temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(folder: Path, names: Sequence[str]) -> Iterator[tuple[IO[bytes], ...]]:
-    """Like :func:`atomic_files` for `names` in `folder`, made if missing (and removed on failure)."""
-    made = _make_folder(folder)
-    try:
-        with atomic_files(*(folder / name for name in names)) as files:
-            yield files
-    except BaseException:
-        if made:
-            folder.rmdir()
-        raise
-
-
-def _make_folder(folder: Path) -> bool:
-    if folder.is_dir():
-        return False
-    with failures_named(folder):
-        folder.mkdir()
-    return True
-
-
-def _replaceable(target: Path) -> Path:
-    with failures_named(target):
-        require_regular_file(target)
-        if not target.parent.is_dir():
-            raise DatasetError(target, f"the folder {str(target.parent)!r} does not exist")
-        return Path(os.path.realpath(target))
-
-
-def _create(temporary: Path, target: Path) -> IO[bytes]:
-    with failures_named(target):
-        return temporary.open("xb")
-
-
-def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
-    for temporary, target in zip(temporaries, targets, strict=True):
-        with failures_named(target):
-            temporary.replace(target)

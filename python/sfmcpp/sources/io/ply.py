@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import point_colors, require_valid
-from sfmcpp.sources.io.files import atomic_files
 from sfmcpp.sources.io.format import Format
 
 POINT_COLOR = (255, 255, 255)

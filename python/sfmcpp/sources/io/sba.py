@@ -22,8 +22,9 @@ from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import atomic_files, read_bytes
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
     as_perspective,

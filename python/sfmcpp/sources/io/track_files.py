@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT
-from sfmcpp.sources.io.files import atomic_files, compressed_writer, failures_named, read_bytes
+from sfmcpp.sources.io.files import compressed_writer, failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
 

@@ -17,7 +17,8 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, atomic_files, failures_named, read_bytes
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_bytes
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows

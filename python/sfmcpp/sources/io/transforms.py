@@ -17,8 +17,8 @@ import numpy as np
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.files import atomic_files
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.atomic import atomic_files
 
 _HERE = "sfmcpp.study.pages"
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n"

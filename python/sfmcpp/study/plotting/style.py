@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sources.io.files import atomic_files
+from sfmcpp.sources.io.atomic import atomic_files
 
 # Okabe and Ito, "Color universal design" (2008): told apart by colour-blind readers too.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

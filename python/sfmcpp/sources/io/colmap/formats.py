@@ -7,11 +7,11 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.atomic import atomic_folder
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.from_tables import problem_from_tables
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
-from sfmcpp.sources.io.files import atomic_folder
 from sfmcpp.sources.io.format import Format
 
 

@@ -1,0 +1,158 @@
+"""Files that appear complete or not at all, several of them together, whatever ends the process.
+
+Content goes to temporary files beside the targets and to the disk before it takes their names. A temporary
+file is locked as long as its writer lives: one that is not was left by a process that was killed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import IO
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.files import failures_named, require_regular_file
+
+# Short names of their own: with a suffix, a target's could become too long.
+_TEMPORARY, _BEFORE = ".sfmcpp-new-", ".sfmcpp-old-"
+
+
+@contextmanager
+def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[bytes], ...]]:
+    """Open one binary file for each target; all replace their targets when the block ends well.
+
+    Until then they are temporary files in the targets' folders; if the block raises, or a target cannot be
+    replaced, they are removed and the targets stay as they were. Several targets never stand beside what was
+    there before: if the process is killed as they are replaced, one at least is missing. Symbolic links are
+    followed.
+
+    Parameters
+    ----------
+    *targets : Path
+        What to write.
+    durable : bool
+        Whether the content must survive a power failure from the end of the block on.
+
+    Raises
+    ------
+    DatasetError
+        If a target is a directory, a device or a pipe, or it, or its folder, cannot be written.
+    """
+    resolved = [_replaceable(target) for target in targets]
+    for folder in {path.parent for path in resolved}:
+        _sweep(folder)
+    temporaries = [_beside(path, _TEMPORARY) for path in resolved]
+    try:
+        with failures_named(targets[0]), ExitStack() as stack:
+            files = [
+                stack.enter_context(_create(path, t)) for path, t in zip(temporaries, targets, strict=True)
+            ]
+            yield tuple(files)
+            for file in files:
+                _finish(file, durable)
+            _replace_all(temporaries, resolved)
+        if durable:
+            _remember({path.parent for path in resolved})
+    finally:
+        for temporary in temporaries:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(folder: Path, names: Sequence[str]) -> Iterator[tuple[IO[bytes], ...]]:
+    """Like :func:`atomic_files` for `names` in `folder`, made if missing (and removed on failure)."""
+    made = _make_folder(folder)
+    try:
+        with atomic_files(*(folder / name for name in names)) as files:
+            yield files
+    except BaseException:
+        if made:
+            folder.rmdir()
+        raise
+
+
+def _make_folder(folder: Path) -> bool:
+    if folder.is_dir():
+        return False
+    with failures_named(folder):
+        folder.mkdir()
+    return True
+
+
+def _replaceable(target: Path) -> Path:
+    with failures_named(target):
+        require_regular_file(target)
+        if not target.parent.is_dir():
+            raise DatasetError(target, f"the folder {str(target.parent)!r} does not exist")
+        return Path(os.path.realpath(target))
+
+
+def _beside(target: Path, prefix: str) -> Path:
+    return target.with_name(prefix + secrets.token_hex(8))
+
+
+def _create(temporary: Path, target: Path) -> IO[bytes]:
+    with failures_named(target):
+        file = temporary.open("xb")
+        with suppress(OSError):  # some file systems have no locks, and then nothing is swept
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return file
+
+
+def _finish(file: IO[bytes], durable: bool) -> None:
+    file.flush()
+    if durable:
+        os.fsync(file.fileno())
+
+
+def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
+    """Give all files their names, or put back what was there. No new one stands beside an old one."""
+    if len(targets) == 1:
+        temporaries[0].replace(targets[0])
+        return
+    with ExitStack() as undo:
+        kept = [(path, _beside(path, _BEFORE)) for path in targets if path.exists()]
+        for path, before in kept:
+            path.replace(before)
+            undo.callback(before.replace, path)
+        for temporary, path in zip(temporaries, targets, strict=True):
+            with failures_named(path):
+                temporary.replace(path)
+            undo.callback(path.unlink, missing_ok=True)
+        undo.pop_all()
+    for _, before in kept:
+        before.unlink()
+
+
+def _remember(folders: set[Path]) -> None:
+    """See to it that the names of files are on the disk as well."""
+    for folder in folders:
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # not every file system can
+                os.fsync(number)
+        finally:
+            os.close(number)
+
+
+@cache
+def _sweep(folder: Path) -> None:
+    """Remove what killed processes have left in a folder; once for each, which may hold many files."""
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.name.startswith((_TEMPORARY, _BEFORE)) and _is_left(path):
+                path.unlink()
+
+
+def _is_left(path: Path) -> bool:
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+    return True

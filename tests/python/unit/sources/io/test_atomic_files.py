@@ -1,0 +1,129 @@
+"""Files appear complete or not at all, whatever fails and whoever is killed."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import sfmcpp
+from sfmcpp import DatasetError, Problem
+from sfmcpp.sources.io.atomic import _sweep, atomic_files
+
+
+def model(seed: int) -> Problem:
+    return sfmcpp.circle_scene(4, 20, seed=seed)
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if not path.name.startswith(".")}
+
+
+def in_a_child(action: Callable[[], None]) -> None:
+    """Do something in a process that ends where it calls `os._exit`, as if killed."""
+    child = os.fork()
+    if child == 0:
+        try:
+            action()
+        finally:
+            os._exit(1)
+    os.waitpid(child, 0)
+
+
+def test_a_model_that_cannot_be_replaced_as_a_whole_is_left_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sfmcpp.write(model(1), tmp_path / "model")
+    (tmp_path / "model" / "notes").write_text("kept")
+    before, replace = content_of(tmp_path / "model"), Path.replace
+
+    def fail_for_points(self: Path, target: Path) -> Path:
+        if target.name == "points3D.bin" and "new" in self.name:
+            raise OSError(5, "Input/output error")
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", fail_for_points)
+    with pytest.raises(DatasetError, match=r"points3D\.bin: input/output error"):
+        sfmcpp.write(model(2), tmp_path / "model")
+    assert content_of(tmp_path / "model") == before
+    assert len(list((tmp_path / "model").iterdir())) == 4
+
+
+@pytest.mark.parametrize("moves", range(7))
+def test_a_model_whose_writer_is_killed_is_never_made_of_two(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: int
+) -> None:
+    for name, seed in (("old", 1), ("new", 2), ("model", 1)):
+        sfmcpp.write(model(seed), tmp_path / name)
+    replace, done = Path.replace, []
+
+    def die_after_some(self: Path, target: Path) -> Path:
+        if len(done) == moves:
+            os._exit(9)
+        done.append(target)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", die_after_some)
+    in_a_child(lambda: sfmcpp.write(model(2), tmp_path / "model"))
+    found = content_of(tmp_path / "model")
+    old, new = content_of(tmp_path / "old"), content_of(tmp_path / "new")
+    assert found in (old, new) or set(found) < set(old)
+    if set(found) < set(old):
+        with pytest.raises(DatasetError, match=r"lacks|no format"):
+            sfmcpp.read(tmp_path / "model")
+
+
+def test_what_a_killed_process_leaves_is_swept_and_what_another_writes_is_not(tmp_path: Path) -> None:
+    def die() -> None:
+        with atomic_files(tmp_path / "a") as (file,):
+            file.write(b"half")
+            os._exit(9)
+
+    in_a_child(die)
+    assert len(list(tmp_path.iterdir())) == 1
+    _sweep.cache_clear()
+    with atomic_files(tmp_path / "b") as (file,):
+        file.write(b"whole")
+        _sweep.cache_clear()
+        with atomic_files(tmp_path / "c"):
+            pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c"]
+    assert (tmp_path / "b").read_bytes() == b"whole"
+
+
+def test_a_full_disk_is_an_error_of_the_file_that_leaves_nothing(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(DatasetError, match=r"full\.npz: file too large"):
+            sfmcpp.write(model(1), tmp_path / "full.npz")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_as_long_as_can_be_is_written(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 251 + ".npz")
+    sfmcpp.write(model(1), path)
+    assert sfmcpp.read(path).num_cameras == 4
+
+
+def test_a_loop_of_links_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "loop.npz").symlink_to(tmp_path / "loop.npz")
+    with pytest.raises(DatasetError, match=r"loop\.npz: too many levels of symbolic links"):
+        sfmcpp.write(model(1), tmp_path / "loop.npz")
+    assert [path.name for path in tmp_path.iterdir()] == ["loop.npz"]
+
+
+def test_content_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, sync, replace = [], os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda number: (done.append("sync"), sync(number)))
+    monkeypatch.setattr(Path, "replace", lambda self, to: (done.append("name"), replace(self, to)))
+    with atomic_files(tmp_path / "a"):
+        pass
+    assert done == ["sync", "name", "sync"]
