@@ -11,8 +11,10 @@
 namespace sfmcpp::linear {
 namespace {
 
-// A parameter that nothing observes still gets a positive damping (the bounds Ceres documents).
-constexpr double kMinDiagonal = 1e-6;
+// A parameter that nothing observes still gets a positive damping. Both bounds are far from what
+// any units make of an entry: those of points at 1e12 lengths are 1e-20, and a bound that they meet
+// makes steps depend on units.
+constexpr double kMinDiagonal = 1e-32;
 constexpr double kMaxDiagonal = 1e32;
 
 // How many observations ahead a record is asked for: the records of a point lie anywhere in memory.

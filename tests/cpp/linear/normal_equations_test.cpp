@@ -133,8 +133,9 @@ TEST(Damping, IdentityAddsLambdaWhateverTheDiagonal) {
 TEST(Damping, DiagonalIsKeptBetweenItsBounds) {
   const Damping damping{0.5, DampingMatrix::kDiagonal};
   EXPECT_DOUBLE_EQ(damping(8.0), 4.0);
-  EXPECT_DOUBLE_EQ(damping(0.0), 0.5e-6);
-  EXPECT_DOUBLE_EQ(damping(1e-7), 0.5e-6);
+  EXPECT_DOUBLE_EQ(damping(1e-20), 0.5e-20);
+  EXPECT_DOUBLE_EQ(damping(0.0), 0.5e-32);
+  EXPECT_DOUBLE_EQ(damping(1e-40), 0.5e-32);
   EXPECT_DOUBLE_EQ(damping(1e40), 0.5e32);
 }
 
