@@ -181,6 +181,26 @@ int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
   return components;
 }
 
+Eigen::Vector3d centre_of(const Problem& problem, int camera) {
+  const double* pose = problem.cameras.data() + problem.camera_offset(camera);
+  return {pose[3], pose[7], pose[11]};
+}
+
+// Whether several cameras see a point, all from one place: rays that differ by rounding alone.
+bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& graph, int p) {
+  constexpr double kSmallestAngle = 1e-9;
+  const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
+  if (end - begin < 2) return false;
+  const Eigen::Vector3d first = centre_of(problem, graph.camera[graph.of_point[begin]]);
+  const Eigen::Map<const Eigen::Vector3d> point(problem.points.data() + problem.point_offset(p));
+  const double negligible = kSmallestAngle * (point - first).norm();
+  for (int k = begin + 1; k < end; ++k) {
+    const Eigen::Vector3d other = centre_of(problem, graph.camera[graph.of_point[k]]);
+    if ((other - first).norm() > negligible) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 void check_sizes(const Problem& problem) {
@@ -294,6 +314,19 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
         (constrained ? "only the constraints hold their relative position, rotation and scale"
                      : "their relative position, rotation and scale are arbitrary"));
   }
+  return warnings;
+}
+
+std::vector<std::string> warnings_about_baselines(const Problem& problem,
+                                                  const linear::ObservationGraph& graph) {
+  std::vector<std::string> warnings;
+  if (!is_metric(problem.camera_model)) return warnings;
+  warn(
+      "point",
+      graph.num_points,
+      [&](int p) { return lacks_baseline(problem, graph, p); },
+      "seen from one place, the depth is held by damping alone",
+      warnings);
   return warnings;
 }
 

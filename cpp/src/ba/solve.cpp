@@ -1,5 +1,8 @@
 #include "sfmcpp/ba/solve.hpp"
 
+#include <algorithm>
+#include <iterator>
+
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
@@ -41,6 +44,8 @@ SolveSummary describe_start(const Workspace& work,
   summary.num_threads = work.pool.num_threads();
   const bool constrained = work.model.constraints().num_equations() > 0;
   summary.warnings = warnings_about(work.graph, constrained, work.exchange);
+  std::ranges::move(warnings_about_baselines(problem, work.graph),
+                    std::back_inserter(summary.warnings));
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
@@ -96,6 +101,9 @@ SolveSummary solve(const Problem& problem,
                                         clock,
                                         state);
   }
+  // A point in the centre of a projective camera has an image that rounding decides, and the frame
+  // of the solve has another rounding.
+  if (!is_metric(problem.camera_model)) summary.minimizer.final_cost = work.model.cost(state);
   describe_end(work, state, summary);
   summary.seconds_total = clock.seconds();
   return summary;

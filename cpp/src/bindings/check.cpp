@@ -1,6 +1,7 @@
 #include "sfmcpp/ba/check.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
@@ -23,7 +24,9 @@ std::vector<std::string> check(const py::dict& arrays) {
   ba::check_duplicates(problem, graph);
   ba::check_determined(graph,
                        ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)));
-  return ba::warnings_about(graph);
+  std::vector<std::string> warnings = ba::warnings_about(graph);
+  std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
+  return warnings;
 }
 
 // (M, 2) residuals over σ, in the caller's order.

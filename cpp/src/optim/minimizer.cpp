@@ -190,10 +190,18 @@ class Minimizer {
     } else if (!result_.valid) {
       finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
     } else if (!facts_of(options_.method).shortens) {
-      finish(progressed() ? Termination::kConverged : Termination::kNumericalFailure,
-             "the step does not decrease the cost, and the method has no damping to shorten it");
+      finish_undamped();
     } else {
       finish_negligible();
+    }
+  }
+
+  void finish_undamped() {
+    if (progressed() && result_.predicted_decrease <= negligible_decrease()) {
+      finish(Termination::kConverged, "the undamped step promises a negligible decrease");
+    } else {
+      finish(progressed() ? Termination::kStalled : Termination::kNumericalFailure,
+             "the step does not decrease the cost, and the method has no damping to shorten it");
     }
   }
 
@@ -201,14 +209,31 @@ class Minimizer {
 
   // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
   void finish_negligible() {
-    if (progressed() || largest_prediction_ <= std::max(kRounding * cost_, kNegligibleCost)) {
+    if (promised_decrease() <= negligible_decrease() ||
+        (!progressed() && largest_prediction_ <= negligible_decrease())) {
       finish(Termination::kConverged,
              "the step is negligible: within parameter_tolerance of the unknowns");
+    } else if (progressed()) {
+      finish(Termination::kStalled,
+             "the steps have become negligible, but the gradient promises a lower cost");
     } else {
       finish(Termination::kNumericalFailure,
              "no step decreases the cost, though the gradient is not zero: a point may lie in the "
              "plane of its camera");
     }
+  }
+
+  double negligible_decrease() const {
+    const double share = std::max(kRounding, options_.termination.function_tolerance);
+    return std::max(share * cost_, kNegligibleCost);
+  }
+
+  // What steps of each parameter by itself would gain, ½ gᵀD⁻¹g: no damping and no unit enters.
+  double promised_decrease() const {
+    const linear::NormalEquations& normal = model_.normal_equations();
+    const linear::Step g = linear::negative_gradient(normal);
+    const linear::Step d = linear::damping_entries(normal, linear::DampingMatrix::kDiagonal);
+    return 0.5 * linear::dot(normal, g, linear::divide(normal, g, d));
   }
 
   // A rejected step whose predicted and whose true effect are both below the tolerance: rounding

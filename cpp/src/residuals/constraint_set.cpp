@@ -207,9 +207,9 @@ void check_intrinsics(const ConstraintGroup& group,
 void check_group(const ConstraintGroup& group) {
   if (group.name.empty()) refuse("constraints", "a group has an empty name");
   check_weight("constraints['" + group.name + "'].weight", group.weight);
-  if (!(group.loss.scale > 0.0 && std::isfinite(group.loss.scale))) {
+  if (!is_loss_scale(group.loss.scale)) {
     refuse("constraints['" + group.name + "'].loss_scale = " + std::to_string(group.loss.scale),
-           "must be finite and positive");
+           std::string("must be ") + kLossScaleRule);
   }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];

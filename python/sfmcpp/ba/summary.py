@@ -133,7 +133,8 @@ class Summary:
         sqrt(Σ‖r‖² / 2M), without the loss (thesis eq. 3.27).
     termination : str
         ``"converged"``, ``"max_iterations"``, ``"max_seconds"``, ``"interrupted"``,
-        ``"stopped_by_callback"`` or ``"numerical_failure"``.
+        ``"stopped_by_callback"``, ``"stalled"`` (the cost fell, and then no step lowered it although the
+        gradient is not negligible) or ``"numerical_failure"`` (no step lowered the cost).
     message : str
         The same in words.
     method, line_search, linear_solver, loss : str

@@ -33,6 +33,7 @@ TERMINATIONS = {
     "max_seconds": ("stopped at the limit of time", "yellow"),
     "interrupted": ("interrupted", "yellow"),
     "stopped_by_callback": ("stopped by the callback", "yellow"),
+    "stalled": ("stalled short of a minimum", "yellow"),
     "numerical_failure": ("numerical failure", "red"),
 }
 

@@ -75,11 +75,14 @@ def read_intrinsics(path: Path) -> FloatArray:
     matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
-    (f, skew, cx), (zero, fv, cy), last = matrix = matrices[0]
-    if not (f > 0 and fv > 0 and zero == 0 and np.array_equal(last, [0, 0, 1])):
+    (f, skew, cx), (zero, fv, cy), last = matrix = matrices[0].tolist()
+    if not (f > 0 and fv > 0 and zero == 0 and last == [0, 0, 1]):
         rule = "must be [[fu, skew, cu], [0, fv, cv], [0, 0, 1]], fu and fv positive"
-        raise DatasetError(path, f"the calibration matrix is {matrix.tolist()}: {rule}")
-    return np.array([f, fv / f, cx, cy, skew])
+        raise DatasetError(path, f"the calibration matrix is {matrix}: {rule}")
+    try:
+        return intrinsics_of([f, fv / f, cx, cy, skew])
+    except InvalidArgument as error:
+        raise DatasetError(path, str(error)) from error
 
 
 def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:

@@ -178,6 +178,24 @@ TEST_F(Minimize, AStartThatIsNotFiniteIsANumericalFailure) {
   EXPECT_FALSE(summary.message.empty());
 }
 
+// A second step that counts as negligible, though the first was none and much is still to gain.
+TEST_F(Minimize, StepsThatBecomeNegligibleFarFromAMinimumAreAStall) {
+  options.termination.function_tolerance = 0.0;
+  const State start = state;
+  const MinimizerSummary whole = run();
+  ASSERT_LT(whole.iterations[2].step_norm, whole.iterations[1].step_norm);
+  double squares = 0.0;
+  for (const auto& numbers : {start.cameras, start.intrinsics, start.points})
+    for (double x : numbers) squares += x * x;
+  options.termination.parameter_tolerance =
+      std::sqrt(whole.iterations[1].step_norm * whole.iterations[2].step_norm / squares);
+  state = start;
+  const MinimizerSummary stalled = run();
+  EXPECT_EQ(stalled.termination, Termination::kStalled);
+  EXPECT_GT(stalled.final_cost, 1.01 * whole.final_cost);
+  EXPECT_LT(stalled.final_cost, stalled.initial_cost);
+}
+
 TEST_F(Minimize, AnOptimalStartConvergesAtOnceAndStays) {
   options.termination.function_tolerance = 1e-14;
   run();

@@ -32,6 +32,7 @@ def test_unknown_keyword_is_refused(problem: Problem) -> None:
         ("max_iterations", -1, "max_iterations = -1: must be at least 0"),
         ("function_tolerance", -1e-3, "function_tolerance = -0.001: must be at least 0"),
         ("loss_scale_px", 0.0, "loss_scale_px = 0: must be positive and finite"),
+        ("loss_scale_px", 1e-320, "positive and finite, and its square too"),
         ("loss_scale_px", "wide", "loss_scale_px = 'wide': must be a number of pixels or 'auto'"),
         ("max_seconds", 0.0, "max_seconds = 0: must be positive"),
         ("max_iterations", "many", "max_iterations = 'many': wrong type str"),

@@ -35,4 +35,8 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         bool constrained = false,
                                         Exchange& exchange = this_process());
 
+// The same of points that all their cameras see from one place.
+std::vector<std::string> warnings_about_baselines(const Problem& problem,
+                                                  const linear::ObservationGraph& graph);
+
 }  // namespace sfmcpp::ba

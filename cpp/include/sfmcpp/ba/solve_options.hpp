@@ -39,6 +39,7 @@ inline constexpr Rule kAtLeastOne{[](double x) { return x >= 1.0; }, "at least 1
 inline constexpr Rule kPositive{[](double x) { return x > 0.0; }, "positive"};
 inline constexpr Rule kPositiveAndFinite{[](double x) { return x > 0.0 && std::isfinite(x); },
                                          "positive and finite"};
+inline constexpr Rule kLossScale{is_loss_scale, kLossScaleRule};
 inline constexpr Rule kShare{[](double x) { return x > 0.0 && x < 1.0; }, "in (0, 1)"};
 inline constexpr Rule kNumThreads{[](double x) { return x >= 0.0 && x <= 1024.0; }, "in [0, 1024]"};
 
@@ -97,7 +98,7 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"loss_scale_px",
         "Residual over σ at which the loss leaves the parabola; auto: from the median absolute "
         "residual at the start",
-        kPositiveAndFinite,
+        kLossScale,
         "pixels",
         "auto"},
       [](auto& o) -> auto& { return o.loss_scale_px; });

@@ -20,6 +20,7 @@ enum class Termination {
   kMaxSeconds,
   kInterrupted,
   kStoppedByCallback,
+  kStalled,
   kNumericalFailure
 };
 }
@@ -33,6 +34,7 @@ struct EnumTraits<optim::Termination> {
        {optim::Termination::kMaxSeconds, "max_seconds"},
        {optim::Termination::kInterrupted, "interrupted"},
        {optim::Termination::kStoppedByCallback, "stopped_by_callback"},
+       {optim::Termination::kStalled, "stalled"},
        {optim::Termination::kNumericalFailure, "numerical_failure"}});
 };
 

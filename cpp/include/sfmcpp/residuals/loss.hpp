@@ -96,6 +96,10 @@ struct Loss {
   double influence_slope(double s) const { return facts_of(kind).influence_slope(s, scale); }
 };
 
+// Whether ρ can be computed with a scale: its square must be a number too.
+inline bool is_loss_scale(double scale) { return scale > 0.0 && std::isnormal(scale * scale); }
+inline constexpr const char* kLossScaleRule = "positive and finite, and its square too";
+
 // The scale with 95 % efficiency on normal residuals of standard deviation sigma; sigma itself for
 // the squared loss.
 inline double efficient_scale(LossKind kind, double sigma) {

@@ -1,0 +1,57 @@
+"""A solve does not pass over in silence what makes its result worth less than it looks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp.ba import as_projective
+
+
+def scene(camera_model: str = "calibrated", seed: int = 0) -> Problem:
+    truth = sfmcpp.circle_scene(12, 80, camera_model=camera_model, seed=seed)
+    return sfmcpp.perturb(truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=seed)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e7, 1e9, 1e12])
+@pytest.mark.parametrize("camera_model", ["calibrated", "bal"])
+def test_the_unit_of_lengths_changes_no_result(camera_model: str, unit: float) -> None:
+    metres, others = scene(camera_model), scene(camera_model)
+    others.centres[:] *= unit
+    others.points[:] *= unit
+    expected, found = sfmcpp.solve(metres), sfmcpp.solve(others)
+    assert found.termination == "converged"
+    assert found.final_cost == pytest.approx(expected.final_cost, rel=1e-6)
+    assert len(found.iterations) == len(expected.iterations)
+
+
+@pytest.mark.parametrize("method", ["lm", "lm-nielsen", "gauss-newton"])
+def test_ordinary_problems_converge(method: str) -> None:
+    assert sfmcpp.solve(scene(), method=method, function_tolerance=1e-12).termination == "converged"
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("method", ["lm", "lm-nielsen"])
+def test_the_cost_told_is_that_of_the_state_where_points_lie_in_cameras(seed: int, method: str) -> None:
+    metric = scene(seed=seed)
+    problem = as_projective(metric)
+    problem.points[:5] = np.column_stack([metric.centres[:5], np.ones(5)])
+    summary = sfmcpp.solve(problem, method=method)
+    assert summary.final_cost == pytest.approx(sfmcpp.cost(problem), rel=1e-9)
+
+
+def test_points_seen_from_one_place_are_named() -> None:
+    problem = scene()
+    assert sfmcpp.solve(problem.copy()).warnings == sfmcpp.check(problem) == []
+    problem.cameras[:, :, 3] = [0.0, 1.0, 2.0]
+    told = "80 points (0, 1, 2, 3, 4, …): seen from one place, the depth is held by damping alone"
+    assert told in sfmcpp.check(problem)
+    assert told in sfmcpp.solve(problem).warnings
+
+
+def test_a_loss_of_a_group_whose_square_vanishes_is_refused() -> None:
+    group = ConstraintGroup("position", [0], np.zeros((1, 3)), loss="cauchy", loss_scale=1e-320)
+    with pytest.raises(InvalidArgument, match="must be positive and finite, and its square too"):
+        sfmcpp.solve(scene(), constraints=[group])
