@@ -11,7 +11,7 @@ MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
 # Tracks of a drive, mostly "not seen", shrink to an 86th; text shrinks to a tenth at best.
 _EXPANSION = 100
 _ALWAYS_READABLE_BYTES, _MOST_EXPANDED_BYTES = 64 << 20, 2 << 30
-_MOST_PIXELS = 256_000_000  # twice the largest sensors
+_MOST_PIXELS = 160_000_000  # the largest sensors have 150 million
 
 
 def largest_expansion(size: int) -> int:
@@ -36,7 +36,7 @@ def expands_too_far(limit: int) -> str:
 
 
 def largest_image() -> int:
-    """Pixels that an image may have: 256 million, or what `MAX_IMAGE` says, in millions."""
+    """Pixels that an image may have: 160 million, or what `MAX_IMAGE` says, in millions."""
     asked = _asked(MAX_IMAGE)
     return _MOST_PIXELS if asked is None else asked * 1_000_000
 

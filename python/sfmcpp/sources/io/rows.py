@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray, index_array
 
 _CHUNK_ROWS = 1 << 17
 _FIELD = re.compile("%([drs])")
@@ -116,8 +116,10 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
         If the metadata do not fit the problem.
     """
     extra = problem.metadata.extra
-    loose = np.asarray(extra.get("colmap_loose_image", np.empty(0, np.int64)))
-    ranks = np.asarray(extra.get("colmap_keypoint_index", keypoint_ranks(problem)))
+    loose = _loose_images(problem)
+    ranks = index_array(
+        "metadata colmap_keypoint_index", extra.get("colmap_keypoint_index", keypoint_ranks(problem))
+    )
     if len(ranks) != problem.num_observations:
         raise InvalidArgument(
             f"metadata colmap_keypoint_index has {len(ranks)} entries: must be {problem.num_observations}"
@@ -131,6 +133,15 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     pixels = np.empty((len(place), 2))
     pixels[place] = np.concatenate([problem.pixels, extra.get("colmap_loose_pixels", np.empty((0, 2)))])
     return counts, pixels, place[: problem.num_observations]
+
+
+def _loose_images(problem: Problem) -> IndexArray:
+    """The image of each keypoint that sees no point; room is made for every image that is named."""
+    name = "colmap_loose_image"
+    loose = index_array(f"metadata {name}", problem.metadata.extra.get(name, ()))
+    if len(loose) and not 0 <= loose.min() <= loose.max() < problem.num_cameras:
+        raise InvalidArgument(f"metadata {name}: must be from 0 to {problem.num_cameras - 1}")
+    return loose
 
 
 def _each_once(places: NDArray[np.int64]) -> bool:

@@ -18,6 +18,8 @@ from sfmcpp.sources.vision.images import (
     GreyImage,
     is_picture,
     load_cv2,
+    open_image,
+    require_few_pixels,
     unreadable,
     where_images_are,
 )
@@ -111,9 +113,11 @@ class _Folder(Frames):
 
     def _read(self, file: Path) -> GreyImage:
         try:
-            data = np.frombuffer(file.read_bytes(), np.uint8)
+            content = file.read_bytes()
         except OSError as error:
             raise unreadable(file, error) from error
+        _require_few_pixels(file, content)
+        data = np.frombuffer(content, np.uint8)
         flags = self._cv2.IMREAD_GRAYSCALE | self._cv2.IMREAD_IGNORE_ORIENTATION
         try:
             image = self._cv2.imdecode(data, flags) if len(data) else None
@@ -131,6 +135,8 @@ class _Video(Frames):
         self._count = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
         fps = float(video.get(cv2.CAP_PROP_FPS))
         self.fps = fps if math.isfinite(fps) and fps > 0 else None
+        sides = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+        require_few_pixels(path, *(int(video.get(side)) for side in sides))
         readable, _ = video.read()
         video.release()
         if not readable:
@@ -171,6 +177,16 @@ class _Video(Frames):
             return None
         grey = image if image.ndim == 2 else self._cv2.cvtColor(image, self._cv2.COLOR_BGR2GRAY)
         return np.asarray(grey, dtype=np.uint8)
+
+
+def _require_few_pixels(file: Path, data: bytes) -> None:
+    """Look at the header before OpenCV decodes it all."""
+    try:
+        open_image(file, data).close()
+    except DatasetError:
+        raise
+    except Exception:  # Pillow's parsers raise whatever they stumble over; OpenCV may know the format
+        return
 
 
 def _require_size(file: Path, shape: tuple[int, ...], first: tuple[int, ...], of: str) -> None:

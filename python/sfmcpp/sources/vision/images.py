@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.limits import MAX_IMAGE, largest_image
 
 GreyImage = NDArray[np.uint8]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
 _MOST_HINTS = 3
+# Pillow's limit and Python's filter of warnings are those of the process.
+_OPENING = Lock()
 
 
 def load_cv2() -> ModuleType:
@@ -53,6 +60,34 @@ def load_pillow() -> ModuleType:
         message = f"photos need {error.name}: pip install 'sfmcpp[vision]'"
         raise ModuleNotFoundError(message, name=error.name) from None
     return Image
+
+
+def open_image(file: Path, data: bytes) -> Any:
+    """Pillow's image of a file's bytes, its header read; Pillow's errors are the caller's.
+
+    Raises
+    ------
+    DatasetError
+        If it has more pixels than `largest_image` allows.
+    """
+    pillow = load_pillow()
+    # Pillow's own limit warns of photos that are no attack, for all threads.
+    with _OPENING, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        before, pillow.MAX_IMAGE_PIXELS = pillow.MAX_IMAGE_PIXELS, None  # type: ignore[attr-defined]
+        try:
+            image = pillow.open(BytesIO(data))
+        finally:
+            pillow.MAX_IMAGE_PIXELS = before  # type: ignore[attr-defined]
+    require_few_pixels(file, *image.size)
+    return image
+
+
+def require_few_pixels(file: Path, width: int, height: int) -> None:
+    """Raise a DatasetError if an image has more pixels than `largest_image` allows."""
+    if width * height > (most := largest_image()):
+        size = f"{width}×{height} pixels, more than {most // 1_000_000} million"
+        raise DatasetError(file, f"has {size}: refused; {MAX_IMAGE} allows more")
 
 
 def is_picture(file: Path) -> bool:

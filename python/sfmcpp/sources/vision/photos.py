@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +11,6 @@ from hashlib import blake2b
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -28,6 +26,7 @@ from sfmcpp.sources.vision.images import (
     is_picture,
     load_cv2,
     load_pillow,
+    open_image,
     unreadable,
     where_images_are,
 )
@@ -38,8 +37,6 @@ _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
 # Pillow's modes of 16 bits a pixel; 32-bit "I" is what its older versions make of 16-bit PNG.
 _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I")
-# Filters of warnings are the process's: only one thread may change them.
-_OPENING = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -300,22 +297,16 @@ def _bytes_of(file: Path) -> bytes:
 @contextmanager
 def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
     """Pillow's image of a file's bytes, its header read; whatever goes wrong with it names the file."""
-    pillow = load_pillow()
     try:
-        image = _open_silently(pillow, data)
-    except pillow.UnidentifiedImageError:
+        image = open_image(file, data)
+    except load_pillow().UnidentifiedImageError:
         raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)") from None
+    except DatasetError:
+        raise
     except Exception as error:  # its parsers raise whatever they stumble over
         raise DatasetError(file, f"cannot be decoded: {_told(error)}") from error
     with image:
         yield image
-
-
-def _open_silently(pillow: ModuleType, data: bytes) -> Any:
-    # A photo of 100 megapixels is no attack that a user should be warned of; Pillow refuses twice as much.
-    with _OPENING, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return pillow.open(BytesIO(data))
 
 
 def _as_rgb(file: Path, image: Any) -> ColorImage:

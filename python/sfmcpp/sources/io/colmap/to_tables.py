@@ -168,4 +168,15 @@ def _names(problem: Problem, folder: Path) -> list[str]:
         if not name or name != name.strip() or any(c in name for c in "\0\r\n"):
             reason = "must not be empty, start or end with white space, or hold a line break or NUL"
             raise DatasetError(folder, f"image name {name!r} {reason}")
+        _require_unicode(name, folder)
     return names
+
+
+def _require_unicode(name: str, folder: Path) -> None:
+    """Refuse what stands for bytes that are no text, in names of files that no UTF-8 was."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise DatasetError(
+            folder, f"image name {name!r} cannot be written as UTF-8: {error.reason}"
+        ) from error
