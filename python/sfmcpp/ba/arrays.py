@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import ConstraintGroup, Problem, camera_model
+from sfmcpp.model.arrays import number_array
 from sfmcpp.model.constraints import NO_CAMERA, checked_groups
 
 _NUMBERS = ("cameras", "intrinsics", "points", "pixels", "sigma_px", "covariance_px2")
@@ -26,8 +27,10 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 
     They say where the core reads and writes, while a callback or another thread may change the caller's.
     """
-    views = {name: getattr(problem, name) for name in ("camera_model", *_NUMBERS)}
-    return views | {name: np.array(getattr(problem, name), order="C") for name in _STRUCTURE}
+    model = camera_model(problem.camera_model).name
+    views = {name: getattr(problem, name) for name in _NUMBERS}
+    copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
+    return {"camera_model": model, **views, **copies}
 
 
 def core_constraints(groups: Iterable[ConstraintGroup]) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.model import Problem
+from sfmcpp.model.checks import require_count
 
 
 def check(problem: Problem) -> list[str]:
@@ -107,5 +108,11 @@ def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.Jac
     -------
     JacobianCheck
         `entries` compared, and the `worst_error` with its `worst_observation` and `worst_parameter`.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem breaks a rule, or `max_observations` is no whole number from 0 on.
     """
+    require_count("max_observations", max_observations, at_least=0)
     return _core.check_jacobians(core_arrays(problem), max_observations)

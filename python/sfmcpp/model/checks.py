@@ -56,8 +56,10 @@ def require_fraction(name: str, value: float) -> None:
         raise InvalidArgument(f"{name} = {value}: must lie between 0 and 1")
 
 
-def require_count(name: str, value: int, at_least: int = 1) -> None:
-    """Raise InvalidArgument unless `value` is at least `at_least`."""
+def require_count(name: str, value: float, at_least: int = 1) -> None:
+    """Raise InvalidArgument unless `value` is a whole number, at least `at_least`."""
+    if not isinstance(value, int | np.integer):
+        raise InvalidArgument(f"{name} = {value!r}: must be a whole number")
     if not value >= at_least:
         raise InvalidArgument(f"{name} = {value}: must be at least {at_least}")
 
@@ -68,9 +70,9 @@ def require_seed(value: object) -> None:
         raise InvalidArgument(f"seed = {value!r}: must be an integer from 0 to {_LARGEST_SEED}")
 
 
-def require_one_of(name: str, value: str, known: Collection[str]) -> None:
+def require_one_of(name: str, value: object, known: Collection[str]) -> None:
     """Raise InvalidArgument, with all that is `known`, unless `value` is among it."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise InvalidArgument(f"{name} = {value!r}: must be one of {', '.join(known)}")
 
 

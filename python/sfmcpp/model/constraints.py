@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Sized
 from dataclasses import dataclass, field
 from unicodedata import combining
 
@@ -94,6 +94,9 @@ class ConstraintGroup:
         """
         kind = constraint_kind(self.kind)
         self.name = self.name or self.kind
+        for text in ("name", "loss"):
+            if not isinstance(getattr(self, text), str):
+                raise InvalidArgument(f"{self._label(text)} = {getattr(self, text)!r}: must be text")
         self.cameras = _cameras(self._label("cameras"), self.cameras, kind)
         count = len(self.cameras)
         self.values = self._values(kind, count)
@@ -131,6 +134,8 @@ class ConstraintGroup:
         return finite_array(self._label("values"), self.values, (count, *kind.values))
 
     def _points(self, kind: ConstraintKind, count: int) -> list[FloatArray]:
+        if not isinstance(self.points, Sized):
+            raise InvalidArgument(f"{self._label('points')} = {self.points!r}: must be a sequence of arrays")
         given = len(self.points)
         wanted = count if kind.compares_images else 0
         if given != wanted:
@@ -190,6 +195,8 @@ def constraint_kind(name: str) -> ConstraintKind:
 
 def checked_groups(groups: Iterable[object]) -> list[ConstraintGroup]:
     """All groups of a solve, each valid now; InvalidArgument if one is not, or is no group."""
+    if not isinstance(groups, Iterable):
+        raise InvalidArgument(f"constraints = {groups!r}: must be a sequence of ConstraintGroup")
     checked = []
     for number, group in enumerate(groups):
         if not isinstance(group, ConstraintGroup):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array
 
 LARGEST_INDEX = int(np.iinfo(np.int32).max) - 1
 
@@ -107,7 +107,7 @@ def image_tracks(
 
 
 def _index(name: str, value: ArrayLike, count: int) -> IndexArray:
-    array = np.asarray(value)
+    array = number_array(name, value)
     if array.shape != (count,) or (count and array.dtype.kind not in "iu"):
         raise InvalidArgument(f"{name}: {array.dtype} {array.shape}, must be {count} integers as pixels")
     if count and not (array.min() >= 0 and array.max() <= LARGEST_INDEX):
@@ -118,7 +118,7 @@ def _index(name: str, value: ArrayLike, count: int) -> IndexArray:
 def _sizes(value: ArrayLike | None, count: int) -> NDArray[np.int64]:
     if value is None:
         return np.zeros((count, 2), dtype=np.int64)
-    sizes = np.asarray(value)
+    sizes = number_array("sizes", value)
     if sizes.shape != (count, 2) or (count and (sizes.dtype.kind not in "iu" or sizes.min() < 0)):
         raise InvalidArgument(f"sizes: {sizes.dtype} {sizes.shape}, must be ({count}, 2), not negative")
     return np.ascontiguousarray(sizes, dtype=np.int64)

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, require_int32
+from sfmcpp.model.arrays import (
+    BoolArray,
+    FloatArray,
+    IndexArray,
+    index_array,
+    number_array,
+    require_int32,
+)
 from sfmcpp.model.camera_models import camera_model
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
@@ -215,8 +222,13 @@ class Problem:
         -------
         Problem
             Standard deviations or covariances are theirs; other arrays are shared.
+
+        Raises
+        ------
+        InvalidArgument
+            If a number is out of range, or a mask has another length.
         """
-        rows = np.asarray(chosen)
+        rows = _chosen(chosen, self.num_observations)
         uncertainty = self.uncertainty.of_some(rows)
         return replace(
             self,
@@ -242,9 +254,10 @@ class Problem:
 
 def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """`value` as a C-contiguous array of that dtype and shape (−1: any length), or InvalidArgument."""
-    array = np.asarray(value)
-    if array.size == 0 and array.ndim <= 1:
-        array = array.reshape([max(n, 0) for n in shape])
+    array = number_array(name, value)
+    empty = [max(n, 0) for n in shape]
+    if array.size == 0 and array.ndim <= 1 and 0 in empty:
+        array = array.reshape(empty)
     if array.dtype != dtype and not np.can_cast(array.dtype, dtype, casting="same_kind"):
         raise InvalidArgument(f"{name}: dtype {array.dtype} cannot be used as {np.dtype(dtype).name}")
     if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
@@ -253,6 +266,19 @@ def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]
     if np.dtype(dtype) == np.int32:
         require_int32(name, array)
     return np.ascontiguousarray(array, dtype=dtype)
+
+
+def _chosen(value: ArrayLike, count: int) -> NDArray[Any]:
+    """`value` as numbers from 0 to `count` − 1, or as a mask of `count` observations."""
+    rows = number_array("chosen", value)
+    if rows.dtype == np.bool_:
+        if rows.shape != (count,):
+            raise InvalidArgument(f"chosen: mask of shape {rows.shape}, must be ({count},)")
+        return rows
+    numbers = index_array("chosen", rows)
+    if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
+        raise InvalidArgument(f"chosen: must be from 0 to {count - 1}")
+    return numbers
 
 
 def _require_private_intrinsics(groups: int, cameras: int) -> None:

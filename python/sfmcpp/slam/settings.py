@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.checks import require_one_of
+from sfmcpp.model.checks import require_count, require_one_of
 from sfmcpp.weighting import WEIGHT_BOUNDS, selection_method
 
 FINAL_ADJUSTMENTS = ("auto", "on", "off")
@@ -83,8 +83,8 @@ class SlamSettings:
 
     def __post_init__(self) -> None:
         for name in ("window", "min_views", "registration_keyframes"):
-            if getattr(self, name) < 2:
-                raise InvalidArgument(f"{name} = {getattr(self, name)}: must be at least 2")
+            require_count(name, getattr(self, name), at_least=2)
+        require_count("min_inliers", self.min_inliers, at_least=6)
         if not 0 < self.keyframe_overlap < 1:
             raise InvalidArgument(f"keyframe_overlap = {self.keyframe_overlap}: must be in (0, 1)")
         for name in ("start_parallax_px", "resection_threshold_px", "outlier_px", "keyframe_parallax_px"):
@@ -94,5 +94,3 @@ class SlamSettings:
             selection_method(self.weights)
         require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)
         require_one_of("final_adjustment", self.final_adjustment, FINAL_ADJUSTMENTS)
-        if self.min_inliers < 6:
-            raise InvalidArgument(f"min_inliers = {self.min_inliers}: must be at least 6")

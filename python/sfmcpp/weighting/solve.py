@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sfmcpp.ba.adjust import Callback, adjust
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.constraints import checked_groups
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
@@ -83,6 +84,8 @@ def solve(
     """
     settings = SolveOptions(**options)
     settings.validate()
+    if callback is not None and not callable(callback):
+        raise InvalidArgument(f"callback = {callback!r}: must be callable")
     groups = checked_groups(constraints)
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
     apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]

@@ -1,0 +1,85 @@
+"""Arguments that are none end in an InvalidArgument that names them, not in whatever NumPy stumbles over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp.model import SensorStream
+from sfmcpp.model.image_tracks import image_tracks
+from sfmcpp.slam import SlamSettings
+
+RAGGED = [[1.0], [2.0, 3.0]]
+
+
+def scene() -> Problem:
+    return sfmcpp.circle_scene(5, 30, seed=0)
+
+
+def made(**changes: Any) -> Problem:
+    problem = scene()
+    return Problem(**{f.name: getattr(problem, f.name) for f in fields(Problem)} | changes)
+
+
+def solved(**changes: Any) -> None:
+    problem = scene()
+    for name, value in changes.items():
+        setattr(problem, name, value)
+    sfmcpp.solve(problem, max_iterations=1)
+
+
+def group(**changes: Any) -> ConstraintGroup:
+    return ConstraintGroup(**{"kind": "position", "cameras": [0], "values": np.zeros((1, 3))} | changes)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: made(camera_model=None), "camera_model = None: must be one of"),
+        (lambda: made(camera_model=[]), r"camera_model = \[\]: must be one of"),
+        (lambda: made(cameras=RAGGED), "cameras = .*: must be an array of numbers"),
+        (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
+        (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
+        (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
+        (
+            lambda: scene().with_observations(np.ones(3, bool)),
+            r"chosen: mask of shape \(3,\), must be \(150,\)",
+        ),
+        (lambda: scene().with_observations([150]), "chosen: must be from 0 to 149"),
+        (lambda: scene().with_observations([0.5]), "chosen: float64"),
+        (lambda: solved(camera_model=None), "camera_model = None: must be one of"),
+        (lambda: solved(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
+        (lambda: solved(points=None), "points: must be a C-contiguous array"),
+        (lambda: sfmcpp.solve(scene(), constraints=1), "constraints = 1: must be a sequence"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.solve(scene(), callback=3), "callback = 3: must be callable"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.check_jacobians(scene(), math.nan), "max_observations = nan: must be a whole number"),  # type: ignore[arg-type]
+        (lambda: group(kind=[]), r"kind = \[\]: must be one of"),
+        (lambda: group(name=3), "name.* = 3: must be text"),
+        (lambda: group(loss=None), "loss.* = None: must be text"),
+        (lambda: group(points=3), "points.* = 3: must be a sequence of arrays"),
+        (
+            lambda: image_tracks(RAGGED, [0, 0], np.zeros((2, 2))),
+            "image_index = .*: must be an array",
+        ),
+        (lambda: image_tracks([0], [0], [[1, 2]], sizes=RAGGED), "sizes = .*: must be an array of numbers"),
+        (lambda: SensorStream([0, 1], RAGGED, "velocity"), "must be an array of numbers"),
+        (lambda: SlamSettings(window=math.nan), "window = nan: must be a whole number"),  # type: ignore[arg-type]
+        (lambda: SlamSettings(window=2.5), "window = 2.5: must be a whole number"),  # type: ignore[arg-type]
+        (lambda: SlamSettings(window=None), "window = None: must be a whole number"),  # type: ignore[arg-type]
+    ],
+)
+def test_arguments_that_are_none_are_named(call: Callable[[], object], told: str) -> None:
+    with pytest.raises(InvalidArgument, match=told):
+        call()
+
+
+def test_no_observations_can_be_chosen_in_either_way() -> None:
+    for chosen in ([], np.zeros(150, dtype=bool)):
+        assert scene().with_observations(chosen).num_observations == 0
