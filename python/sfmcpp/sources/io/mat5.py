@@ -112,7 +112,7 @@ def _expanded(data: memoryview, order: str, limit: int) -> Iterator[_Element]:
         )  # some end before their checksum
         limit -= len(content)
         if limit < 0:
-            raise _Malformed(f"its variables {expands_too_far(limit + len(content))}")
+            raise _Malformed(f"its content {expands_too_far(limit + len(content))}")
         yield from _elements(memoryview(content), order)
 
 

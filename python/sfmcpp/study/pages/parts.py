@@ -42,7 +42,7 @@ def save_page(text: str, path: str | PathLike[str]) -> None:
         If the file cannot be written.
     """
     with atomic_files(Path(path)) as (stream,):
-        stream.write(text.encode("utf-8"))
+        stream.write(text.encode("utf-8", "replace"))  # names of files may be bytes that are no text
 
 
 def script(data: Any) -> str:
