@@ -1,0 +1,179 @@
+#!/usr/bin/env python3
+"""Usage: mutate_inputs.py [COUNT [SEED]]: every reader on COUNT damaged files, as a table.
+
+A damaged file is a good one with some bytes changed, left out, repeated or cut off. It may read, or be
+refused with an error of the package; anything else is a fault: it is printed with the numbers that the file
+was made from, and the program ends with 1. Files are read in processes of their own, with a limit on memory
+and on time.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy.io import savemat
+
+import sfmcpp
+from sfmcpp.errors import SfmcppError
+from sfmcpp.sources.cameras import mounting_of, read_intrinsics
+from sfmcpp.sources.io.image_tracks import read_image_tracks
+from sfmcpp.sources.io.mat import mat_variables
+from sfmcpp.sources.io.sensor_csv import read_sensor_csv
+from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.io.trajectories import read_trajectory
+from sfmcpp.sources.vision import open_frames, open_photos
+
+SECONDS, MEMORY_BYTES, BATCH = 5, 4 << 30, 200
+OUTCOMES = ("read", "refused", "raw exception", "too slow", "killed")
+Reader = Callable[[Path], object]
+
+TEXTS: dict[str, tuple[str, Reader]] = {
+    "tracks.csv": (
+        "# sfmcpp tracks\n# intrinsics: f=700 cx=300 cy=200\nt_s,frame,track,u,v\n0,0,1,2,3\n0.1,1,,,\n",
+        read_tracks,
+    ),
+    "table.txt": ("image track x y\n0 0 1 2\n1 0 3 4\n", read_image_tracks),
+    "viff.xy": ("1 2 -1 -1\n3 4 5 6\n", read_image_tracks),
+    "sensors.csv": (
+        "t [s],speed [km/h],wx [deg/s],wy [deg/s],wz [deg/s]\n0,36.1,0.1,0,-2.5\n0.04,36,,,\n0.1,30,0,0,1\n",
+        read_sensor_csv,
+    ),
+    "tum.txt": ("0 1 2 3 0 0 0 1\n1 2 3 4 0 0 0 1\n", read_trajectory),
+    "K.txt": ("700 0 600\n0 770 180\n0 0 1\n", read_intrinsics),
+    "calib.txt": ("P0: 700 0 600 0 0 700 180 0 0 0 1 0\n", read_intrinsics),
+    "mounting.txt": ("1 0 0 0\n0 1 0 0\n0 0 1 0\n", mounting_of),
+}
+PROBLEMS = ("a.txt", "a.txt.gz", "a.txt.bz2", "a.txt.xz", "a.out", "a.npz", "acams.txt", "model")
+
+
+def seeds(folder: Path) -> dict[str, tuple[Path, Reader]]:
+    """Make a good file for every reader; of several that belong together, the one that is damaged."""
+    found: dict[str, tuple[Path, Reader]] = {}
+    for name, (text, reader) in TEXTS.items():
+        (folder / name).write_text(text)
+        found[name] = folder / name, reader
+    problem = sfmcpp.circle_scene(3, 12, camera_model="bal", seed=0)
+    problem.intrinsics[:, 1:] = 0.0
+    for name in PROBLEMS:
+        sfmcpp.write(problem, folder / name)
+        path = folder / name
+        if path.is_dir():
+            for part in ("cameras.bin", "images.bin", "points3D.bin"):
+                found[f"{name}/{part}"] = path / part, lambda path: sfmcpp.read(path.parent)
+        else:
+            found[name] = path, sfmcpp.read
+    rng = np.random.default_rng(0)
+    for name, packed in (("plain.mat", False), ("packed.mat", True)):
+        savemat(folder / name, {"a": rng.random((9, 6)), "b": np.ones((2, 2))}, do_compression=packed)
+        found[name] = folder / name, lambda path: mat_variables(path, ["a", "b"])
+    pixels = Image.fromarray(rng.integers(0, 255, (24, 32), np.uint8))
+    for suffix in ("png", "jpg", "tif"):
+        content = BytesIO()
+        pixels.save(content, {"png": "PNG", "jpg": "JPEG", "tif": "TIFF"}[suffix])
+        for kind, reader in (("frames", open_first_frame), ("photos", lambda path: open_photos(path.parent))):
+            place = folder / f"{kind}_{suffix}"
+            place.mkdir()
+            (place / f"a.{suffix}").write_bytes(content.getvalue())
+            found[f"{kind}/a.{suffix}"] = place / f"a.{suffix}", reader
+    return found
+
+
+def open_first_frame(path: Path) -> object:
+    """Decode the first frame of a folder."""
+    return next(iter(open_frames(path.parent)))
+
+
+def damaged(data: bytes, seed: tuple[int, ...]) -> bytes:
+    """Change a few places of some bytes."""
+    rng = np.random.default_rng(seed)
+    result = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        at = int(rng.integers(0, len(result) + 1))
+        length = int(2 ** rng.uniform(0, 5))
+        kind = rng.integers(0, 5)
+        if kind <= 1 and at < len(result):
+            result[at] = int(rng.integers(0, 256)) if kind else result[at] ^ (1 << int(rng.integers(0, 8)))
+        elif kind == 2:
+            del result[at : at + length]
+        elif kind == 3:
+            result[at:at] = result[at : at + length]
+        elif rng.random() < 0.2:
+            del result[at:]
+    return bytes(result)
+
+
+def outcome(path: Path, reader: Reader) -> str:
+    """Read one file."""
+    signal.alarm(SECONDS)
+    try:
+        reader(path)
+    except SfmcppError:
+        return "refused"
+    except Exception as error:
+        return f"raw exception {type(error).__name__}: {error}".replace("\n", " ")
+    finally:
+        signal.alarm(0)
+    return "read"
+
+
+def in_a_child(path: Path, reader: Reader, data: bytes, numbers: range, seed: int) -> list[str]:
+    """Outcomes of some files; the last is how the process ended, if it did not live to tell of all."""
+    incoming, outgoing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        for number in numbers:
+            path.write_bytes(damaged(data, (seed, number)))
+            os.write(outgoing, f"{outcome(path, reader)}\n".encode("utf-8", "replace"))
+        os._exit(0)
+    os.close(outgoing)
+    with os.fdopen(incoming, errors="replace") as pipe:
+        told = pipe.read().splitlines()
+    status = os.waitpid(child, 0)[1]
+    if len(told) < len(numbers):
+        ended = os.WTERMSIG(status)
+        told.append("too slow" if ended == signal.SIGALRM else f"killed by signal {ended}")
+    return told
+
+
+def tried(name: str, path: Path, reader: Reader, count: int, seed: int) -> Counter[str]:
+    """Outcomes of all files of a reader, counted; faults are printed."""
+    data, totals, number = path.read_bytes(), Counter[str](), 0
+    while number < count:
+        for told in in_a_child(path, reader, data, range(number, min(number + BATCH, count)), seed):
+            kind = next(known for known in OUTCOMES if told.startswith(known))
+            totals[kind] += 1
+            if kind not in ("read", "refused"):
+                print(f"{name}, file ({seed}, {number}): {told}")
+            number += 1
+    path.write_bytes(data)
+    return totals
+
+
+def main(count: int = 1000, seed: int = 0) -> int:
+    """Print the table; 1 if there is a fault."""
+    faults = 0
+    with tempfile.TemporaryDirectory() as folder:
+        rows = []
+        for name, (path, reader) in seeds(Path(folder)).items():
+            totals = tried(name, path, reader, count, seed)
+            rows.append((name, *(str(totals[kind]) for kind in OUTCOMES)))
+            faults += sum(totals[kind] for kind in OUTCOMES[2:])
+    for row in [("file", *OUTCOMES), *rows]:
+        print("".join(f"{cell:<18}" for cell in row).rstrip())
+    return int(faults > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:3])))
