@@ -6,7 +6,7 @@ import io
 import sys
 from collections.abc import Sequence
 
-from sfmcpp.cli.exit_codes import ExitCode, tell_error
+from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.stopping import sigterm_as_ctrl_c
 
 
@@ -38,6 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except OSError as error:
         return tell_error(error)
+    except KeyboardInterrupt:  # while modules are loaded
+        tell("interrupted")
+        return ExitCode.INTERRUPTED
 
 
 def _dispatch(arguments: list[str]) -> int:

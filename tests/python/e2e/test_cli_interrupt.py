@@ -86,3 +86,10 @@ def test_a_time_limit_on_a_long_solve_stops_it_early(long_problem: Path, tmp_pat
     assert content["termination"] == "max_seconds"
     # Nothing starts after the limit: all but the last iteration ended before it.
     assert all(iteration["seconds"] < 0.2 for iteration in content["iterations"][:-1])
+
+
+def test_a_stop_while_modules_are_loaded_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    result = run("--version")
+    assert (result.returncode, result.stderr) == (130, "sfmcpp: interrupted\n")
