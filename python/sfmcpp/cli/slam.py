@@ -27,10 +27,12 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
-def _camera(text: str | None) -> tuple[float, ...] | None:
-    """Read ``f,cx,cy``, or all five intrinsics."""
+def _camera(text: str | None) -> tuple[float, ...] | Path | None:
+    """Read ``f,cx,cy``, all five intrinsics, or the path of a file."""
     if text is None:
         return None
+    if "," not in text:
+        return Path(text)
     from sfmcpp.sources.cameras import intrinsics_of
 
     try:
@@ -50,14 +52,15 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.",
+        help="A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.",
     ),
 ]
 Camera = Annotated[
     str | None,
     typer.Option(
-        metavar="F,CX,CY",
-        help="Camera of images, in pixels, or F,ASPECT,CX,CY,SKEW; else calib.txt or K.txt, with the images "
+        metavar="FILE|F,CX,CY",
+        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, Kalibr (FILE:cam1 of several) or "
+        "EuRoC; or pixels, also F,ASPECT,CX,CY,SKEW; else calib.txt, K.txt or sensor.yaml, with the images "
         "or one folder above.",
     ),
 ]

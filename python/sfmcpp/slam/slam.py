@@ -28,8 +28,8 @@ class Slam:
 
     Parameters
     ----------
-    intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)``.
+    intrinsics : (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)``; with distortion all of the model ``"perspective"``.
     settings : SlamSettings, optional
         What decides about keyframes, poses and points.
     sensors : sequence of MotionSensor

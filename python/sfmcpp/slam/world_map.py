@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model.arrays import FloatArray, IndexArray
@@ -68,13 +69,13 @@ class WorldMap(Map):
 
     Parameters
     ----------
-    intrinsics : (5,) float64
-        Of the camera.
+    intrinsics : (5,) or (12,) float64
+        Of the camera: of the model ``"calibrated"``, or ``"perspective"`` where the lens distorts.
     """
 
     def __init__(self, intrinsics: FloatArray) -> None:
-        super().__init__("calibrated")
-        self.add_cameras(intrinsics[None])
+        super().__init__("calibrated" if len(intrinsics) == PINHOLE else "perspective")
+        self.add_cameras(intrinsics[None], fixed=np.ones((1, len(intrinsics)), dtype=np.bool_))
         self.keyframes: list[Keyframe] = []
         # Number of the oldest keyframe of the part that images hold together.
         self.part_start = 0

@@ -15,7 +15,7 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import mounting_of
-from sfmcpp.sources.frames import FrameSource, TrackSequence, open_images
+from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
@@ -97,7 +97,7 @@ def open_drive(
     *,
     sensor_file: str | PathLike[str] | None = None,
     mounting: str | Path | Mounting | None = None,
-    camera: Sequence[float] | None = None,
+    camera: CameraArgument = None,
     fps: float | None = None,
     corners: str = CORNERS[0],
 ) -> Drive:
@@ -106,14 +106,14 @@ def open_drive(
     Parameters
     ----------
     path : path-like
-        A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.
+        A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.
     sensor_file : path-like, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
         Default: those that the input holds.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.cameras.mounting_of`.
         Default: what a drive tells.
-    camera : sequence of float, optional
+    camera : path-like or sequence of float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     fps : float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
@@ -164,7 +164,7 @@ def _sensors_of(drive: KittiDrive) -> _Sensors:
 
 
 def _read_input(
-    source: Path, camera: Sequence[float] | None, fps: float | None, corners: str, apart: _Sensors | None
+    source: Path, camera: CameraArgument, fps: float | None, corners: str, apart: _Sensors | None
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
     if suffix in PICTURES and not source.is_dir():
