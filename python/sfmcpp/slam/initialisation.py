@@ -20,6 +20,7 @@ from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.weighting import solve
 
@@ -211,7 +212,9 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     assert world is not None
     lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
     own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
-    scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
+    scale = metres_per_unit(part) if world.metric else None
+    if scale is None:
+        scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.
     anchor = result.poses[part.keyframes[0].frame]
     last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]

@@ -155,7 +155,7 @@ class Slam:
             return
         self._world.transform(similarity)
         self.result.path.transform(similarity)
-        self.result.metric = True
+        self._world.metric = self.result.metric = True
 
     def _correct_drift(self) -> None:
         """Bring the last keyframes back to a sensor that they have drifted from."""

@@ -100,6 +100,7 @@ def open_drive(
     camera: CameraArgument = None,
     fps: float | None = None,
     corners: str = CORNERS[0],
+    stereo: bool = False,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
@@ -119,6 +120,8 @@ def open_drive(
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     corners : str
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
+    stereo : bool
+        Whether to take what the right camera sees, too, of a KITTI drive.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def open_drive(
     source = Path(path)
     apart = None if sensor_file is None else _read_sensors(Path(sensor_file))
     try:
-        frames, truth, own = _read_input(source, camera, fps, corners, apart)
+        frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
     used = apart or own
@@ -164,11 +167,18 @@ def _sensors_of(drive: KittiDrive) -> _Sensors:
 
 
 def _read_input(
-    source: Path, camera: CameraArgument, fps: float | None, corners: str, apart: _Sensors | None
+    source: Path,
+    camera: CameraArgument,
+    fps: float | None,
+    corners: str,
+    stereo: bool,
+    apart: _Sensors | None,
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
     if suffix in PICTURES and not source.is_dir():
         raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
+    if stereo and suffix != ".mat":
+        raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if source.is_dir() or suffix in VIDEOS:
         stamps = None if apart is None else apart.image_t_s
         return *open_images(source, camera, fps, corners, stamps), _Sensors()
@@ -176,8 +186,8 @@ def _read_input(
         raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
     if suffix == ".mat":
         drive = read_kitti_mat(source)
-        sequence = TrackSequence(
-            drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics
-        )
+        right = (drive.right_px, drive.baseline_m) if stereo else ()
+        seen = (drive.frame_index, drive.track_index, drive.left_px)
+        sequence = TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
         return sequence, drive.truth, _sensors_of(drive)
     return TrackSequence(**vars(read_tracks(source))), None, _Sensors()

@@ -16,7 +16,7 @@ from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
 from sfmcpp.model import Trajectory, camera_model
 from sfmcpp.model.arrays import FloatArray, finite_array, require_increasing
 from sfmcpp.model.checks import require_positive
-from sfmcpp.model.frames import Frame, View
+from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside, read_intrinsics
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
@@ -79,6 +79,10 @@ class TrackSequence(FrameSource):
         Where the frame sees the track [px].
     intrinsics : (5,) or (12,)
         ``(f, aspect, cx, cy, skew)``; with distortion all of the model ``"perspective"``.
+    right_px : (M, 2), optional
+        Where the right camera of a rectified pair sees it [px]; not a number where it does not.
+    baseline_m : float, optional
+        How far that is beside the left one [m].
 
     Raises
     ------
@@ -94,6 +98,8 @@ class TrackSequence(FrameSource):
         track_index: ArrayLike,
         pixels: ArrayLike,
         intrinsics: ArrayLike,
+        right_px: ArrayLike | None = None,
+        baseline_m: float | None = None,
     ) -> None:
         self.t_s = finite_array("t_s", t_s, (-1,))
         require_increasing("t_s", self.t_s)
@@ -110,6 +116,7 @@ class TrackSequence(FrameSource):
             raise InvalidArgument("track_index: must not be negative")
         order = np.lexsort((tracks, frames))
         self._tracks, self._pixels, ordered = tracks[order], seen[order], frames[order]
+        self._right = None if right_px is None else _right_view(right_px, baseline_m, len(frames)).only(order)
         if ((np.diff(self._tracks) == 0) & (np.diff(ordered) == 0)).any():
             raise InvalidArgument("track_index: a frame sees a track twice")
         self._begin = np.searchsorted(ordered, np.arange(len(self.t_s) + 1))
@@ -133,7 +140,18 @@ class TrackSequence(FrameSource):
     def view(self, frame: int) -> View:
         """What `frame` sees."""
         span = slice(self._begin[frame], self._begin[frame + 1])
-        return View(self._tracks[span], self._pixels[span])
+        right = None if self._right is None else self._right.only(span)
+        return View(self._tracks[span], self._pixels[span], right)
+
+
+def _right_view(right_px: ArrayLike, baseline_m: float | None, count: int) -> RightView:
+    pixels = np.asarray(right_px, dtype=np.float64)
+    if pixels.shape != (count, 2):
+        raise InvalidArgument(f"right_px: shape {pixels.shape}, must be ({count}, 2)")
+    if baseline_m is None:
+        raise InvalidArgument("baseline_m: missing, right_px needs it")
+    require_positive("baseline_m", baseline_m)
+    return RightView(pixels, baseline_m)
 
 
 class ImageStream(FrameSource):
