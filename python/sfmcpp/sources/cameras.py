@@ -68,7 +68,7 @@ def find_intrinsics(source: Path) -> FloatArray:
         for name in CALIBRATION_FILES:
             if (place / name).is_file():
                 return read_intrinsics(place / name)
-    where = " or ".join(CALIBRATION_FILES)
+    where = f"{', '.join(CALIBRATION_FILES[:-1])} or {CALIBRATION_FILES[-1]}"
     reason = f"its camera is not known: there is no {where} beside it; give --camera FILE or F,CX,CY [px]"
     raise DatasetError(source, reason)
 
