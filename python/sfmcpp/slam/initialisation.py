@@ -36,12 +36,14 @@ _DOUBTS = 3
 _SIGMA_PX = 0.5
 # Rotations of the start that a sensor may not be off by.
 _SAME_TURN_SIGMAS = 4.0
+# Points that left and right image must tell by themselves; some will be wrong.
+_FEWEST_OF_A_PAIR = 30
 # Frames kept while the camera stands: the oldest are given up beyond.
 _PATIENCE = 1000
 
 
 class Initialiser:
-    """Looks for a frame that, with the first one, fixes the scene up to scale.
+    """Looks for a frame that, with the first one, fixes the scene up to scale; or with its own right image.
 
     Parameters
     ----------
@@ -71,6 +73,8 @@ class Initialiser:
     def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""
         self.frames = [*self.frames[-_PATIENCE:], frame]
+        if frame.view.right is not None and (world := self._map_of_pair(frame)) is not None:
+            return world
         if len(self.frames) == 1:
             self.reason = f"frame {frame.number} is alone"
             return None
@@ -86,6 +90,12 @@ class Initialiser:
             self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
             return None
         return self._map_of(before, after)
+
+    def _map_of_pair(self, frame: Frame) -> WorldMap | None:
+        """The map of a left and a right image, if they tell enough points: one keyframe, in metres."""
+        world = self._map([(frame, np.eye(3, 4))])
+        world.metric = True
+        return world if triangulate_new(world, self._settings) >= _FEWEST_OF_A_PAIR else None
 
     def _parallax_px(self, shared: int) -> float:
         """Parallax to wait for: half of it will do once tracks run out, before there are none left."""

@@ -98,8 +98,8 @@ def metres_per_unit(world: WorldMap) -> float | None:
     Each point of the map tells one: baseline over disparity is its depth. The median of the nearer half is
     taken, nearer by the map: what chooses by disparity is biased by its noise.
     """
-    if world.baseline_m is None:
-        return None
+    if world.baseline_m is None or world.metric:
+        return 1.0 if world.metric else None
     points = world.keypoint_points
     rows = np.flatnonzero((points >= 0) & np.isfinite(world.right_px[:, 0]))
     rows = rows[world.known[points[rows]]]

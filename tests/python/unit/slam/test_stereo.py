@@ -11,6 +11,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.slam import SlamResult, SlamSettings, TrackSequence, WorldMap, run_slam
+from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.mapping import adjust
 from sfmcpp.slam.stereo import metres_per_unit, with_right_views
 from sfmcpp.sources.drives import open_drive
@@ -72,6 +73,24 @@ def test_a_map_with_right_images_is_in_metres_from_start_to_end(wrong: float) ->
     result = run_slam(sequence(wrong=wrong))
     assert result.metric
     assert np.abs(scales(result) - 1).max() < 0.02
+
+
+def test_one_pair_of_images_is_enough_to_start() -> None:
+    frames = sequence()
+    world = Initialiser(INTRINSICS, SlamSettings()).try_frame(frames.frame(0))
+    assert world is not None
+    assert world.metric
+    assert [keyframe.frame for keyframe in world.keyframes] == [0]
+    known = frames.view(0).tracks[world.knows(frames.view(0).tracks)]
+    assert len(known) > 30
+    left_alone = sequence(stereo=False)
+    assert Initialiser(INTRINSICS, SlamSettings()).try_frame(left_alone.frame(0)) is None
+
+
+def test_a_pair_that_sees_next_to_nothing_starts_no_map() -> None:
+    frame = sequence().frame(0)
+    few = Frame(0, 0.0, frame.view.only(np.arange(len(frame.view.tracks)) < 20))
+    assert Initialiser(INTRINSICS, SlamSettings()).try_frame(few) is None
 
 
 def test_a_map_of_the_left_images_alone_is_in_a_unit_of_its_own() -> None:
