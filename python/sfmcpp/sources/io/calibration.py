@@ -2,7 +2,8 @@
 
 All mean ``u = fu x + cu``, ``v = fv y + cv`` after the distortion ``k1, k2, p1, p2[, k3]`` of OpenCV ("plumb
 bob", "radtan", "radial-tangential"), which the camera model ``"perspective"`` holds without loss. Other
-lenses are refused by name: images of them are to be undistorted first.
+lenses are refused by name: images of them are to be undistorted first. OpenCV's own files do not say that a
+lens is a fisheye: four numbers are always k1, k2, p1, p2.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ from sfmcpp.sources.io.files import failures_named, read_bytes
 
 DOCUMENTS = (".yaml", ".yml", ".xml")
 # OpenCV's first line, which YAML spells otherwise.
+_LARGEST_BYTES = 1 << 20
+_DEEPEST = 50
 _OPENCV_DIRECTIVE = re.compile(rb"\A%YAML:[\d.]+")
 
 
@@ -82,13 +84,20 @@ def read_document(path: Path) -> Node:
     """
     with failures_named(path):
         data = read_bytes(path)
+    if len(data) > _LARGEST_BYTES:
+        raise DatasetError(path, f"holds {len(data)} bytes: must be {_LARGEST_BYTES} at most")
     return _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)
 
 
 def _read_yaml(path: Path, data: bytes) -> Node:
     yaml = _load_yaml(path)
+    text = _OPENCV_DIRECTIVE.sub(b"", data)
     try:
-        root = yaml.compose(_OPENCV_DIRECTIVE.sub(b"", data), Loader=yaml.SafeLoader)
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):  # a few of them stand for any number of parts
+                reason = f"alias {event.anchor!r}: must be written out"
+                raise DatasetError(path, reason, event.start_mark.line + 1)
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
         return _of_yaml(path, yaml, root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -132,6 +141,8 @@ def _read_xml(path: Path, data: bytes) -> Node:
 
     def start(name: str, attributes: dict[str, str]) -> None:
         open_elements.append(_Element(parser.CurrentLineNumber))
+        if len(open_elements) > _DEEPEST:
+            raise DatasetError(path, f"nests {_DEEPEST} elements", parser.CurrentLineNumber)
 
     def end(name: str) -> None:
         done = open_elements.pop()
@@ -145,5 +156,9 @@ def _read_xml(path: Path, data: bytes) -> Node:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise DatasetError(path, f"is no XML: {expat.ErrorString(error.code)}", error.lineno) from None
+    except DatasetError:
+        raise
+    except (ValueError, LookupError) as error:  # encodings that the parser does not know
+        raise DatasetError(path, f"is no XML: {error}") from None
     (root,) = open_elements[0].parts.values()
     return root
