@@ -11,6 +11,7 @@ where no sensor is used, rigidly elsewhere. `posed` counts these frames, and `en
 last fifth of the way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then
 medians, and the last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a
 factor on the speed, lasts a fifth of the run, from its second fifth on; a blackout is in the middle.
+`--sensors none stereo` takes the right images, too; the clip has none.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ SENSORS: dict[str, list[str]] = {
     "imu": ["imu"],
     "both": ["odometer", "imu"],
 }
+# With the right camera's tracks beside the left one's.
+STEREO = {"stereo": [], "stereo, both": ["odometer", "imu"]}
 DEAD = "dead reckoning"
 MOVED_PX = 1e-6
 PROCESSES = 2
@@ -100,7 +103,8 @@ def _run(asked: tuple[str, str, int], options: Row) -> Row:
     name, label, seed = asked
     drive = with_blackout(moved(read(name), seed), options["blackout"])
     slam = dict(options["slam"])
-    setting = {"sensors": SENSORS[label], "weights": slam.pop("weights", "loo"), "slam": slam}
+    setting = {"sensors": {**SENSORS, **STEREO}[label], "weights": slam.pop("weights", "loo"), "slam": slam}
+    setting["stereo"] = label in STEREO
     result = run_setting(drive, setting, lie_of(drive, options["lie"]))
     row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
     row |= {"posed": len(result.poses), "error_m": None, "bend": None}
@@ -134,7 +138,7 @@ def _clip() -> KittiDrive:
         frame_index=np.repeat(np.arange(len(views), dtype=np.int32), [len(view.tracks) for view in views]),
         track_index=np.concatenate([view.tracks for view in views]).astype(np.int32),
         left_px=pixels,
-        right_px=pixels,
+        right_px=np.full_like(pixels, np.nan),
         truth=Trajectory(whole.truth.t_s[kept], whole.truth.poses[kept]),
     )
 
@@ -198,7 +202,7 @@ def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--drives", nargs="+", default=["tuning"])
-    parser.add_argument("--sensors", nargs="+", default=list(SENSORS), choices=list(SENSORS))
+    parser.add_argument("--sensors", nargs="+", default=list(SENSORS), choices=[*SENSORS, *STEREO])
     parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
     parser.add_argument("--slam", nargs="*", default=[], type=_assignment, metavar="NAME=VALUE")
     parser.add_argument("--lie", nargs="*", default=[], type=_assignment, metavar="bias=DEG_S|slip=FACTOR")

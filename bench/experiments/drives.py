@@ -72,7 +72,7 @@ def run_setting(drive: Drive, setting: Row, lie: Lie | None = None) -> SlamResul
     """Run SLAM with the sensors, weights and further settings of a line of a TOML file."""
     settings = SlamSettings(weights=setting.get("weights", "loo"), **setting.get("slam", {}))
     sensors = [sensor_of_drive(drive, name, lie) for name in setting["sensors"]]
-    return run_slam(sequence_of(drive), settings, sensors)
+    return run_slam(sequence_of(drive, setting.get("stereo", False)), settings, sensors)
 
 
 def against_truth(result: SlamResult, drive: Drive) -> Evaluation:

@@ -54,10 +54,13 @@ def inputs_of(experiment: Experiment) -> Iterator[Input]:
             yield Input(f"{kind} {seed}", kind, DRIVES[kind](seed=seed))
 
 
-def sequence_of(drive: Drive) -> TrackSequence:
-    """Tracks of its one camera, the left one."""
-    pixels = drive.left_px if isinstance(drive, KittiDrive) else drive.pixels
-    return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, pixels, drive.intrinsics)
+def sequence_of(drive: Drive, stereo: bool = False) -> TrackSequence:
+    """Tracks of its one camera, the left one; with `stereo` of both of KITTI's."""
+    if not isinstance(drive, KittiDrive):
+        return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.pixels, drive.intrinsics)
+    right = (drive.right_px, drive.baseline_m) if stereo else ()
+    seen = (drive.frame_index, drive.track_index, drive.left_px)
+    return TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
 
 
 def mounting_of(drive: Drive) -> Mounting:

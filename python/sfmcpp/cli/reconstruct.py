@@ -13,6 +13,7 @@ from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
 from sfmcpp.sfm.georeference import LEAST_POSITIONS
 from sfmcpp.sfm.run import METHODS as WAYS
+from sfmcpp.sources.cameras import camera_file
 from sfmcpp.sources.vision.pairs import MATCHERS
 
 METHODS = tuple(WAYS)
@@ -37,7 +38,7 @@ def _gps(text: str) -> str | Path:
 
 
 def _existing_file(text: str, option: str, others: str) -> Path:
-    if not Path(text).is_file():
+    if not camera_file(text)[0].is_file():
         raise typer.BadParameter(f"{text!r}: must be {others} or a file", param_hint=option)
     return Path(text)
 
@@ -63,9 +64,9 @@ Method = Annotated[str, choice_option(METHODS, "How images are put together")]
 Camera = Annotated[
     str,
     typer.Option(
-        metavar="K.txt|PIXELS|exif|auto",
-        help="What is known of the cameras: a file with K, a focal length in pixels, what the photos tell, "
-        "or nothing.",
+        metavar="FILE|PIXELS|exif|auto",
+        help="What is known of the cameras: a file (K.txt, calib.txt, YAML or XML of OpenCV, Kalibr, EuRoC), "
+        "a focal length in pixels, what the photos tell, or nothing.",
     ),
 ]
 Model = Annotated[str, choice_option(CAMERA_MODELS, "What is refined of a camera")]

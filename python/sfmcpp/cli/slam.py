@@ -27,16 +27,18 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
-def _camera(text: str | None) -> tuple[float, ...] | None:
-    """Read ``f,cx,cy``, or all five intrinsics."""
+def _camera(text: str | None) -> tuple[float, ...] | Path | None:
+    """Read ``f,cx,cy``, all five intrinsics, or the path of a file."""
     if text is None:
         return None
-    from sfmcpp.sources.cameras import intrinsics_of
+    from sfmcpp.sources.cameras import camera_file, intrinsics_of
 
+    if camera_file(text)[0].is_file():
+        return Path(text)
     try:
         return tuple(intrinsics_of([float(word) for word in text.split(",")]).tolist())
     except ValueError:
-        rule = f"{text!r}: must be f,cx,cy or f,aspect,cx,cy,skew in pixels, f and aspect positive"
+        rule = f"{text!r}: must be a file, f,cx,cy or f,aspect,cx,cy,skew in pixels, f and aspect positive"
         raise typer.BadParameter(rule, param_hint="'--camera'") from None
 
 
@@ -50,14 +52,15 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.",
+        help="A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.",
     ),
 ]
 Camera = Annotated[
     str | None,
     typer.Option(
-        metavar="F,CX,CY",
-        help="Camera of images, in pixels, or F,ASPECT,CX,CY,SKEW; else calib.txt or K.txt, with the images "
+        metavar="FILE|F,CX,CY",
+        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, Kalibr (FILE:cam1 of several) or "
+        "EuRoC; or pixels, also F,ASPECT,CX,CY,SKEW; else calib.txt, K.txt or sensor.yaml, with the images "
         "or one folder above.",
     ),
 ]
@@ -69,6 +72,10 @@ Fps = Annotated[
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners of images to follow")]
+Stereo = Annotated[
+    bool,
+    typer.Option("--stereo", help="Use the right images of a KITTI drive, too: the map is in metres."),
+]
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
 ]
@@ -132,6 +139,7 @@ def slam(
     camera: Camera = None,
     fps: Fps = None,
     corners: Corners = CORNERS[0],
+    stereo: Stereo = False,
     window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
     final_adjustment: Final = FINAL_ADJUSTMENTS[0],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
@@ -156,6 +164,6 @@ def slam(
         "final_adjustment": final_adjustment,
         "seed": seed,
     }
-    images = {"camera": _camera(camera), "fps": fps, "corners": corners}
+    images = {"camera": _camera(camera), "fps": fps, "corners": corners, "stereo": stereo}
     opening = {"sensor_file": sensor_file, "mounting": mounting, **images}
     return run_slam_files(source, output, settings, opening, view=view, quiet=quiet)

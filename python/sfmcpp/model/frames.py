@@ -11,6 +11,28 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 
 @dataclass(frozen=True, eq=False)
+class RightView:
+    """What the right camera of a pair sees of the tracks of the left one.
+
+    The pair is rectified: both have the same intrinsics and axes, and the right one is aside along x.
+
+    Attributes
+    ----------
+    pixels : (n, 2) float64
+        Where it sees each track [px]; not a number where it does not.
+    baseline_m : float
+        How far its centre is from that of the left one [m].
+    """
+
+    pixels: FloatArray
+    baseline_m: float
+
+    def only(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> RightView:
+        """What it sees of some of the tracks."""
+        return RightView(self.pixels[rows], self.baseline_m)
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """What one frame sees.
 
@@ -20,14 +42,17 @@ class View:
         Tracks, ascending.
     pixels : (n, 2) float64
         Where it sees them [px].
+    right : RightView, optional
+        What a second camera sees of them.
     """
 
     tracks: IndexArray
     pixels: FloatArray
+    right: RightView | None = None
 
     def only(self, mask: NDArray[np.bool_]) -> View:
         """Those of `mask` (n,)."""
-        return View(self.tracks[mask], self.pixels[mask])
+        return View(self.tracks[mask], self.pixels[mask], self.right and self.right.only(mask))
 
 
 @dataclass(frozen=True, eq=False)

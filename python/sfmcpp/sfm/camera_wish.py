@@ -14,10 +14,12 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras, cameras_of
-from sfmcpp.sources.cameras import read_intrinsics
+from sfmcpp.sources.cameras import camera_file, read_intrinsics
 
 CameraArgument = str | float | PathLike[str] | ArrayLike
-_RULE = "must be 'auto', 'exif', a focal length in pixels, a file K.txt or calib.txt, or intrinsics"
+_RULE = (
+    "must be 'auto', 'exif', a focal length in pixels, a file (K.txt, calib.txt, YAML, XML), or intrinsics"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ def _of_text(text: str) -> CameraWish:
         return _of_focal(float(text))
     except ValueError:
         path = Path(text)
-    if not path.exists():
+    if not camera_file(path)[0].exists():
         if path.suffix:
             raise DatasetError(path, "there is no such file")
         raise InvalidArgument(f"camera = {text!r}: {_RULE}")

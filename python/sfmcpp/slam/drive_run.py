@@ -110,7 +110,7 @@ def run(
     Parameters
     ----------
     source : path-like or Drive
-        A folder of undistorted images, a video, a KITTI drive (.mat) or a file of tracks; or what
+        A folder of images, a video, a KITTI drive (.mat) or a file of tracks; or what
         :func:`sfmcpp.sources.drives.open_drive` made of one.
     sensors : sequence of str
         What to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.

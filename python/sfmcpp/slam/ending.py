@@ -12,6 +12,7 @@ from sfmcpp.slam.mapping import HELD_KEYFRAMES, drop_outliers, hold_gauge
 from sfmcpp.slam.result import FinalAdjustment, SlamResult
 from sfmcpp.slam.sensing import METRIC_KINDS, PLACE_KINDS
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.stereo import RIGID, with_right_views
 from sfmcpp.weighting import solve
 
 # Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
@@ -38,10 +39,11 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         return
     placed = any(group.kind in PLACE_KINDS for group in groups)
     scaled = any(group.kind in METRIC_KINDS for group in groups)
-    hold_gauge(local, 0 if placed else 1 if scaled else HELD_KEYFRAMES)
+    hold_gauge(local, 0 if placed else 1 if scaled or world.stereo else HELD_KEYFRAMES)
+    both = with_right_views(world, local)
     summary = solve(
-        local.problem,
-        constraints=groups,
+        both.problem,
+        constraints=[*groups, *both.rigid],
         loss="cauchy",
         loss_scale_px=_LOSS_PX,
         max_iterations=50,
@@ -50,7 +52,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     result.final = replace(done, kept=done.improved or settings.final_adjustment == "on")
     if result.final.kept:
         before = world.poses.copy()
-        world.take(local)
+        both.take()
         drop_outliers(world, local, settings)
         result.path.follow(before)
 
@@ -59,4 +61,5 @@ def _judged(summary: Summary) -> FinalAdjustment:
     sensors = {name: (float(a), float(b)) for name, (a, b) in summary.constraint_costs.items()}
     sums = np.array(list(sensors.values())).reshape(-1, 2).sum(axis=0)
     pixels = (float(summary.initial_cost - sums[0]), float(summary.final_cost - sums[1]))
+    sensors.pop(RIGID, None)
     return FinalAdjustment(False, pixels, sensors)

@@ -54,7 +54,7 @@ def fuse(
     seen = _inliers(world, view, pose, settings)
     if len(seen.tracks) < _FEWEST:
         return Fused(pose, usual_weights(world, measurements))
-    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics[0])
+    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics[0], world.camera_model)
     previous = world.keyframes[-1].pose
     methods = [_method(m, settings) for m in measurements]
     constraints = [_constraint(m, previous) for m in measurements]

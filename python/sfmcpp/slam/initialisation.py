@@ -20,6 +20,7 @@ from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.weighting import solve
 
@@ -35,16 +36,18 @@ _DOUBTS = 3
 _SIGMA_PX = 0.5
 # Rotations of the start that a sensor may not be off by.
 _SAME_TURN_SIGMAS = 4.0
+# Points that left and right image must tell by themselves; some will be wrong.
+_FEWEST_OF_A_PAIR = 30
 # Frames kept while the camera stands: the oldest are given up beyond.
 _PATIENCE = 1000
 
 
 class Initialiser:
-    """Looks for a frame that, with the first one, fixes the scene up to scale.
+    """Looks for a frame that, with the first one, fixes the scene up to scale; or with its own right image.
 
     Parameters
     ----------
-    intrinsics : (5,) float64
+    intrinsics : (5,) or (12,) float64
         Of the camera.
     settings : SlamSettings
         Thresholds and seed.
@@ -70,6 +73,8 @@ class Initialiser:
     def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""
         self.frames = [*self.frames[-_PATIENCE:], frame]
+        if frame.view.right is not None and (world := self._map_of_pair(frame)) is not None:
+            return world
         if len(self.frames) == 1:
             self.reason = f"frame {frame.number} is alone"
             return None
@@ -85,6 +90,12 @@ class Initialiser:
             self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
             return None
         return self._map_of(before, after)
+
+    def _map_of_pair(self, frame: Frame) -> WorldMap | None:
+        """The map of a left and a right image, if they tell enough points: one keyframe, in metres."""
+        world = self._map([(frame, np.eye(3, 4))])
+        world.metric = True
+        return world if triangulate_new(world, self._settings) >= _FEWEST_OF_A_PAIR else None
 
     def _parallax_px(self, shared: int) -> float:
         """Parallax to wait for: half of it will do once tracks run out, before there are none left."""
@@ -211,7 +222,9 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     assert world is not None
     lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
     own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
-    scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
+    scale = metres_per_unit(part) if world.metric else None
+    if scale is None:
+        scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.
     anchor = result.poses[part.keyframes[0].frame]
     last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]

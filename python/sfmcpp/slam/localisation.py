@@ -89,7 +89,7 @@ class Follower:
 
     Parameters
     ----------
-    intrinsics : (5,) float64
+    intrinsics : (5,) or (12,) float64
         Of the camera.
     settings : SlamSettings
         Thresholds and seed.

@@ -15,6 +15,7 @@ from sfmcpp.sensors import Registration, register_by_distances, register_by_pose
 from sfmcpp.slam.sensing import Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 
 # What the scale may be off before positions count: with less of a way the map would be stretched by noise.
@@ -32,7 +33,8 @@ _UP = np.array([0.0, 0.0, 1.0])
 def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Similarity | None:
     """Find what brings the map into the sensors' world, world_from_map.
 
-    Poses decide, else positions, else distances: a map in metres alone could not take positions later.
+    Poses decide, else positions, else right images, else distances: a map in metres alone could not take
+    positions later.
 
     Parameters
     ----------
@@ -48,7 +50,11 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     Similarity or None
         None as long as there are too few keyframes, or they do not tell it.
     """
-    found = _fitted(_way_of(sensors), world.keyframes, sensors, settings.registration_keyframes)
+    way = _way_of(sensors)
+    scale = metres_per_unit(world) if way in (None, _by_distances) else None
+    if scale is not None:
+        return Similarity(scale, np.eye(3), np.zeros(3))
+    found = _fitted(way, world.keyframes, sensors, settings.registration_keyframes)
     return None if found is None else found.similarity
 
 

@@ -28,8 +28,8 @@ class Slam:
 
     Parameters
     ----------
-    intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)``.
+    intrinsics : (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)``; with distortion all of the model ``"perspective"``.
     settings : SlamSettings, optional
         What decides about keyframes, poses and points.
     sensors : sequence of MotionSensor
@@ -155,7 +155,7 @@ class Slam:
             return
         self._world.transform(similarity)
         self.result.path.transform(similarity)
-        self.result.metric = True
+        self._world.metric = self.result.metric = True
 
     def _correct_drift(self) -> None:
         """Bring the last keyframes back to a sensor that they have drifted from."""

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.map import LocalProblem, Map
+from sfmcpp.map.table import Table
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.sensing import Measurement
@@ -68,16 +70,36 @@ class WorldMap(Map):
 
     Parameters
     ----------
-    intrinsics : (5,) float64
-        Of the camera.
+    intrinsics : (5,) or (12,) float64
+        Of the camera: of the model ``"calibrated"``, or ``"perspective"`` where the lens distorts.
+
+    Attributes
+    ----------
+    metric : bool
+        Whether its unit is the metre.
+    baseline_m : float or None
+        How far the right camera is beside the left one [m]; None where there is none.
     """
 
     def __init__(self, intrinsics: FloatArray) -> None:
-        super().__init__("calibrated")
-        self.add_cameras(intrinsics[None])
+        super().__init__("calibrated" if len(intrinsics) == PINHOLE else "perspective")
+        self.add_cameras(intrinsics[None], fixed=np.ones((1, len(intrinsics)), dtype=np.bool_))
         self.keyframes: list[Keyframe] = []
+        self.metric = False
+        self.baseline_m: float | None = None
+        self._right = Table(pixels=(np.float64, (2,), np.nan))
         # Number of the oldest keyframe of the part that images hold together.
         self.part_start = 0
+
+    @property
+    def stereo(self) -> bool:
+        """Whether right images tell its scale: it is in metres, and there are some."""
+        return self.metric and self.baseline_m is not None
+
+    @property
+    def right_px(self) -> FloatArray:
+        """(K, 2) where the right image sees what each keypoint sees [px]; not a number where it does not."""
+        return self._right["pixels"]
 
     def knows(self, tracks: IndexArray) -> NDArray[np.bool_]:
         """(n,) whether each of the `tracks` (n,) has a point."""
@@ -94,6 +116,9 @@ class WorldMap(Map):
         self._make_room(int(view.tracks.max(initial=-1)) + 1)
         name, count = f"frame_{frame.number:06d}", len(view.tracks)
         (image,) = self.add_images([name], [0], [count], view.pixels, points=view.tracks, poses=pose[None])
+        self._right.grow(count, pixels=None if view.right is None else view.right.pixels)
+        if view.right is not None:
+            self.baseline_m = view.right.baseline_m
         self.keyframes.append(Keyframe(self, int(image), frame.number, frame.t_s, list(constraints)))
         return self.keyframes[-1]
 
@@ -110,6 +135,7 @@ class WorldMap(Map):
         self.part_start = len(self.keyframes)
         self._make_room(len(part.points))
         self.join(part, similarity, cameras=[0], points=np.arange(len(part.points)))
+        self._right.grow(len(part.right_px), pixels=part.right_px)
         for keyframe in part.keyframes:
             image = self.part_start + keyframe.image
             self.keyframes.append(Keyframe(self, image, keyframe.frame, keyframe.t_s, keyframe.constraints))
@@ -137,5 +163,10 @@ class WorldMap(Map):
         return self.local_problem(np.arange(first, self.num_images), np.arange(max(first - 1, 0), first))
 
     def triangulation(self, last: int) -> LocalProblem:
-        """Make the problem of the tracks without a point that two or more of the `last` keyframes see."""
-        return self.untriangulated(np.arange(max(self.num_images - last, self.part_start), self.num_images))
+        """Make the problem of the tracks without a point that two or more of the `last` keyframes see.
+
+        Where there are right images, one will do.
+        """
+        least = 1 if self.stereo else 2
+        first = max(self.num_images - last, self.part_start)
+        return self.untriangulated(np.arange(first, self.num_images), least)

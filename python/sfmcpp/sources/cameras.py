@@ -3,7 +3,8 @@
 ``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
 one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
 alone.
-``K.txt`` holds a 3×3 calibration matrix.
+``K.txt`` holds a 3×3 calibration matrix. YAML and XML are of OpenCV, Kalibr or EuRoC, and may have
+distortion; EuRoC's ``sensor.yaml`` lies one folder above the images.
 """
 
 from __future__ import annotations
@@ -15,12 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting
+from sfmcpp.sources.io.calibration import read_calibration
+from sfmcpp.sources.io.documents import DOCUMENTS
 from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 from sfmcpp.sources.io.number_text import NumberText
 
-CALIBRATION_FILES = ("calib.txt", "K.txt")
+CALIBRATION_FILES = ("calib.txt", "K.txt", "sensor.yaml")
 _PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
 
 
@@ -51,8 +56,8 @@ def find_intrinsics(source: Path) -> FloatArray:
 
     Returns
     -------
-    (5,) float64
-        ``(f, aspect, cx, cy, skew)`` in pixels.
+    (5,) or (12,) float64
+        See :func:`read_intrinsics`.
 
     Raises
     ------
@@ -63,26 +68,47 @@ def find_intrinsics(source: Path) -> FloatArray:
         for name in CALIBRATION_FILES:
             if (place / name).is_file():
                 return read_intrinsics(place / name)
-    where = " or ".join(CALIBRATION_FILES)
-    reason = f"its camera is not known: there is no {where} beside it; give --camera F,CX,CY in pixels"
+    where = f"{', '.join(CALIBRATION_FILES[:-1])} or {CALIBRATION_FILES[-1]}"
+    reason = f"its camera is not known: there is no {where} beside it; give --camera FILE or F,CX,CY [px]"
     raise DatasetError(source, reason)
 
 
 def read_intrinsics(path: Path) -> FloatArray:
-    """Read ``(f, aspect, cx, cy, skew)`` (5,) from a file named ``calib.txt`` or ``K.txt``."""
+    """Read a camera from ``calib.txt``, ``K.txt``, or a file of OpenCV, Kalibr or EuRoC (YAML or XML).
+
+    Parameters
+    ----------
+    path : Path
+        The file; with ``:cam1`` behind it the camera of that name, of a file that holds several.
+
+    Returns
+    -------
+    (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)`` in pixels, and with distortion all of the model ``"perspective"``.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, holds no camera, or one with a lens that the model does not hold.
+    """
+    file, camera = camera_file(path)
+    if file.suffix.lower() in DOCUMENTS:
+        return pinhole_rows(read_calibration(file, camera))
     with failures_named(path):
         data = read_bytes(path)
     matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
-    (f, skew, cx), (zero, fv, cy), last = matrix = matrices[0].tolist()
-    if not (f > 0 and fv > 0 and zero == 0 and last == [0, 0, 1]):
-        rule = "must be [[fu, skew, cu], [0, fv, cv], [0, 0, 1]], fu and fv positive"
-        raise DatasetError(path, f"the calibration matrix is {matrix}: {rule}")
-    try:
-        return intrinsics_of([f, fv / f, cx, cy, skew])
-    except InvalidArgument as error:
-        raise DatasetError(path, str(error)) from error
+    if (fault := matrix_fault(matrices[0])) is not None:
+        raise DatasetError(path, fault)
+    return pinhole_of_matrix(matrices[0])
+
+
+def camera_file(path: str | Path) -> tuple[Path, str]:
+    """Split what follows the last colon from a path: the name of a camera, if the rest is YAML or XML."""
+    file, colon, name = str(path).rpartition(":")
+    named = colon and Path(file).suffix.lower() in DOCUMENTS
+    return (Path(file), name) if named else (Path(path), "")
 
 
 def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:

@@ -15,7 +15,7 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import mounting_of
-from sfmcpp.sources.frames import FrameSource, TrackSequence, open_images
+from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
@@ -97,28 +97,31 @@ def open_drive(
     *,
     sensor_file: str | PathLike[str] | None = None,
     mounting: str | Path | Mounting | None = None,
-    camera: Sequence[float] | None = None,
+    camera: CameraArgument = None,
     fps: float | None = None,
     corners: str = CORNERS[0],
+    stereo: bool = False,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
     Parameters
     ----------
     path : path-like
-        A folder of undistorted images or a video; or tracks: a KITTI drive (.mat), or a text file.
+        A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.
     sensor_file : path-like, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
         Default: those that the input holds.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.cameras.mounting_of`.
         Default: what a drive tells.
-    camera : sequence of float, optional
+    camera : path-like or sequence of float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     fps : float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     corners : str
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
+    stereo : bool
+        Whether to take what the right camera sees, too, of a KITTI drive.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def open_drive(
     source = Path(path)
     apart = None if sensor_file is None else _read_sensors(Path(sensor_file))
     try:
-        frames, truth, own = _read_input(source, camera, fps, corners, apart)
+        frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
     used = apart or own
@@ -164,11 +167,18 @@ def _sensors_of(drive: KittiDrive) -> _Sensors:
 
 
 def _read_input(
-    source: Path, camera: Sequence[float] | None, fps: float | None, corners: str, apart: _Sensors | None
+    source: Path,
+    camera: CameraArgument,
+    fps: float | None,
+    corners: str,
+    stereo: bool,
+    apart: _Sensors | None,
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
     if suffix in PICTURES and not source.is_dir():
         raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
+    if stereo and suffix != ".mat":
+        raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if source.is_dir() or suffix in VIDEOS:
         stamps = None if apart is None else apart.image_t_s
         return *open_images(source, camera, fps, corners, stamps), _Sensors()
@@ -176,8 +186,8 @@ def _read_input(
         raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
     if suffix == ".mat":
         drive = read_kitti_mat(source)
-        sequence = TrackSequence(
-            drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics
-        )
+        right = (drive.right_px, drive.baseline_m) if stereo else ()
+        seen = (drive.frame_index, drive.track_index, drive.left_px)
+        sequence = TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
         return sequence, drive.truth, _sensors_of(drive)
     return TrackSequence(**vars(read_tracks(source))), None, _Sensors()

@@ -5,17 +5,19 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model import Trajectory
+from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
+from sfmcpp.model import Trajectory, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, index_array, require_increasing
 from sfmcpp.model.checks import require_positive
-from sfmcpp.model.frames import Frame, View
-from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside
+from sfmcpp.model.frames import Frame, RightView, View
+from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside, read_intrinsics
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -25,8 +27,10 @@ _FOLDER_FPS = 10.0
 _TIMES = "times.txt"
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
+_DISTORTED = len(camera_model("perspective").intrinsics)
 
 TimeOf = Callable[[int], float]
+CameraArgument = str | PathLike[str] | Sequence[float] | None
 
 
 class FrameSource(ABC):
@@ -34,8 +38,8 @@ class FrameSource(ABC):
 
     Attributes
     ----------
-    intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)`` of the camera.
+    intrinsics : (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)`` of the camera; with distortion all of the model ``"perspective"``.
     num_tracks : int
         Tracks met so far.
     corners : str or None
@@ -75,8 +79,12 @@ class TrackSequence(FrameSource):
         than 100,000, tracks are numbered anew, in the order of their numbers.
     pixels : (M, 2)
         Where the frame sees the track [px].
-    intrinsics : (5,)
-        ``(f, aspect, cx, cy, skew)``.
+    intrinsics : (5,) or (12,)
+        ``(f, aspect, cx, cy, skew)``; with distortion all of the model ``"perspective"``.
+    right_px : (M, 2), optional
+        Where the right camera of a rectified pair sees it [px]; not a number where it does not.
+    baseline_m : float, optional
+        How far that is beside the left one [m].
 
     Raises
     ------
@@ -92,10 +100,13 @@ class TrackSequence(FrameSource):
         track_index: ArrayLike,
         pixels: ArrayLike,
         intrinsics: ArrayLike,
+        right_px: ArrayLike | None = None,
+        baseline_m: float | None = None,
     ) -> None:
         self.t_s = finite_array("t_s", t_s, (-1,))
         require_increasing("t_s", self.t_s)
-        self.intrinsics = finite_array("intrinsics", intrinsics, (5,))
+        width = _DISTORTED if np.shape(intrinsics) == (_DISTORTED,) else PINHOLE
+        self.intrinsics = pinhole_rows(finite_array("intrinsics", intrinsics, (width,)))
         frames = index_array("frame_index", frame_index)
         tracks = index_array("track_index", track_index)
         seen = finite_array("pixels", pixels, (len(frames), 2))
@@ -108,6 +119,7 @@ class TrackSequence(FrameSource):
         tracks = _numbered_densely(tracks)
         order = np.lexsort((tracks, frames))
         self._tracks, self._pixels, ordered = tracks[order], seen[order], frames[order]
+        self._right = None if right_px is None else _right_view(right_px, baseline_m, len(frames)).only(order)
         if ((np.diff(self._tracks) == 0) & (np.diff(ordered) == 0)).any():
             raise InvalidArgument("track_index: a frame sees a track twice")
         self._begin = np.searchsorted(ordered, np.arange(len(self.t_s) + 1))
@@ -131,7 +143,18 @@ class TrackSequence(FrameSource):
     def view(self, frame: int) -> View:
         """What `frame` sees."""
         span = slice(self._begin[frame], self._begin[frame + 1])
-        return View(self._tracks[span], self._pixels[span])
+        right = None if self._right is None else self._right.only(span)
+        return View(self._tracks[span], self._pixels[span], right)
+
+
+def _right_view(right_px: ArrayLike, baseline_m: float | None, count: int) -> RightView:
+    pixels = np.asarray(right_px, dtype=np.float64)
+    if pixels.shape != (count, 2):
+        raise InvalidArgument(f"right_px: shape {pixels.shape}, must be ({count}, 2)")
+    if baseline_m is None:
+        raise InvalidArgument("baseline_m: missing, right_px needs it")
+    require_positive("baseline_m", baseline_m)
+    return RightView(pixels, baseline_m)
 
 
 class ImageStream(FrameSource):
@@ -141,8 +164,8 @@ class ImageStream(FrameSource):
     ----------
     images : Frames
         A folder or a video.
-    intrinsics : (5,) float64
-        ``(f, aspect, cx, cy, skew)``.
+    intrinsics : (5,) or (12,) float64
+        ``(f, aspect, cx, cy, skew)``; with distortion all of the model ``"perspective"``.
     time_of : callable
         Time of the image of that number [s].
     settings : KltSettings
@@ -189,23 +212,24 @@ class ImageStream(FrameSource):
 
 def open_images(
     source: Path,
-    camera: Sequence[float] | None = None,
+    camera: CameraArgument = None,
     fps: float | None = None,
     corners: str = CORNERS[0],
     stamps: FloatArray | None = None,
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image is looked at, and no other.
 
-    The images are taken to be free of distortion. The truth is ``poses.txt``, with the images or one folder
+    The truth is ``poses.txt``, with the images or one folder
     above, where there is one.
 
     Parameters
     ----------
     source : Path
         The folder or the video.
-    camera : sequence of float, optional
-        ``(f, cx, cy)`` or ``(f, aspect, cx, cy, skew)`` in pixels. Default: ``calib.txt`` or ``K.txt``, with
-        the images or one folder above.
+    camera : path-like or sequence of float, optional
+        A file of :func:`sfmcpp.sources.cameras.read_intrinsics`, or ``(f, cx, cy)`` or ``(f, aspect, cx, cy,
+        skew)`` in pixels, free of distortion. Default: ``calib.txt``, ``K.txt`` or ``sensor.yaml``, with the
+        images or one folder above.
     fps : float, optional
         Images per second.
     corners : str
@@ -232,11 +256,17 @@ def open_images(
     """
     settings = KltSettings(corners=corners)
     images = open_frames(source)
-    intrinsics = find_intrinsics(source) if camera is None else intrinsics_of(camera)
+    intrinsics = _intrinsics(source, camera)
     time_of = _time_of(images, fps, stamps)
     truth = _truth(images, time_of)
     _require_principal_point_inside(images, intrinsics)
     return ImageStream(images, intrinsics, time_of, settings), truth
+
+
+def _intrinsics(source: Path, camera: CameraArgument) -> FloatArray:
+    if camera is None:
+        return find_intrinsics(source)
+    return read_intrinsics(Path(camera)) if isinstance(camera, (str, PathLike)) else intrinsics_of(camera)
 
 
 def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> TimeOf:
@@ -315,7 +345,7 @@ def _require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
 
 
 def _require_principal_point_inside(images: Frames, intrinsics: FloatArray) -> None:
-    _, _, cx, cy, _ = intrinsics
+    cx, cy = intrinsics[2:4]
     height, width = next(iter(images)).shape
     if not (0 < cx < width and 0 < cy < height):
         size = f"{width}×{height}"

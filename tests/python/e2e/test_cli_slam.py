@@ -160,7 +160,10 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv", *OUT, "--corners", "harris"], "camera, fps, corners: are for images"),
         (["drive.csv", *OUT, "--corners", "fast"], "'fast' is unknown; choose one of shi-tomasi, harris"),
         (["drive.csv", *OUT, "--camera", "700,0,600"], "camera, fps, corners: are for images"),
-        (["drive.csv", *OUT, "--camera", "700,600"], "'700,600': must be f,cx,cy or f,aspect,cx,cy,skew"),
+        (
+            ["drive.csv", *OUT, "--camera", "700,600"],
+            "'700,600': must be a file, f,cx,cy or f,aspect,cx,cy,skew",
+        ),
         (["drive.csv", *OUT, "--fps", "0"], "0.0: must be positive"),
         (["broken.csv", *OUT], "broken.csv:4: 'x' is not a finite number"),
         (["drive.csv", "-o", "broken.csv"], "broken.csv: is a file, a folder is wanted"),

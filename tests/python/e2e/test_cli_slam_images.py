@@ -68,7 +68,7 @@ def test_a_video_is_followed_at_its_own_rate(tmp_path: Path, data_dir: Path) -> 
 @pytest.mark.parametrize(
     ("file", "content", "options", "told"),
     [
-        (None, "", [], "there is no calib.txt or K.txt beside it; give --camera"),
+        (None, "", [], "there is no calib.txt, K.txt or sensor.yaml beside it; give --camera"),
         (None, "", ["--camera", "90,200,20"], "principal point (200, 20) lies outside of the images of 64"),
         ("K.txt", "90 0 32 0 90 24", [], "K.txt: holds 6 numbers: must be 9"),
         ("images/bad.png", "text", ["--camera", "90,32,24"], "bad.png: is no image that can be decoded"),

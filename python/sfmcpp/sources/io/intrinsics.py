@@ -18,6 +18,23 @@ BAL = camera_model("bal").intrinsics
 _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 
 
+def matrix_fault(matrix: FloatArray) -> str | None:
+    """What keeps a matrix (3, 3) from being the calibration matrix of a camera, or None."""
+    (fu, _, _), (zero, fv, _), last = matrix
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        aspect = np.float64(fv) / np.float64(fu)
+    if fu > 0 and fv > 0 and 0 < aspect < np.inf and zero == 0 and np.array_equal(last, [0, 0, 1]):
+        return None
+    rule = "must be [[fu, skew, cu], [0, fv, cv], [0, 0, 1]], fu, fv and their ratio positive and finite"
+    return f"the calibration matrix is {matrix.tolist()}: {rule}"
+
+
+def pinhole_of_matrix(matrix: FloatArray) -> FloatArray:
+    """``(f, aspect, cx, cy, skew)`` (5,) of a calibration matrix (3, 3)."""
+    (fu, skew, cu), (_, fv, cv), _ = matrix
+    return np.array([fu, fv / fu, cu, cv, skew])
+
+
 def perspective_columns(*names: str) -> list[int]:
     """Columns of the named parameters in the perspective model."""
     return [PERSPECTIVE.index(name) for name in names]

@@ -19,7 +19,7 @@ from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.checks import LARGEST_COUNT
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
+from sfmcpp.sources.io.intrinsics import fixed_but, matrix_fault, perspective_columns, perspective_rows
 from sfmcpp.sources.io.number_text import NumberText
 
 SUFFIX = ".camera"
@@ -78,10 +78,8 @@ def _numbers(path: Path) -> FloatArray:
             f"holds {len(text.values)} numbers: must be {_NUMBERS} (K, three radial coefficients, rotation, "
             "centre, width and height)",
         )
-    (f, _, _), (zero, fv, _), last = matrix = text.values[_MATRIX].reshape(3, 3)
-    if not (f > 0 and fv > 0 and zero == 0 and np.array_equal(last, [0, 0, 1])):
-        rule = "must be [[fu, skew, cu], [0, fv, cv], [0, 0, 1]], fu and fv positive"
-        raise text.error(f"the calibration matrix is {matrix.tolist()}: {rule}", _MATRIX.start)
+    if (fault := matrix_fault(text.values[_MATRIX].reshape(3, 3))) is not None:
+        raise text.error(fault, _MATRIX.start)
     if not is_rotation(text.values[_ROTATION].reshape(3, 3), PRINTED_ROTATION_TOLERANCE):
         raise text.error("the nine numbers from here are no rotation matrix", _ROTATION.start)
     text.integers(_SIZE, "image size", 1, LARGEST_COUNT)

@@ -1,0 +1,114 @@
+"""Right images of a rectified pair: further views of points, each held one baseline beside its left one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.geometry.pinhole import to_normalised
+from sfmcpp.map import LocalProblem
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.slam.world_map import WorldMap
+
+RIGID = "stereo"
+# What the entries of a right camera's pose beside the left one may be off [m and rad]: less than images tell.
+# Damping goes with the diagonal of JᵀJ: pairs that are ten times as stiff hardly move within ten steps.
+_RIGID_SIGMA = 1e-4
+# Fewest points that tell the scale of a map.
+_FEWEST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class StereoProblem:
+    """Part of a map with what right images see of it.
+
+    Attributes
+    ----------
+    world : WorldMap
+        The map.
+    local : LocalProblem
+        The part, with the left images alone.
+    problem : Problem
+        The same with the right cameras and their observations behind the left ones; where there are none, the
+        problem of `local` itself.
+    rows : (m,) int
+        Keypoint of the left image that belongs to each observation of a right one.
+    rigid : list of ConstraintGroup
+        What holds each right camera beside its left one.
+    """
+
+    world: WorldMap
+    local: LocalProblem
+    problem: Problem
+    rows: IndexArray = field(default_factory=lambda: np.empty(0, dtype=np.int32))
+    rigid: list[ConstraintGroup] = field(default_factory=list)
+
+    def take(self) -> None:
+        """Let the map take over what has moved."""
+        left = self.local.problem
+        left.cameras[:] = self.problem.cameras[: left.num_cameras]
+        left.points[:] = self.problem.points
+        self.world.take(self.local)
+
+    def drop(self, outliers: BoolArray, min_views: int) -> None:
+        """Forget the observations `outliers` (M,), and where points with too few views of both sides are."""
+        num_left = len(self.local.rows)
+        self.world.right_px[self.rows[outliers[num_left:]]] = np.nan
+        self.world.forget(self.local.rows[outliers[:num_left]])
+        views = np.bincount(self.problem.point_index[~outliers], minlength=self.problem.num_points)
+        self.world.points[self.local.points[views < min_views]] = np.nan
+
+
+def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
+    """Add the right images of a part of a map; none before the map is in metres."""
+    left = local.problem
+    seen = np.isfinite(world.right_px[local.rows, 0])
+    if world.baseline_m is None or not world.stereo or not seen.any():
+        return StereoProblem(world, local, left)
+    pairs, camera_index = np.unique(left.camera_index[seen], return_inverse=True)
+    beside = np.eye(3, 4)
+    beside[0, 3] = world.baseline_m
+    right = left.cameras[pairs]
+    right[:, :, 3] += right[:, :, 0] * world.baseline_m
+    rows = local.rows[seen]
+    problem = Problem(
+        left.camera_model,
+        np.concatenate([left.cameras, right]),
+        left.intrinsics,
+        left.points,
+        np.concatenate([left.camera_index, left.num_cameras + camera_index]).astype(np.int32),
+        np.concatenate([left.point_index, left.point_index[seen]]),
+        np.concatenate([left.pixels, world.right_px[rows]]),
+        intrinsics_index=np.concatenate([left.intrinsics_index, left.intrinsics_index[pairs]]),
+        fixed_cameras=np.concatenate([left.fixed_cameras, left.fixed_cameras[pairs]]),
+        fixed_intrinsics=left.fixed_intrinsics,
+    )
+    tied = np.flatnonzero(~left.fixed_cameras[pairs])
+    cameras = np.column_stack([pairs[tied], left.num_cameras + tied]).astype(np.int32)
+    values, weight = np.tile(beside, (len(tied), 1, 1)), beside.size / _RIGID_SIGMA**2
+    rigid = ConstraintGroup("displacement-pose", cameras, values, weight=weight, name=RIGID)
+    return StereoProblem(world, local, problem, rows, [rigid])
+
+
+def metres_per_unit(world: WorldMap) -> float | None:
+    """Length of the unit of a map in metres, by the right images; None where they say too little.
+
+    Each point of the map tells one: baseline over disparity is its depth. The median of the nearer half is
+    taken, nearer by the map: what chooses by disparity is biased by its noise.
+    """
+    if world.baseline_m is None or world.metric:
+        return 1.0 if world.metric else None
+    points = world.keypoint_points
+    rows = np.flatnonzero((points >= 0) & np.isfinite(world.right_px[:, 0]))
+    rows = rows[world.known[points[rows]]]
+    if len(rows) < _FEWEST:
+        return None
+    poses = world.poses[world.keypoint_images[rows]]
+    depth = np.einsum("ni,ni->n", world.points[points[rows]] - poses[:, :, 3], poses[:, :, 2])
+    intrinsics = world.intrinsics[0]
+    x_left, x_right = (to_normalised(px[rows], intrinsics)[:, 0] for px in (world.keypoints, world.right_px))
+    near = depth <= np.median(depth)
+    inverse = float(np.median(((x_left - x_right) * depth)[near])) / world.baseline_m
+    return 1 / inverse if inverse > 0 else None

@@ -1,0 +1,137 @@
+"""Cameras as programs that calibrate them write them: OpenCV (and ROS), Kalibr, EuRoC.
+
+All mean ``u = fu x + cu``, ``v = fv y + cv`` after the distortion ``k1, k2, p1, p2[, k3]`` of OpenCV ("plumb
+bob", "radtan", "radial-tangential"), which the camera model ``"perspective"`` holds without loss. Other
+lenses are refused by name: images of them are to be undistorted first. OpenCV's own files do not say that a
+lens is a fisheye: four numbers are always k1, k2, p1, p2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.documents import Node, read_document
+from sfmcpp.sources.io.intrinsics import (
+    matrix_fault,
+    perspective_columns,
+    perspective_rows,
+    pinhole_of_matrix,
+)
+
+_MATRIX = ("camera_matrix", "cameraMatrix", "K")
+_OPENCV_DISTORTION = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")
+_COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
+# Names that the programs have for one and the same lens, and for none.
+_RADIAL_TANGENTIAL = ("radtan", "radial-tangential", "plumb_bob")
+_NONE = ("none", "")
+# OpenCV's order; what follows belongs to lenses that the camera model does not hold.
+_ORDER = ("k1", "k2", "p1", "p2", "k3")
+
+
+def read_calibration(path: Path, camera: str = "") -> FloatArray:
+    """Read a camera.
+
+    Parameters
+    ----------
+    path : Path
+        A YAML or XML file of OpenCV with ``camera_matrix`` and ``distortion_coefficients`` (or ``K`` and
+        ``D``), a camera chain of Kalibr, or a ``sensor.yaml`` of EuRoC.
+    camera : str
+        Which one of a file that holds several: ``"cam1"``.
+
+    Returns
+    -------
+    (12,) float64
+        Intrinsics of the camera model ``"perspective"``.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, holds no such camera, or one with another lens.
+    """
+    root = read_document(path)
+    chosen = _chosen(root, camera)
+    matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
+    return _intrinsics(matrix, distortion, lens)
+
+
+@dataclass(frozen=True, eq=False)
+class _Values:
+    """Numbers, and the part of the file that they come from."""
+
+    node: Node
+    numbers: list[float]
+
+
+def _chosen(root: Node, camera: str) -> Node:
+    """The camera of that name, or the only one."""
+    parts = root.value if isinstance(root.value, dict) else {}
+    several = {name: part for name, part in parts.items() if part.part("intrinsics")}
+    if camera and camera not in several:
+        raise root.error(f"holds no camera {camera!r}{': it holds ' * bool(several)}{', '.join(several)}")
+    if len(several) > 1 and not camera:
+        raise root.error(
+            f"holds {', '.join(several)}: say which, as in {root.path.name}:{next(iter(several))}"
+        )
+    if not several and not root.part("intrinsics", *_MATRIX):
+        rule = "must be of OpenCV (camera_matrix, or K), Kalibr (cam0: intrinsics) or EuRoC (intrinsics)"
+        raise root.error(f"holds no camera: {rule}")
+    return several[camera] if camera else next(iter(several.values()), root)
+
+
+def _opencv(camera: Node) -> tuple[_Values, _Values, str]:
+    node = camera.part(*_MATRIX)
+    assert node is not None
+    numbers = node.numbers()
+    if len(numbers) != 9:
+        raise node.error(f"holds {len(numbers)} numbers: must be 9, a calibration matrix")
+    lens = camera.part("distortion_model")
+    return _Values(node, numbers), _distortion(camera, _OPENCV_DISTORTION), _text(lens, "plumb_bob")
+
+
+def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:
+    model = camera.part("camera_model")
+    if model is not None and model.value != "pinhole":
+        raise model.error(f"camera model {model.value!r}: must be pinhole; undistort the images first")
+    node = camera.part("intrinsics")
+    assert node is not None
+    numbers = node.numbers()
+    if len(numbers) != 4:
+        raise node.error(f"holds {len(numbers)} numbers: must be 4, fu, fv, cu, cv")
+    fu, fv, cu, cv = numbers
+    matrix = [fu, 0.0, cu, 0.0, fv, cv, 0.0, 0.0, 1.0]
+    return (
+        _Values(node, matrix),
+        _distortion(camera, _COEFFICIENTS),
+        _text(camera.part("distortion_model"), ""),
+    )
+
+
+def _distortion(camera: Node, names: tuple[str, ...]) -> _Values:
+    node = camera.part(*names)
+    return _Values(camera, []) if node is None else _Values(node, node.numbers())
+
+
+def _text(node: Node | None, default: str) -> str:
+    return node.value if node is not None and isinstance(node.value, str) else default
+
+
+def _intrinsics(matrix: _Values, distortion: _Values, lens: str) -> FloatArray:
+    square = np.reshape(matrix.numbers, (3, 3))
+    if (fault := matrix_fault(square)) is not None:
+        raise matrix.node.error(fault)
+    found = distortion.numbers
+    if lens.lower() not in (*_RADIAL_TANGENTIAL, *([] if any(found) else _NONE)):
+        rule = f"must be one of {', '.join(_RADIAL_TANGENTIAL)}; undistort the images first"
+        raise distortion.node.error(f"distortion model {lens!r}: {rule}")
+    if any(found[len(_ORDER) :]) or len(found) not in (0, 4, 5, 8, 12, 14):
+        rule = f"must be 4 or 5, {', '.join(_ORDER)}, or zero beyond; undistort the images first"
+        raise distortion.node.error(f"distortion of {len(found)} coefficients: {rule}")
+    rows = perspective_rows(1)
+    rows[:, perspective_columns("f", "aspect", "cx", "cy", "skew")] = pinhole_of_matrix(square)
+    rows[:, perspective_columns(*_ORDER[: len(found)])] = found[: len(_ORDER)]
+    return np.asarray(rows[0])
