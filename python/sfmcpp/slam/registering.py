@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -48,7 +48,7 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     Similarity or None
         None as long as there are too few keyframes, or they do not tell it.
     """
-    found = _fitted(_way_of(sensors), world.keyframes, sensors, settings.registration_keyframes)
+    found = _fitted(_way_of(sensors, _WAYS), world.keyframes, sensors, settings.registration_keyframes)
     return None if found is None else found.similarity
 
 
@@ -80,7 +80,7 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     Correction or None
         None if no sensor tells, or the last keyframes are as near to it as they can be.
     """
-    way = _way_of(sensors)
+    way = _way_of(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes
     for first in range(len(world.keyframes) - fewest, start - 1, -fewest):
@@ -107,10 +107,9 @@ class _Fit:
         return self.after_m < _DRIFT_RATIO * self.before_m
 
 
-def _way_of(sensors: SensorSuite) -> _Way | None:
-    """The best that the sensors give."""
+def _way_of(sensors: SensorSuite, ways: Mapping[type, _Way]) -> _Way | None:
+    """The first of the ways that a sensor gives."""
     kinds = {type(sensor) for sensor in sensors.sensors}
-    ways = {Ins: _by_poses, Gps: _by_positions, Odometer: _by_distances}
     return next((way for kind, way in ways.items() if kind in kinds), None)
 
 
@@ -166,3 +165,8 @@ def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: in
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)
     return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances)
+
+
+# The best first.
+_ABSOLUTE: dict[type, _Way] = {Ins: _by_poses, Gps: _by_positions}
+_WAYS = {**_ABSOLUTE, Odometer: _by_distances}
