@@ -15,9 +15,11 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import View
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import WeightedMeasurement, WorldMap
-from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weights
+from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
+from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, declared_weight, select_weights
 
+# What a track is off by where its images have not told it yet [px].
+_SIGMA_PX = 0.5
 # Fewer observations than this leave nothing to choose a weight from.
 _FEWEST = 8
 
@@ -65,6 +67,18 @@ def fuse(
     used = any(constraint.weight > 0 for constraint in weighted)
     fitted = selections[0].pose
     return Fused(fitted if used and fitted is not None else pose, weighted, selections)
+
+
+def presumed_weights(
+    world: WorldMap, keyframe: Keyframe, previous: Keyframe, measurements: Sequence[Measurement]
+) -> list[WeightedMeasurement]:
+    """Give each measurement the weight of its declared σ beside images of usual noise; none without a σ."""
+    count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
+    return [
+        WeightedMeasurement(m, declared_weight(_constraint(m, previous.pose), count, _SIGMA_PX))
+        for m in measurements
+        if m.sigma is not None and not m.doubtful
+    ]
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:

@@ -13,14 +13,14 @@ from sfmcpp.geometry import relative_pose, relative_pose_of_rotation, so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
-from sfmcpp.slam.fusing import constraint_groups, usual_weights
+from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
+from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import solve
 
 # Tracks run out when fewer than this many times the inliers of a pose are left.
@@ -31,8 +31,6 @@ _SUPPORT = 0.85
 _LEAST_SHARE = 0.7
 # A start may contradict the gyroscope after so many that were not made.
 _DOUBTS = 3
-# What a track is off by, beside what a sensor declares [px].
-_SIGMA_PX = 0.5
 # Rotations of the start that a sensor may not be off by.
 _SAME_TURN_SIGMAS = 4.0
 # Frames kept while the camera stands: the oldest are given up beyond.
@@ -152,12 +150,8 @@ class Initialiser:
         for before, keyframe in pairwise(world.keyframes):
             rotation = keyframe.pose[:, :3]
             measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
-            count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
-            keyframe.constraints = [
-                WeightedMeasurement(m, _SIGMA_PX / (m.sigma * np.sqrt(count)))
-                for m in measured
-                if m.sigma is not None and _agrees(m, m.sigma, before, keyframe)
-            ]
+            agreeing = [m for m in measured if m.sigma and _agrees(m, m.sigma, before, keyframe)]
+            keyframe.constraints = presumed_weights(world, keyframe, before, agreeing)
 
     def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
         world = WorldMap(self._intrinsics)

@@ -12,7 +12,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
-from sfmcpp.slam.sensing import Gps, Ins, Odometer
+from sfmcpp.slam.fusing import presumed_weights
+from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
@@ -52,6 +53,16 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     return None if found is None else found.similarity
 
 
+def constrain_past(world: WorldMap, sensors: SensorSuite) -> None:
+    """Let sensors in metres constrain the keyframes of a map that has just come into metres, too."""
+    for before, keyframe in pairwise(world.keyframes):
+        measured = sensors.measure(
+            before.t_s, keyframe.t_s, keyframe.pose[:, :3], metric=True, previous=before.pose[:, :3]
+        )
+        in_metres = [m for m in measured if m.kind in METRIC_KINDS]
+        keyframe.constraints += presumed_weights(world, keyframe, before, in_metres)
+
+
 @dataclass(frozen=True, eq=False)
 class Correction:
     """What brings a map that has drifted back: the keyframes from `first` on, and how they move."""
@@ -78,8 +89,10 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     Returns
     -------
     Correction or None
-        None if no sensor tells, or the last keyframes are as near to it as they can be.
+        None if no sensor tells, the last keyframes are as near to it as they can be, or nobody asks for it.
     """
+    if not settings.correct_drift or settings.weights == "none":
+        return None
     way = _way_of(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.fusing import constraint_groups, fuse, usual_weights
+from sfmcpp.slam.fusing import constraint_groups, fuse, presumed_weights, usual_weights
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 
@@ -164,3 +164,15 @@ def test_a_motion_from_a_free_keyframe_that_sees_nothing_any_more_is_left_out() 
 def test_a_map_without_sensors_has_no_groups() -> None:
     world = small_map([[0, 1], [0, 1]])
     assert constraint_groups(world, world.around(2)) == []
+
+
+def test_the_presumed_weight_is_that_of_the_declared_sigma() -> None:
+    """N λ² ε is (σ_px / σ)² times the squared error; what declares no σ, or is doubtful, has none."""
+    world = small_map([[0, 1, 2, 3], [0, 1, 2, 3]], unknown=(3,))
+    before, keyframe = world.keyframes
+    turn = Measurement("gyro", "displacement-rotation-log", np.eye(3), 0.001)
+    unknown = Measurement("wheel", "scale", 1.0, None)
+    asked = [scale(1.0), turn, unknown, scale(1.0, doubtful=True)]
+    found = presumed_weights(world, keyframe, before, asked)
+    assert [c.measurement for c in found] == asked[:2]
+    assert [3 * c.weight**2 for c in found] == pytest.approx([(0.5 / 0.02) ** 2, 3 * (0.5 / 0.001) ** 2])
