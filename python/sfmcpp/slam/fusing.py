@@ -20,6 +20,8 @@ from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, declared
 
 # What a track is off by where its images have not told it yet [px].
 _SIGMA_PX = 0.5
+# Constraints whose weights are the usual ones: a lie lasts for some, and steps are alike.
+_LATELY = 5
 # Fewer observations than this leave nothing to choose a weight from.
 _FEWEST = 8
 
@@ -145,16 +147,16 @@ def _method(measurement: Measurement, settings: SlamSettings) -> str:
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
-    """Median of the weights of this sensor so far; 1 before there are any, 0 where it is doubtful."""
+    """Median of what this sensor was left of its declared σ lately; 1 before there is any, 0 if doubtful."""
     if measurement.doubtful:
         return 0.0
     weights = [
-        constraint.weight
+        constraint.weight * (constraint.measurement.sigma or 1.0)
         for keyframe in world.keyframes
         for constraint in keyframe.constraints
         if constraint.measurement.sensor == measurement.sensor and not constraint.measurement.doubtful
     ]
-    return float(np.median(weights)) if weights else 1.0
+    return float(np.median(weights[-_LATELY:])) / (measurement.sigma or 1.0) if weights else 1.0
 
 
 def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:

@@ -97,7 +97,7 @@ def test_with_too_few_points_to_choose_by_a_sensor_keeps_its_usual_weight() -> N
     fused = fuse(world, view, TRUE, [scale(DISTANCE)], SETTINGS)
     assert fused.pose is TRUE
     assert fused.selections == []
-    assert [c.weight for c in fused.constraints] == [5.0]
+    assert [c.weight for c in fused.constraints] == pytest.approx([5.0])
 
 
 def test_the_usual_weight_is_the_median_of_the_same_sensor_where_it_was_not_doubtful() -> None:
@@ -106,7 +106,21 @@ def test_the_usual_weight_is_the_median_of_the_same_sensor_where_it_was_not_doub
     remember(world, "other", 100.0)
     world.keyframes[-1].constraints.append(WeightedMeasurement(scale(1.0, doubtful=True), 0.0))
     asked = [scale(1.0), scale(1.0, doubtful=True), scale(1.0, sensor="new")]
-    assert [c.weight for c in usual_weights(world, asked)] == [5.0, 0.0, 1.0]
+    assert [c.weight for c in usual_weights(world, asked)] == pytest.approx([5.0, 0.0, 1.0])
+
+
+def test_the_usual_weight_follows_what_the_sensor_may_be_off_by() -> None:
+    world, _ = map_and_view()
+    remember(world, "odometer", 6.0)
+    twice = Measurement("odometer", "scale", 1.0, 2 * 0.02)
+    assert [c.weight for c in usual_weights(world, [twice])] == pytest.approx([3.0])
+
+
+def test_the_usual_weight_is_that_of_lately() -> None:
+    """A sensor that has begun to lie keeps what conflicts leave it."""
+    world, _ = map_and_view()
+    remember(world, "odometer", *[50.0] * 20, 7.0, 1.0, 2.0, 3.0, 4.0)
+    assert [c.weight for c in usual_weights(world, [scale(1.0)])] == pytest.approx([3.0])
 
 
 def constrained_map() -> WorldMap:
