@@ -17,6 +17,7 @@ from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.weighting import selection_method
 
 # What the scale may be off before positions count: with less of a way the map would be stretched by noise.
 _RELATIVE_SIGMA = 0.03
@@ -53,8 +54,13 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     return None if found is None else found.similarity
 
 
-def constrain_past(world: WorldMap, sensors: SensorSuite) -> None:
-    """Let sensors in metres constrain the keyframes of a map that has just come into metres, too."""
+def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
+    """Let sensors in metres constrain the keyframes of a map that has just come into metres, too.
+
+    Only where what they declare counts: not beside constant weights, nor without bounds.
+    """
+    if settings.weight_bounds != "declared" or selection_method(settings.weights).grid is not None:
+        return
     for before, keyframe in pairwise(world.keyframes):
         measured = sensors.measure(
             before.t_s, keyframe.t_s, keyframe.pose[:, :3], metric=True, previous=before.pose[:, :3]

@@ -155,7 +155,7 @@ class Slam:
             return
         self._world.transform(similarity)
         self.result.path.transform(similarity)
-        constrain_past(self._world, self._sensors)
+        constrain_past(self._world, self._sensors, self.settings)
         self.result.metric = True
 
     def _correct_drift(self) -> None:
