@@ -7,10 +7,11 @@ Settings are chosen on the drives for tuning, 0001, 0027, 0036 and 0039 of `$SFM
 no other; 0005, 0051, 0095, 0020 and kitti_clip, whose images are tracked here, are for reporting.
 
 Errors are mean distances of all frames with a pose from the truth [m], aligned to all of it: by a similarity
-where no sensor is used, rigidly elsewhere. `posed` counts these frames, and `end/start` is the scale over the
-last fifth of the way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then
-medians, and the last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a
-factor on the speed, lasts a fifth of the run, from its second fifth on; a blackout is in the middle.
+where no sensor is used, rigidly elsewhere. `posed` counts these frames; `over none` is of those that both
+have, as a gyroscope bridges what images alone lose; and `end/start` is the scale over the last fifth of the
+way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then medians, and the
+last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a factor on the
+speed, lasts a fifth of the run, from its second fifth on; a blackout is in the middle.
 `--sensors none stereo` takes the right images, too; the clip has none.
 """
 
@@ -65,7 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = list(pool.map(_run, asked, [options] * len(asked)))
     print(table(found, drives))
     if args.out:
-        args.out.write_text(json.dumps(found))
+        rows = [{key: value for key, value in row.items() if key != "trajectory"} for row in found]
+        args.out.write_text(json.dumps(rows))
 
 
 def table(found: Sequence[Row], drives: Sequence[str]) -> str:
@@ -85,18 +87,31 @@ def table(found: Sequence[Row], drives: Sequence[str]) -> str:
 
 def _line(name: str, found: Sequence[Row], labels: Sequence[str]) -> Row:
     line: Row = {"drive": name, **{key: found[0][key] for key in ("frames", DEAD, f"{DEAD} end/start")}}
-    alone = {row["seed"]: row["error_m"] for row in found if row["sensors"] == "none"}
+    alone = {row["seed"]: row for row in found if row["sensors"] == "none"}
     for label in labels:
         rows = [row for row in found if row["sensors"] == label]
         line[label] = median([row["error_m"] for row in rows if row["error_m"] is not None])
         line[f"{label} posed"] = min(row["posed"] for row in rows)
         line[f"{label} end/start"] = median([row["bend"] for row in rows if row["bend"] is not None])
-        both = [(row["error_m"], alone.get(row["seed"])) for row in rows]
-        ratios = [ours / none for ours, none in both if ours is not None and none is not None]
+        posed = [row for row in rows if row["posed"] and alone.get(row["seed"], {}).get("posed")]
+        ratios = [over_none(row, alone[row["seed"]]) for row in posed]
         if label != "none":
             line[f"{label} over none"] = median(ratios)
             line[f"{label} range"] = [min(ratios), max(ratios)] if len(ratios) > 1 else None
     return line
+
+
+def over_none(row: Row, none: Row) -> float:
+    """Error with sensors over that without, of the frames to which both gave a pose: none gives fewer."""
+    truth, common = read(row["drive"]).truth, np.intersect1d(row["trajectory"].t_s, none["trajectory"].t_s)
+    errors = [_error_m(run["trajectory"], common, truth, metric=run["metric"]) for run in (row, none)]
+    return errors[0] / errors[1]
+
+
+def _error_m(found: Trajectory, times_s: np.ndarray, truth: Trajectory, *, metric: bool) -> float:
+    kept = np.isin(found.t_s, times_s)
+    some = Trajectory(found.t_s[kept], found.poses[kept])
+    return evaluate(some, truth, with_scale=not metric).mean_3d_error_m
 
 
 def _run(asked: tuple[str, str, int], options: Row) -> Row:
@@ -111,6 +126,7 @@ def _run(asked: tuple[str, str, int], options: Row) -> Row:
     if result.poses:
         found = evaluate(result.trajectory(), drive.truth, with_scale=not result.metric)
         row |= {"error_m": found.mean_3d_error_m, "bend": bend(found)}
+        row |= {"trajectory": result.trajectory(), "metric": result.metric}
     dead = evaluate(dead_reckoning(read(name)), drive.truth, with_scale=False)
     row |= {DEAD: dead.mean_3d_error_m, f"{DEAD} end/start": bend(dead)}
     return row

@@ -15,9 +15,13 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import View
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.world_map import WeightedMeasurement, WorldMap
-from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weights
+from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
+from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, declared_weight, select_weights
 
+# What a track is off by where its images have not told it yet [px].
+_SIGMA_PX = 0.5
+# Constraints whose weights are the usual ones: a lie lasts for some, and steps are alike.
+_LATELY = 5
 # Fewer observations than this leave nothing to choose a weight from.
 _FEWEST = 8
 
@@ -65,6 +69,18 @@ def fuse(
     used = any(constraint.weight > 0 for constraint in weighted)
     fitted = selections[0].pose
     return Fused(fitted if used and fitted is not None else pose, weighted, selections)
+
+
+def presumed_weights(
+    world: WorldMap, keyframe: Keyframe, previous: Keyframe, measurements: Sequence[Measurement]
+) -> list[WeightedMeasurement]:
+    """Give each measurement the weight of its declared σ beside images of usual noise; none without a σ."""
+    count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
+    return [
+        WeightedMeasurement(m, declared_weight(_constraint(m, previous.pose), count, _SIGMA_PX))
+        for m in measurements
+        if m.sigma is not None and not m.doubtful
+    ]
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:
@@ -131,16 +147,16 @@ def _method(measurement: Measurement, settings: SlamSettings) -> str:
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
-    """Median of the weights of this sensor so far; 1 before there are any, 0 where it is doubtful."""
+    """Median of what this sensor was left of its declared σ lately; 1 before there is any, 0 if doubtful."""
     if measurement.doubtful:
         return 0.0
     weights = [
-        constraint.weight
+        constraint.weight * (constraint.measurement.sigma or 1.0)
         for keyframe in world.keyframes
         for constraint in keyframe.constraints
         if constraint.measurement.sensor == measurement.sensor and not constraint.measurement.doubtful
     ]
-    return float(np.median(weights)) if weights else 1.0
+    return float(np.median(weights[-_LATELY:])) / (measurement.sigma or 1.0) if weights else 1.0
 
 
 def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:

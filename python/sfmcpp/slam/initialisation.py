@@ -5,15 +5,17 @@ Relative pose, triangulation, resection, adjustment; then, for a new part, its p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from sfmcpp.geometry import relative_pose, relative_pose_of_rotation, so3
 from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
-from sfmcpp.slam.fusing import constraint_groups, usual_weights
+from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
 from sfmcpp.slam.result import SlamResult
@@ -21,7 +23,7 @@ from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
-from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
+from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import solve
 
 # Tracks run out when fewer than this many times the inliers of a pose are left.
@@ -32,12 +34,15 @@ _SUPPORT = 0.85
 _LEAST_SHARE = 0.7
 # A start may contradict the gyroscope after so many that were not made.
 _DOUBTS = 3
-# What a track is off by, beside what a sensor declares [px].
-_SIGMA_PX = 0.5
 # Rotations of the start that a sensor may not be off by.
 _SAME_TURN_SIGMAS = 4.0
 # Points that left and right image must tell by themselves; some will be wrong.
 _FEWEST_OF_A_PAIR = 30
+# Images deny rotations that cost them so many standard deviations in each of their freedoms. Honest ones came
+# to 4 (an error of a track lasts), a clock off by half a second to 10, where it turned the start by degrees.
+_DENIED_SIGMAS = 5.0
+# Three cameras, without a similarity.
+_FREEDOM_OF_CAMERAS = 11
 # Frames kept while the camera stands: the oldest are given up beyond.
 _PATIENCE = 1000
 
@@ -146,7 +151,7 @@ class Initialiser:
         )
         best = 0 if free.failure == "rotation only" else free.num_inliers
         supported = told.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
-        if told.success and supported:
+        if told.success and supported and self._contradictions <= _DOUBTS:
             self.reason = (
                 f"{names}: median parallax {told.median_parallax_px:.3g} px beside the gyroscope's turn"
             )
@@ -163,12 +168,8 @@ class Initialiser:
         for before, keyframe in pairwise(world.keyframes):
             rotation = keyframe.pose[:, :3]
             measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
-            count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
-            keyframe.constraints = [
-                WeightedMeasurement(m, _SIGMA_PX / (m.sigma * np.sqrt(count)))
-                for m in measured
-                if m.sigma is not None and _agrees(m, m.sigma, before, keyframe)
-            ]
+            agreeing = [m for m in measured if m.sigma and _agrees(m, m.sigma, before, keyframe)]
+            keyframe.constraints = presumed_weights(world, keyframe, before, agreeing)
 
     def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
         world = WorldMap(self._intrinsics)
@@ -177,12 +178,17 @@ class Initialiser:
         return world
 
     def _adjusted(self, world: WorldMap) -> bool:
-        """Adjust all three keyframes; whether enough points are left."""
+        """Adjust all three keyframes; whether images bear their rotations, and enough points are left."""
         settings = self._settings
         local = world.around(3)
         local.problem.fixed_cameras[0] = True
         groups = constraint_groups(world, local)
-        solve(local.problem, constraints=groups, threads=1, loss="huber", loss_scale_px=2.0)
+        alone = local.problem.copy()
+        told = _cost_of_images(local.problem, groups)
+        if groups and _denied(told, _cost_of_images(alone, []), alone, groups):
+            self.reason = "the first three keyframes do not bear the rotations that the gyroscope says"
+            self._contradictions += 1
+            return False
         world.take(local)
         drop_outliers(world, local, settings)
         shared = len(common(world.keyframes[0].view, world.keyframes[2].view)[0])
@@ -191,6 +197,22 @@ class Initialiser:
             self.reason = f"the first three keyframes leave {points} points only, from {shared} tracks"
             return False
         return True
+
+
+def _cost_of_images(problem: Problem, groups: Sequence[ConstraintGroup]) -> float:
+    """Adjust a problem beside constraints; the robust cost of its pixels then."""
+    summary = solve(problem, constraints=groups, threads=1, loss="huber", loss_scale_px=2.0)
+    return float(summary.final_cost - sum(after for _, after in summary.constraint_costs.values()))
+
+
+def _denied(told: float, alone: float, problem: Problem, groups: Sequence[ConstraintGroup]) -> bool:
+    """Whether images cost more beside rotations than alone by what neither noise nor correlation explains.
+
+    Inliers do not tell: where the view is narrow, all of them bear a turn that is off by degrees.
+    """
+    rotations = sum(group.num_members for group in groups)
+    redundancy = 2 * problem.num_observations - 3 * problem.num_points - _FREEDOM_OF_CAMERAS
+    return (told - alone) * redundancy > _DENIED_SIGMAS**2 * 3 * rotations * alone
 
 
 def _agrees(measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,11 +12,13 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
-from sfmcpp.slam.sensing import Gps, Ins, Odometer
+from sfmcpp.slam.fusing import presumed_weights
+from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.weighting import selection_method
 
 # What the scale may be off before positions count: with less of a way the map would be stretched by noise.
 _RELATIVE_SIGMA = 0.03
@@ -50,12 +52,27 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     Similarity or None
         None as long as there are too few keyframes, or they do not tell it.
     """
-    way = _way_of(sensors)
+    way = _way_of(sensors, _WAYS)
     scale = metres_per_unit(world) if way in (None, _by_distances) else None
     if scale is not None:
         return Similarity(scale, np.eye(3), np.zeros(3))
     found = _fitted(way, world.keyframes, sensors, settings.registration_keyframes)
     return None if found is None else found.similarity
+
+
+def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
+    """Let sensors in metres constrain the keyframes of a map that has just come into metres, too.
+
+    Only where what they declare counts: not beside constant weights, nor without bounds.
+    """
+    if settings.weight_bounds != "declared" or selection_method(settings.weights).grid is not None:
+        return
+    for before, keyframe in pairwise(world.keyframes):
+        measured = sensors.measure(
+            before.t_s, keyframe.t_s, keyframe.pose[:, :3], metric=True, previous=before.pose[:, :3]
+        )
+        in_metres = [m for m in measured if m.kind in METRIC_KINDS]
+        keyframe.constraints += presumed_weights(world, keyframe, before, in_metres)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +101,11 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     Returns
     -------
     Correction or None
-        None if no sensor tells, or the last keyframes are as near to it as they can be.
+        None if no sensor tells, the last keyframes are as near to it as they can be, or nobody asks for it.
     """
-    way = _way_of(sensors)
+    if not settings.correct_drift or settings.weights == "none":
+        return None
+    way = _way_of(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes
     for first in range(len(world.keyframes) - fewest, start - 1, -fewest):
@@ -113,10 +132,9 @@ class _Fit:
         return self.after_m < _DRIFT_RATIO * self.before_m
 
 
-def _way_of(sensors: SensorSuite) -> _Way | None:
-    """The best that the sensors give."""
+def _way_of(sensors: SensorSuite, ways: Mapping[type, _Way]) -> _Way | None:
+    """The first of the ways that a sensor gives."""
     kinds = {type(sensor) for sensor in sensors.sensors}
-    ways = {Ins: _by_poses, Gps: _by_positions, Odometer: _by_distances}
     return next((way for kind, way in ways.items() if kind in kinds), None)
 
 
@@ -172,3 +190,8 @@ def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: in
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)
     return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances)
+
+
+# The best first.
+_ABSOLUTE: dict[type, _Way] = {Ins: _by_poses, Gps: _by_positions}
+_WAYS = {**_ABSOLUTE, Odometer: _by_distances}

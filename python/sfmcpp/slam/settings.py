@@ -53,8 +53,12 @@ class SlamSettings:
         cross-validation takes an odometer of centimetres for one of tenths of a millimetre at a quarter of
         the keyframes, and for nothing at another.
     correct_drift : bool
-        Whether the last keyframes are moved back to a sensor, where they have drifted from it as one. Not in
-        the thesis; not done where no weight is asked for.
+        Whether the last keyframes are moved back to a sensor of poses or positions, where they have drifted
+        from it as one. Not in the thesis; not done where no weight is asked for.
+    correct_scale : bool
+        Whether they are by the distances of an odometer, too. These hold the scale of the whole window by
+        their weights already; moved for a percent of it, the map is torn where it was in one piece, and
+        nothing but sensors ties it together at the end.
     final_adjustment : str
         Whether all keyframes are adjusted together at the end, with Cauchy's loss: ``"on"``, ``"off"``, or
         ``"auto"``, where that brings the images nearer to the map and every sensor too.
@@ -78,6 +82,7 @@ class SlamSettings:
     weights: str = "loo"
     weight_bounds: str = "declared"
     correct_drift: bool = True
+    correct_scale: bool = False
     final_adjustment: str = "auto"
     seed: int = 0
 

@@ -14,7 +14,7 @@ from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
-from sfmcpp.slam.registering import correction, registration
+from sfmcpp.slam.registering import constrain_past, correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
@@ -155,18 +155,16 @@ class Slam:
             return
         self._world.transform(similarity)
         self.result.path.transform(similarity)
+        constrain_past(self._world, self._sensors, self.settings)
         self._world.metric = self.result.metric = True
 
     def _correct_drift(self) -> None:
         """Bring the last keyframes back to a sensor that they have drifted from."""
-        if not self.settings.correct_drift or self.settings.weights == "none":
-            return
         found = correction(self._world, self._sensors, self.settings)
         if found is None:
             return
-        first = self._world.keyframes[found.first].frame
         self._world.move_recent(found.first, found.similarity)
-        self.result.path.transform(found.similarity, first)
+        self.result.path.transform(found.similarity, self._world.keyframes[found.first].frame)
         self.result.corrections.append(self._world.keyframes[-1].frame)
 
     def _is_keyframe(self, view: View) -> bool:

@@ -104,9 +104,10 @@ def test_keyframes_that_have_drifted_are_moved_back_and_their_points_with_them(k
     assert found.first == len(before) - SlamSettings().registration_keyframes
 
 
-def test_an_odometer_gives_drifted_keyframes_their_scale_back() -> None:
+def test_an_odometer_gives_drifted_keyframes_their_scale_back_where_that_is_asked_for() -> None:
     scene = straight()
-    world, before, _ = drifted_and_corrected(scene, Odometer(path_length(scene.cameras)))
+    wheel = Odometer(path_length(scene.cameras))
+    world, before, _ = drifted_and_corrected(scene, wheel, correct_scale=True)
     first = len(before) - SlamSettings().registration_keyframes
     steps = np.linalg.norm(np.diff(world.poses[first:, :, 3], axis=0), axis=1)
     true = np.linalg.norm(np.diff(np.stack(before)[first:, :, 3], axis=0), axis=1)
@@ -114,10 +115,10 @@ def test_an_odometer_gives_drifted_keyframes_their_scale_back() -> None:
 
 
 def drifted_and_corrected(
-    scene: Problem, sensor: MotionSensor
+    scene: Problem, sensor: MotionSensor, *, correct_scale: bool = False
 ) -> tuple[WorldMap, list[np.ndarray], Correction]:
     """Run, move the last keyframes by `DRIFT`, and correct that; the poses before, too."""
-    settings, suite = SlamSettings(), SensorSuite([sensor])
+    settings, suite = SlamSettings(correct_scale=correct_scale), SensorSuite([sensor])
     world = run_slam(sequence_of(scene), settings, [sensor]).world
     assert world is not None
     assert correction(world, suite, settings) is None
@@ -127,6 +128,17 @@ def drifted_and_corrected(
     assert found is not None
     world.move_recent(found.first, found.similarity)
     return world, before, found
+
+
+def test_distances_do_not_tear_a_map_unasked() -> None:
+    """Moved for its scale, a part loses the points that tie it to the rest."""
+    scene = straight()
+    wheel = Odometer(path_length(scene.cameras))
+    world, _, _ = drifted_and_corrected(scene, wheel, correct_scale=True)
+    world.move_recent(len(world.keyframes) - SlamSettings().registration_keyframes, DRIFT)
+    suite = SensorSuite([wheel])
+    assert correction(world, suite, SlamSettings(correct_scale=True)) is not None
+    assert correction(world, suite, SlamSettings()) is None
 
 
 def path_length(cameras: np.ndarray) -> SensorStream:

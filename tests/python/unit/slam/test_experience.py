@@ -87,3 +87,15 @@ def test_at_no_weight_the_map_is_that_of_the_images_but_for_its_unit() -> None:
     beside = run_slam(drive.sequence, settings, [Odometer(drive.odometer)])
     assert beside.metric
     assert drive.errors(beside) == pytest.approx(drive.errors(alone), rel=0.02)
+    assert beside.world is not None
+    assert not any(c.weight for keyframe in beside.world.keyframes for c in keyframe.constraints)
+
+
+def test_distances_reach_the_keyframes_before_the_map_had_metres() -> None:
+    drive = winding()
+    result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer)])
+    assert result.world is not None
+    unconstrained, *others = result.world.keyframes
+    assert unconstrained.constraints == []
+    assert all([c.measurement.sensor for c in k.constraints] == ["odometer"] for k in others)
+    assert min(c.weight for k in others for c in k.constraints) > 0

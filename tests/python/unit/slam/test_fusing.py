@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.fusing import constraint_groups, fuse, usual_weights
+from sfmcpp.slam.fusing import constraint_groups, fuse, presumed_weights, usual_weights
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 
@@ -97,7 +97,7 @@ def test_with_too_few_points_to_choose_by_a_sensor_keeps_its_usual_weight() -> N
     fused = fuse(world, view, TRUE, [scale(DISTANCE)], SETTINGS)
     assert fused.pose is TRUE
     assert fused.selections == []
-    assert [c.weight for c in fused.constraints] == [5.0]
+    assert [c.weight for c in fused.constraints] == pytest.approx([5.0])
 
 
 def test_the_usual_weight_is_the_median_of_the_same_sensor_where_it_was_not_doubtful() -> None:
@@ -106,7 +106,21 @@ def test_the_usual_weight_is_the_median_of_the_same_sensor_where_it_was_not_doub
     remember(world, "other", 100.0)
     world.keyframes[-1].constraints.append(WeightedMeasurement(scale(1.0, doubtful=True), 0.0))
     asked = [scale(1.0), scale(1.0, doubtful=True), scale(1.0, sensor="new")]
-    assert [c.weight for c in usual_weights(world, asked)] == [5.0, 0.0, 1.0]
+    assert [c.weight for c in usual_weights(world, asked)] == pytest.approx([5.0, 0.0, 1.0])
+
+
+def test_the_usual_weight_follows_what_the_sensor_may_be_off_by() -> None:
+    world, _ = map_and_view()
+    remember(world, "odometer", 6.0)
+    twice = Measurement("odometer", "scale", 1.0, 2 * 0.02)
+    assert [c.weight for c in usual_weights(world, [twice])] == pytest.approx([3.0])
+
+
+def test_the_usual_weight_is_that_of_lately() -> None:
+    """A sensor that has begun to lie keeps what conflicts leave it."""
+    world, _ = map_and_view()
+    remember(world, "odometer", *[50.0] * 20, 7.0, 1.0, 2.0, 3.0, 4.0)
+    assert [c.weight for c in usual_weights(world, [scale(1.0)])] == pytest.approx([3.0])
 
 
 def constrained_map() -> WorldMap:
@@ -164,3 +178,15 @@ def test_a_motion_from_a_free_keyframe_that_sees_nothing_any_more_is_left_out() 
 def test_a_map_without_sensors_has_no_groups() -> None:
     world = small_map([[0, 1], [0, 1]])
     assert constraint_groups(world, world.around(2)) == []
+
+
+def test_the_presumed_weight_is_that_of_the_declared_sigma() -> None:
+    """N λ² ε is (σ_px / σ)² times the squared error; what declares no σ, or is doubtful, has none."""
+    world = small_map([[0, 1, 2, 3], [0, 1, 2, 3]], unknown=(3,))
+    before, keyframe = world.keyframes
+    turn = Measurement("gyro", "displacement-rotation-log", np.eye(3), 0.001)
+    unknown = Measurement("wheel", "scale", 1.0, None)
+    asked = [scale(1.0), turn, unknown, scale(1.0, doubtful=True)]
+    found = presumed_weights(world, keyframe, before, asked)
+    assert [c.measurement for c in found] == asked[:2]
+    assert [3 * c.weight**2 for c in found] == pytest.approx([(0.5 / 0.02) ** 2, 3 * (0.5 / 0.001) ** 2])

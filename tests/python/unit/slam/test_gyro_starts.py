@@ -74,6 +74,14 @@ def test_a_start_against_a_gyroscope_waits_and_says_why_but_not_for_ever() -> No
     assert not any(k.constraints for k in world.keyframes)
 
 
+def test_a_turn_that_inliers_bear_but_their_errors_do_not_makes_no_start() -> None:
+    """Where the view is narrow, a step aside stands for a turn of a degree within the threshold."""
+    world, _, reasons = started(gyro(bias_rad_s=0.05), MANY)
+    assert any("do not bear the rotations" in reason for reason in reasons)
+    assert world is not None
+    assert turn_error_rad(world) < 0.002
+
+
 @pytest.mark.parametrize(("bias_rad_s", "kept"), [(0.0, True), (0.5, False)])
 def test_the_turn_of_a_gyroscope_is_kept_where_the_images_support_it(bias_rad_s: float, kept: bool) -> None:
     world, number, _ = started(gyro())
