@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from experiments.description import Experiment
 from experiments.real_problems import data_folder
-from sfmcpp.model import SensorStream
-from sfmcpp.sensors import Mounting, pose_stream_values
+from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
@@ -18,6 +19,9 @@ from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 Drive = KittiDrive | SyntheticDrive
 
 KITTI = "KITTI"
+# Settings are chosen on these drives alone; all others are for reporting.
+TUNING = ("0001", "0027", "0036", "0039")
+MOVED_PX = 1e-6
 GPS_SIGMA_M, INS_SIGMA_M, INS_SIGMA_RAD = 1.0, 0.3, 0.003
 
 
@@ -71,9 +75,7 @@ def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSe
     The last two are simulated from the truth, at every image, with white noise.
     """
     if name == "odometer":
-        stream = drive.velocity if isinstance(drive, KittiDrive) else drive.odometer
-        assert stream is not None
-        return Odometer(_lying(stream, lie, factor=True), mounting=mounting_of(drive))
+        return Odometer(_lying(_velocity(drive), lie, factor=True), mounting=mounting_of(drive))
     if name == "imu":
         return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
     if name in ("gps", "ins"):
@@ -107,3 +109,35 @@ def _lying(stream: SensorStream, lie: Lie | None, *, factor: bool) -> SensorStre
     else:
         values[during, 2] += np.radians(lie.bias_deg_s)
     return SensorStream(stream.t_s, values, stream.kind, stream.name)
+
+
+def moved(drive: KittiDrive, seed: int) -> KittiDrive:
+    """The drive itself for seed 0, else with its pixels moved by next to nothing."""
+    if not seed:
+        return drive
+    noise = np.random.default_rng(seed).normal(0.0, MOVED_PX, drive.left_px.shape)
+    return replace(drive, left_px=drive.left_px + noise)
+
+
+def dead_reckoning(drive: Drive) -> Trajectory:
+    """Integrate velocity and rate, without a camera, up to where both are measured."""
+    velocity = _velocity(drive)
+    times = drive.t_s[(drive.t_s <= velocity.t_s[-1]) & (drive.t_s <= drive.angular_rate.t_s[-1])]
+    rotations = orientations(drive.angular_rate, times)
+    velocities = np.einsum("nij,nj->ni", rotations, _forward(measured_at(velocity, times)))
+    steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(times)[:, None]
+    centres = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    body = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    known = np.isfinite(body).all(axis=(1, 2))
+    return Trajectory(times[known], mounting_of(drive).camera_poses(body[known]))
+
+
+def _velocity(drive: Drive) -> SensorStream:
+    stream = drive.velocity if isinstance(drive, KittiDrive) else drive.odometer
+    assert stream is not None
+    return stream
+
+
+def _forward(measured: FloatArray) -> FloatArray:
+    """Velocities (n, 3) of the body, from themselves or from speeds (n, 1)."""
+    return np.pad(measured, ((0, 0), (0, 3 - measured.shape[1])))
