@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 
-from experiments.description import Experiment
+from experiments.description import Experiment, ExperimentError
 from experiments.real_problems import data_folder
+from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values
+from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values, rotation_increment
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
+from sfmcpp.slam.sensing import Measurement
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 
@@ -27,11 +32,24 @@ GPS_SIGMA_M, INS_SIGMA_M, INS_SIGMA_RAD = 1.0, 0.3, 0.003
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """A drive, what it is called, and with which others it is summed up."""
+    """A drive yet to be made, what it is called, and with which others it is summed up.
+
+    Attributes
+    ----------
+    name : str
+        Runs of one drive share it.
+    groups : tuple of str
+        What it counts in.
+    seed : int
+        Of the scene and its noise, or of what moves the pixels of a real drive.
+    make : callable
+        Makes it.
+    """
 
     name: str
-    group: str
-    drive: Drive
+    groups: tuple[str, ...]
+    seed: int
+    make: Callable[[], Drive]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +66,91 @@ class Lie:
         return np.asarray((t_s - first_s >= self.start_s) & (t_s - first_s < self.start_s + self.seconds))
 
 
+@dataclass(frozen=True, eq=False)
+class TurnSensor:
+    """Rotations as in the thesis: they constrain keyframes and do nothing else.
+
+    The error is that of a matrix of rotation, the thesis' ε^{k,dR}: the unit of λ in its table 5.2 and figure
+    5.21, 0.82 of that of the logarithm. Starts and resections are left to the images.
+    """
+
+    stream: SensorStream
+    mounting: Mounting
+    name: str = "gyro"
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Rotation from the keyframe before."""
+        turn = rotation_increment(self.stream, start_s, end_s)
+        if turn is None:
+            return None
+        return Measurement(self.name, "displacement-rotation", self.mounting.camera_rotation(turn), None)
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """What is wrong with measured orientations, beside their own noise.
+
+    Attributes
+    ----------
+    sigma_deg : tuple of float
+        Standard deviation of white noise about each axis, over as many equal stretches of the run [deg].
+    clock_s : float
+        Its clock is late by so much [s].
+    mounting_deg : float
+        Its axes are turned by so much, about a direction of chance [deg].
+    """
+
+    sigma_deg: Sequence[float] = (0.0,)
+    clock_s: float = 0.0
+    mounting_deg: float = 0.0
+
+    def spoil(self, stream: SensorStream, seed: int) -> SensorStream:
+        """The stream as such a sensor would have given it."""
+        rng = np.random.default_rng([seed, 1])
+        axis = rng.standard_normal(3)
+        turned = so3.exp(np.radians(self.mounting_deg) * axis / np.linalg.norm(axis))
+        stretch = np.arange(len(stream)) * len(self.sigma_deg) // len(stream)
+        sigmas = np.radians(np.asarray(self.sigma_deg)[stretch])[:, None]
+        noise = so3.exp(sigmas * rng.standard_normal((len(stream), 3)))
+        spoilt = so3.log(so3.exp(stream.values) @ turned @ noise)
+        return SensorStream(stream.t_s + self.clock_s, spoilt, stream.kind, stream.name)
+
+
 def inputs_of(experiment: Experiment) -> Iterator[Input]:
-    """The drives of an experiment one after the other: its files, then those of ``settings.synthetic``."""
-    for file in experiment.files:
-        name = file.rpartition("/")[2][5:].partition("_sync")[0]
-        yield Input(name, KITTI, read_kitti_mat(data_folder() / file))
-    for kind in experiment.settings.get("synthetic", []):
+    """The drives of an experiment: its files, or patterns of them, then those of ``settings.synthetic``.
+
+    Each file is run ``settings.runs_of_a_file`` times, once by default, with pixels moved by next to nothing.
+    Synthetic drives are one for each seed, with every one of ``settings.flaws`` (arguments of :class:`Flaws`,
+    and a `label`).
+    """
+    settings = experiment.settings
+    again = range(min(experiment.runs, settings.get("runs_of_a_file", 1)))
+    for file, seed in product(drive_files(experiment), again):
+        name = file.name[5:].partition("_sync")[0]
+        use = "tuning" if name.endswith(TUNING) else "reporting"
+        yield Input(name, (f"{KITTI} {use}", KITTI), seed, partial(_read, file, seed))
+    for kind, flaws in product(settings.get("synthetic", []), settings.get("flaws", [{}])):
+        group = " ".join([kind, *filter(None, [flaws.get("label")])])
+        wrong = Flaws(**{key: value for key, value in flaws.items() if key != "label"})
         for seed in experiment.seeds:
-            yield Input(f"{kind} {seed}", kind, DRIVES[kind](seed=seed))
+            yield Input(f"{group} {seed}", (group,), seed, partial(_made, DRIVES[kind], seed, wrong))
+
+
+def drive_files(experiment: Experiment) -> list[Path]:
+    """The files of an experiment, each of which may be a pattern of several."""
+    found = [path for pattern in experiment.files for path in sorted(data_folder().glob(pattern))]
+    if len(found) < len(experiment.files):
+        raise ExperimentError(f"{data_folder()}: {', '.join(experiment.files)} are not all there")
+    return found
+
+
+def _read(file: Path, seed: int) -> Drive:
+    return moved(read_kitti_mat(file), seed)
+
+
+def _made(make: Callable[..., SyntheticDrive], seed: int, flaws: Flaws) -> Drive:
+    drive = make(seed=seed)
+    return replace(drive, orientation=flaws.spoil(drive.orientation, seed))
 
 
 def sequence_of(drive: Drive) -> TrackSequence:
@@ -70,7 +165,7 @@ def mounting_of(drive: Drive) -> Mounting:
 
 
 def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSensor:
-    """Make the sensor ``odometer``, ``imu``, ``rotation`` (:func:`rotation_stream`), ``gps`` or ``ins``.
+    """Make the sensor ``odometer``, ``imu``, ``rotation`` (:class:`TurnSensor`), ``gps`` or ``ins``.
 
     The last two are simulated from the truth, at every image, with white noise.
     """
@@ -80,7 +175,7 @@ def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSe
         return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
     if name in ("gps", "ins"):
         return _absolute(drive, name)
-    return Gyroscope(rotation_stream(drive), mounting_of(drive))
+    return TurnSensor(rotation_stream(drive), mounting_of(drive))
 
 
 def _absolute(drive: Drive, name: str) -> MotionSensor:

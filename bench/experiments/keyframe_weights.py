@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.description import Experiment, Row
-from experiments.drives import sensor_of_drive, sequence_of
-from experiments.real_problems import data_folder
+from experiments.inputs import drive_files, sensor_of_drive, sequence_of
 from experiments.report import Report
 from sfmcpp.slam import Frame, Slam, SlamResult, SlamSettings, WorldMap
 from sfmcpp.slam.fusing import fuse
@@ -30,7 +29,7 @@ Selections = dict[str, list[WeightSelection]]
 def weights_at_keyframes(experiment: Experiment) -> Report:
     """Table 5.2 and figure 5.8: statistics of the weights, and their course over one drive."""
     settings = experiment.settings
-    drives = [read_kitti_mat(data_folder() / file) for file in experiment.files]
+    drives = [read_kitti_mat(file) for file in drive_files(experiment)]
     rows: list[Row] = []
     first: Selections = {}
     for name in settings["sensors"]:
@@ -43,7 +42,7 @@ def weights_at_keyframes(experiment: Experiment) -> Report:
 def criteria_over_weights(experiment: Experiment) -> Report:
     """Figures 5.4 to 5.7: both errors and each criterion over λ, at one keyframe."""
     settings = experiment.settings
-    drive = read_kitti_mat(data_folder() / experiment.files[0])
+    drive = read_kitti_mat(drive_files(experiment)[0])
     found = selections(drive, settings["sensors"][0], settings["methods"])
     at = {method: chosen[settings["keyframe"]] for method, chosen in found.items()}
     rows = [

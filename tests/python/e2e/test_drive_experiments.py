@@ -28,7 +28,7 @@ filtered = {"predict_by": "images", "turn_sigma_rad_sqrt_s": 0.005, "orientation
 runs = [{"label": "alone"}, {"label": "constant 1", "weights": "fixed:1"},
         {"label": "constant 300", "weights": "fixed:300"}, {"label": "EKF", "filter": filtered}]
 drawn = {"group": "short", "labels": ["alone", "EKF"]}
-settings = {"synthetic": ["short"], "runs": runs, "drawn": drawn}
+settings = {"synthetic": ["short"], "sensors": ["rotation"], "runs": runs, "drawn": drawn}
 for kind, count in (("orientations", 2), ("constant-orientations", 1)):
     experiment = Experiment(kind, kind, kind, settings=settings, runs=count)
     kinds.KINDS[kind](experiment).write(experiment, Path(sys.argv[1]))
