@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from experiments.absolute_stop import convergence_in_the_thesis_unknowns
 from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
 from experiments.batch_success import share_of_metric_success
@@ -23,9 +24,11 @@ from experiments.scale import searches_at_scale
 from experiments.selection_time import time_to_choose
 from experiments.step_line import costs_along_steps
 from experiments.step_plane import costs_over_lengths
+from experiments.trade_offs import trade_off_criteria
 from experiments.whole_weights import whole_weights
 
 KINDS: dict[str, Callable[[Experiment], Report]] = {
+    "absolute-stop": convergence_in_the_thesis_unknowns,
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
     "batch-success": share_of_metric_success,
@@ -45,5 +48,6 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "selection-time": time_to_choose,
     "step-line": costs_along_steps,
     "step-plane": costs_over_lengths,
+    "trade-offs": trade_off_criteria,
     "whole-weights": whole_weights,
 }
