@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -38,20 +38,21 @@ NOTES = (
     "included [m]; over_alone: over that without sensors, over_reference: over that of the line so named.",
     "whole: the same aligned to all frames, rigidly where a sensor gives metres, else by a similarity.",
     "scale: mean ratio of keyframe steps to true ones (eq. 5.25); of a map without metres after alignment.",
-    "rotation: median error after it [deg]. weight: median λ of each sensor. world_error: with nothing",
-    "aligned, where a GPS or an INS tells the world [m]. weight_lie, conflict_lie [standard deviations]:",
-    "while the sensor lies. predicted: frames whose images say too little. failed: runs without a map.",
+    "rotation, end_rotation: median error after it, of all frames and of the last tenth [deg].",
+    "weight: median λ of each sensor. world_error: with nothing aligned, where a GPS or an INS tells the",
+    "world [m]. weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
+    "predicted: frames whose images say too little. failed: runs without a map.",
     *summaries.NOTES,
 )
 MEASURES = (
     "error_m", "over_alone", "over_reference", "whole_m", "whole_over_alone", "world_error_m", "scale",
-    "rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted",
+    "rotation_deg", "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted",
 )  # fmt: skip
 RATIOS = ("over_alone", "over_reference", "whole_over_alone")
 COLUMNS = (
     "drive", "label", "error_m", "over_alone", "[over_alone]", "over_reference", "[over_reference]",
     "whole_m", "whole_over_alone", "[whole_over_alone]", "world_error_m", "scale", "rotation_deg",
-    "weight", "weight_lie", "conflict_lie", "predicted", "runs", "failed",
+    "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted", "runs", "failed",
 )  # fmt: skip
 ALONE = "alone"
 MIN_STEP_M = 0.05
@@ -68,14 +69,14 @@ class Run:
         What was measured.
     found : Evaluation or None
         All frames beside the truth; None without a map.
-    keyframes, weights : (k,) float64
-        Times of the keyframes with a sensor, and its weights there [s].
+    weights, scales : (k, 2) float64
+        Time of each keyframe [s], and the weight of its constraint, or its step over the true one.
     """
 
     row: Row
     found: Evaluation | None
-    keyframes: FloatArray
-    weights: FloatArray
+    weights: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    scales: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def sensors_on_drives(experiment: Experiment) -> Report:
@@ -128,24 +129,27 @@ def _run(drive: Drive, line: Row, alone: SlamResult) -> Run:
         return _measured(line, drive, dead_reckoning(drive), metric=True)
     if "filter" in line:
         stream, mounting = rotation_stream(drive), mounting_of(drive)
-        filtered = filter_trajectory(alone.trajectory(), stream, mounting, **line["filter"])
+        before = alone.keyframe_trajectory() if line.get("keyframes") else alone.trajectory()
+        filtered = filter_trajectory(before, stream, mounting, **line["filter"])
         return _measured(line, drive, filtered, metric=False)
     lie = Lie(**line["lie"]) if "lie" in line else None
     result = run_setting(drive, line, lie) if line["label"] != ALONE else alone
     if result.world is None:
-        return Run({"label": line["label"], "error_m": None}, None, np.zeros(0), np.zeros(0))
-    run = _measured(line, drive, result.trajectory(), metric=result.metric)
+        return Run({"label": line["label"], "error_m": None}, None)
+    trajectory = result.keyframe_trajectory() if line.get("keyframes") else result.trajectory()
+    run = _measured(line, drive, trajectory, metric=result.metric)
     assert run.found is not None
     metres = 1.0 if result.metric else run.found.alignment.similarity.scale
+    scales = _scale_ratios(result, drive, metres)
     run.row.update(
         predicted=len(result.lost),
         keyframes=len(result.world.keyframes),
         world_error_m=_error_in_world(result, drive, line["sensors"]),
-        scale=float(np.mean(scale_ratios(result, drive, metres)[1])),
+        scale=float(np.mean(scales[:, 1])),
         **_weights(result, drive, line["sensors"], lie),
     )
-    chosen = np.array([[r.t_s, w] for r in result.records for w in r.weights.values()]).reshape(-1, 2)
-    return Run(run.row, run.found, chosen[:, 0], chosen[:, 1])
+    weights = np.array([[r.t_s, w] for r in result.records for w in r.weights.values()]).reshape(-1, 2)
+    return replace(run, weights=weights, scales=scales)
 
 
 def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) -> Run:
@@ -156,8 +160,11 @@ def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) 
         "error_m": found.mean_3d_error_m,
         "whole_m": whole.mean_3d_error_m,
         "rotation_deg": float(np.median(found.ape["rotation_angle_deg"])),
+        "end_rotation_deg": float(
+            np.median(found.ape["rotation_angle_deg"][-max(len(trajectory) // 10, 1) :])
+        ),
     }
-    return Run(row, found, np.zeros(0), np.zeros(0))
+    return Run(row, found)
 
 
 def run_setting(drive: Drive, setting: Row, lie: Lie | None = None) -> SlamResult:
@@ -179,14 +186,14 @@ def _error_in_world(result: SlamResult, drive: Drive, sensors: Sequence[str]) ->
     return evaluate(result.trajectory(), drive.truth, align_to="none").mean_3d_error_m
 
 
-def scale_ratios(result: SlamResult, drive: Drive, metres: float) -> tuple[FloatArray, FloatArray]:
-    """Times of keyframes, and length of the step to each over the true one (eq. 5.25), where it moves."""
+def _scale_ratios(result: SlamResult, drive: Drive, metres: float) -> FloatArray:
+    """Time of each keyframe, and length of the step to it over the true one (eq. 5.25), where it moves."""
     assert result.world is not None
     frames = [keyframe.frame for keyframe in result.world.keyframes]
     steps = metres * np.linalg.norm(np.diff(result.world.poses[:, :, 3], axis=0), axis=1)
     true = np.linalg.norm(np.diff(drive.truth.poses[frames][:, :, 3], axis=0), axis=1)
     moves = true > MIN_STEP_M
-    return drive.t_s[frames][1:][moves], steps[moves] / true[moves]
+    return np.column_stack([drive.t_s[frames][1:][moves], steps[moves] / true[moves]])
 
 
 def _weights(result: SlamResult, drive: Drive, sensors: Sequence[str], lie: Lie | None) -> Row:

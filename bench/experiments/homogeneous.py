@@ -62,9 +62,9 @@ def adjust(world: World, pixels: FloatArray, search: str, gain_px2: float, max_s
     """Minimise from a world until a step gains less than that."""
     cost, damping = _cost(world, pixels), _FIRST_DAMPING
     history = History([cost])
-    algebraic = _Algebraic(pixels)
+    algebraic = Algebraic(pixels)
     while len(history.costs) <= max_steps and damping < _LARGEST_DAMPING:
-        step = _step(world, pixels, damping)
+        step = damped_step(world, pixels, damping)
         candidates = [(1.0, 1.0)]
         if len(history.costs) <= SEARCHES:
             candidates += LINE_SEARCHES[search](world, step, pixels, algebraic)
@@ -92,7 +92,7 @@ def _cost(world: World, pixels: FloatArray) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
-def _step(world: World, pixels: FloatArray, damping: float) -> World:
+def damped_step(world: World, pixels: FloatArray, damping: float) -> World:
     """Step of Levenberg and Marquardt, by the Schur complement of the points."""
     image = _projected(world)
     depths, seen = image[..., 2], image[..., :2] / image[..., 2:]
@@ -134,7 +134,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(scale * lstsq(scaled, scale * right, cond=1e-15, lapack_driver="gelsy")[0])
 
 
-class _Algebraic:
+class Algebraic:
     """The algebraic residuals of normalised images along a step (eqs 4.3, 4.10 and 4.14)."""
 
     def __init__(self, pixels: FloatArray) -> None:
@@ -161,14 +161,14 @@ def _no_search(*_: object) -> Iterator[Lengths]:
     return iter(())
 
 
-def _g_als(world: World, step: World, _: FloatArray, algebraic: _Algebraic) -> Iterator[Lengths]:
+def _g_als(world: World, step: World, _: FloatArray, algebraic: Algebraic) -> Iterator[Lengths]:
     a, b_p, b_q, c = algebraic.products(world, step)
     b = b_p + b_q
     for root in _real_roots([2 * c @ c, 3 * b @ c, 2 * a @ c + b @ b, a @ b]):
         yield root, root
 
 
-def _t_als(world: World, step: World, _: FloatArray, algebraic: _Algebraic) -> Iterator[Lengths]:
+def _t_als(world: World, step: World, _: FloatArray, algebraic: Algebraic) -> Iterator[Lengths]:
     """Both partial derivatives vanish: α_Q = −u(α_P) / v(α_P), put into the other, is a quintic."""
     a, b_p, b_q, c = algebraic.products(world, step)
     u, v = [b_p @ c, b_p @ b_q + a @ c, a @ b_q], [c @ c, 2 * b_q @ c, b_q @ b_q]
@@ -179,7 +179,7 @@ def _t_als(world: World, step: World, _: FloatArray, algebraic: _Algebraic) -> I
         yield root, -float(np.polyval(u, root) / np.polyval(v, root))
 
 
-def _exact(world: World, step: World, pixels: FloatArray, _: _Algebraic) -> Iterator[Lengths]:
+def _exact(world: World, step: World, pixels: FloatArray, _: Algebraic) -> Iterator[Lengths]:
     def along(length: float) -> float:
         return _cost(world.plus(step, (length, length)), pixels)
 

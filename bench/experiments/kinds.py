@@ -9,6 +9,7 @@ from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
 from experiments.batch_success import share_of_metric_success
 from experiments.convergence import mean_convergence
+from experiments.courses import courses_of_drives
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
 from experiments.factorisation import share_of_success
@@ -34,6 +35,7 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "batch-success": share_of_metric_success,
     "constant-orientations": constant_weights_of_orientations,
     "convergence": mean_convergence,
+    "courses": courses_of_drives,
     "criteria": criteria_over_weights,
     "drives": sensors_on_drives,
     "factorisation": share_of_success,
