@@ -155,14 +155,13 @@ def _run(drive: Drive, line: Row, alone: SlamResult) -> Run:
 def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) -> Run:
     found = against_truth(trajectory, drive)
     whole = evaluate(trajectory, drive.truth, with_scale=not metric)
+    rotation_deg = found.ape["rotation_angle_deg"]
     row = {
         "label": line["label"],
         "error_m": found.mean_3d_error_m,
         "whole_m": whole.mean_3d_error_m,
-        "rotation_deg": float(np.median(found.ape["rotation_angle_deg"])),
-        "end_rotation_deg": float(
-            np.median(found.ape["rotation_angle_deg"][-max(len(trajectory) // 10, 1) :])
-        ),
+        "rotation_deg": float(np.median(rotation_deg)),
+        "end_rotation_deg": float(np.median(rotation_deg[-max(len(rotation_deg) // 10, 1) :])),
     }
     return Run(row, found)
 
