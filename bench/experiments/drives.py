@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -17,8 +16,8 @@ from experiments.inputs import (
     Input,
     Lie,
     dead_reckoning,
-    inputs_of,
     mounting_of,
+    on_all_inputs,
     rotation_stream,
     sensor_of_drive,
     sequence_of,
@@ -56,7 +55,6 @@ COLUMNS = (
 )  # fmt: skip
 ALONE = "alone"
 MIN_STEP_M = 0.05
-PROCESSES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +90,14 @@ def report_of(rows: list[Row], summed_up: list[Row], figure: Figure) -> Report:
 
 
 def runs_of(experiment: Experiment) -> list[Run]:
-    """Every line of the TOML file on every drive, two drives at a time."""
+    """Every line of the TOML file on every drive."""
     measure = partial(_runs_on, settings=experiment.settings)
-    with ProcessPoolExecutor(PROCESSES) as pool:
-        return [run for runs in pool.map(measure, inputs_of(experiment)) for run in runs]
+    return [run for _, runs in on_all_inputs(experiment, measure) for run in runs]
 
 
 def _runs_on(item: Input, settings: Row) -> list[Run]:
     drive = item.make()
-    lines = [_line(line, settings) for line in settings["runs"]]
+    lines = [_line(line, settings, item.loop_seed) for line in settings["runs"]]
     alone = run_setting(drive, lines[0])
     runs = [_run(drive, line, alone) for line in lines]
     rows = {run.row["label"]: run.row for run in runs}
@@ -113,10 +110,11 @@ def _runs_on(item: Input, settings: Row) -> list[Run]:
     return runs
 
 
-def _line(line: Row, settings: Row) -> Row:
+def _line(line: Row, settings: Row, seed: int) -> Row:
     """With the sensors and SLAM settings that hold for all lines; the first is without sensors."""
     sensors = [] if line["label"] == ALONE else settings.get("sensors", [])
-    return {"sensors": sensors, **line, "slam": {**settings.get("slam", {}), **line.get("slam", {})}}
+    slam = {"seed": seed, **settings.get("slam", {}), **line.get("slam", {})}
+    return {"sensors": sensors, **line, "slam": slam}
 
 
 def _ratio(row: Row, other: Row, measure: str) -> float | None:

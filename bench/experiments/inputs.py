@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +29,8 @@ KITTI = "KITTI"
 # Settings are chosen on these drives alone; all others are for reporting.
 TUNING = ("0001", "0027", "0036", "0039")
 MOVED_PX = 1e-6
+PROCESSES = 2
+Found = TypeVar("Found")
 GPS_SIGMA_M, INS_SIGMA_M, INS_SIGMA_RAD = 1.0, 0.3, 0.003
 
 
@@ -44,12 +48,15 @@ class Input:
         Of the scene and its noise, or of what moves the pixels of a real drive.
     make : callable
         Makes it.
+    loop_seed : int
+        Of the random samples of SLAM on it.
     """
 
     name: str
     groups: tuple[str, ...]
     seed: int
     make: Callable[[], Drive]
+    loop_seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +126,8 @@ class Flaws:
 def inputs_of(experiment: Experiment) -> Iterator[Input]:
     """The drives of an experiment: its files, or patterns of them, then those of ``settings.synthetic``.
 
-    Each file is run ``settings.runs_of_a_file`` times, once by default, with pixels moved by next to nothing.
+    Each file is run ``settings.runs_of_a_file`` times, once by default, with pixels moved by next to nothing
+    and other random samples: moved pixels alone change no figure of four digits.
     Synthetic drives are one for each seed, with every one of ``settings.flaws`` (arguments of :class:`Flaws`,
     and a `label`).
     """
@@ -128,12 +136,19 @@ def inputs_of(experiment: Experiment) -> Iterator[Input]:
     for file, seed in product(drive_files(experiment), again):
         name = file.name[5:].partition("_sync")[0]
         use = "tuning" if name.endswith(TUNING) else "reporting"
-        yield Input(name, (f"{KITTI} {use}", KITTI), seed, partial(_read, file, seed))
+        yield Input(name, (f"{KITTI} {use}", KITTI), seed, partial(_read, file, seed), seed)
     for kind, flaws in product(settings.get("synthetic", []), settings.get("flaws", [{}])):
         group = " ".join([kind, *filter(None, [flaws.get("label")])])
         wrong = Flaws(**{key: value for key, value in flaws.items() if key != "label"})
         for seed in experiment.seeds:
             yield Input(f"{group} {seed}", (group,), seed, partial(_made, DRIVES[kind], seed, wrong))
+
+
+def on_all_inputs(experiment: Experiment, measure: Callable[[Input], Found]) -> list[tuple[Input, Found]]:
+    """What is measured of each of the inputs, in their order, two at a time."""
+    inputs = list(inputs_of(experiment))
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        return list(zip(inputs, pool.map(measure, inputs), strict=True))
 
 
 def drive_files(experiment: Experiment) -> list[Path]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.description import Experiment, Row
-from experiments.inputs import Drive, inputs_of, sensor_of_drive, sequence_of
+from experiments.inputs import Drive, Input, on_all_inputs, sensor_of_drive, sequence_of
 from experiments.report import Report
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import Frame, Slam, SlamResult, SlamSettings, WorldMap
@@ -64,12 +65,17 @@ def criteria_over_weights(experiment: Experiment) -> Report:
 def poses_of(experiment: Experiment) -> dict[tuple[str, str], list[KeyframePose]]:
     """All keyframes by group of drives and sensor, of those of ``settings.sensors`` that a drive has."""
     found: dict[tuple[str, str], list[KeyframePose]] = {}
-    for item in inputs_of(experiment):
-        drive = item.make()
-        for name in experiment.settings["sensors"]:
-            if name != "odometer" or _rolls(drive):
-                found.setdefault((item.groups[-1], name), []).extend(_keyframe_poses(drive, name))
+    for item, of_sensors in on_all_inputs(experiment, partial(_poses_on, experiment)):
+        for name, poses in of_sensors.items():
+            found.setdefault((item.groups[-1], name), []).extend(poses)
     return found
+
+
+def _poses_on(experiment: Experiment, item: Input) -> dict[str, list[KeyframePose]]:
+    drive = item.make()
+    sensors = [name for name in experiment.settings["sensors"] if name != "odometer" or _rolls(drive)]
+    poses = {name: list(_keyframe_poses(drive, name)) for name in sensors}
+    return {name: found for name, found in poses.items() if found}
 
 
 def _rolls(drive: Drive) -> bool:
