@@ -66,7 +66,7 @@ def adjust(world: World, pixels: FloatArray, search: str, gain_px2: float, max_s
     while len(history.costs) <= max_steps and damping < _LARGEST_DAMPING:
         step = damped_step(world, pixels, damping)
         candidates = [(1.0, 1.0)]
-        if len(history.costs) <= SEARCHES:
+        if len(history.costs) <= SEARCHES and np.isfinite(step.points).all():
             candidates += LINE_SEARCHES[search](world, step, pixels, algebraic)
         costs = [_cost(world.plus(step, lengths), pixels) for lengths in candidates]
         best = int(np.argmin(costs))
@@ -128,9 +128,11 @@ def _damped(blocks: FloatArray, damping: float) -> FloatArray:
 
 
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """By columns of one length; what is singular to rounding gets the shortest answer."""
+    """By columns of one length; what is singular to rounding gets the shortest answer, NaN without any."""
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     scaled = scale[:, None] * matrix * scale
+    if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
+        return np.full_like(right, np.nan)
     return np.asarray(scale * lstsq(scaled, scale * right, cond=1e-15, lapack_driver="gelsy")[0])
 
 

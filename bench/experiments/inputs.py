@@ -77,8 +77,8 @@ class Lie:
 class TurnSensor:
     """Rotations as in the thesis: they constrain keyframes and do nothing else.
 
-    The error is that of a matrix of rotation, the thesis' ε^{k,dR}: the unit of λ in its table 5.2 and figure
-    5.21, 0.82 of that of the logarithm. Starts and resections are left to the images.
+    The error is that of a matrix of rotation, the thesis' ε^{k,dR}, as in its table 5.2 and figure 5.21: for
+    the same σ, λ is 1.22 times that of the logarithm. Starts and resections are left to the images.
     """
 
     stream: SensorStream
