@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 import sfmcpp
 from sfmcpp.model.arrays import FloatArray
 
-SEARCHES = 5  # steps that are searched, from the first on (thesis §4.4)
+SEARCHES = 5  # steps that are searched, from the first on (thesis §4.4.3.2)
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
 _LONGEST = 4.0
 Lengths = tuple[float, float]
