@@ -29,17 +29,15 @@ from typing import Any
 
 import numpy as np
 from experiments.drives import median, run_setting
-from experiments.inputs import Lie, mounting_of
+from experiments.inputs import TUNING, Lie, dead_reckoning, moved
 from experiments.real_problems import data_folder
 from experiments.text_table import text_table
 
 from sfmcpp.model import Trajectory
-from sfmcpp.sensors import measured_at, orientations
 from sfmcpp.sources.frames import open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.study.evaluation import Evaluation, evaluate
 
-TUNING = ("0001", "0027", "0036", "0039")
 REPORTING = ("0005", "0051", "0095", "0020", "clip")
 SENSORS: dict[str, list[str]] = {
     "none": [],
@@ -50,7 +48,6 @@ SENSORS: dict[str, list[str]] = {
 # With the right camera's tracks beside the left one's.
 STEREO = {"stereo": [], "stereo, both": ["odometer", "imu"]}
 DEAD = "dead reckoning"
-MOVED_PX = 1e-6
 PROCESSES = 2
 Row = dict[str, Any]
 
@@ -159,14 +156,6 @@ def _clip() -> KittiDrive:
     )
 
 
-def moved(drive: KittiDrive, seed: int) -> KittiDrive:
-    """The drive itself for seed 0, else with its pixels moved by next to nothing."""
-    if not seed:
-        return drive
-    noise = np.random.default_rng(seed).normal(0.0, MOVED_PX, drive.left_px.shape)
-    return replace(drive, left_px=drive.left_px + noise)
-
-
 def with_blackout(drive: KittiDrive, seconds: float) -> KittiDrive:
     """Take away what is seen in the middle of the drive; tracks on both sides are different ones."""
     middle, half = drive.t_s[len(drive.t_s) // 2], seconds / 2
@@ -190,18 +179,6 @@ def lie_of(drive: KittiDrive, wrong: dict[str, float]) -> Lie | None:
         return None
     fifth = (drive.t_s[-1] - drive.t_s[0]) / 5
     return Lie(fifth, fifth, factor=wrong.get("slip", 1.0), bias_deg_s=wrong.get("bias", 0.0))
-
-
-def dead_reckoning(drive: KittiDrive) -> Trajectory:
-    """Integrate velocity and rate, without a camera, up to where both are measured."""
-    times = drive.t_s[(drive.t_s <= drive.velocity.t_s[-1]) & (drive.t_s <= drive.angular_rate.t_s[-1])]
-    rotations = orientations(drive.angular_rate, times)
-    velocities = np.einsum("nij,nj->ni", rotations, measured_at(drive.velocity, times))
-    steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(times)[:, None]
-    centres = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-    body = np.concatenate([rotations, centres[:, :, None]], axis=2)
-    known = np.isfinite(body).all(axis=(1, 2))
-    return Trajectory(times[known], mounting_of(drive).camera_poses(body[known]))
 
 
 def bend(found: Evaluation) -> float | None:

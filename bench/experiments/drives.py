@@ -1,71 +1,167 @@
-"""SLAM on real and synthetic drives, with and without sensors (thesis tables 5.5–5.7)."""
+"""SLAM on real and synthetic drives, with and without sensors (thesis tables 5.5–5.7 and 5.9)."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments import summaries
 from experiments.description import Experiment, Row
-from experiments.inputs import KITTI, Drive, Input, Lie, inputs_of, sensor_of_drive, sequence_of
+from experiments.inputs import (
+    Drive,
+    Input,
+    Lie,
+    dead_reckoning,
+    mounting_of,
+    on_all_inputs,
+    rotation_stream,
+    sensor_of_drive,
+    sequence_of,
+)
 from experiments.pictures import grouped_bars
+from sfmcpp.model import Trajectory
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import SlamResult, SlamSettings, run_slam
 from sfmcpp.study.evaluation.evaluate import Evaluation, evaluate
 from sfmcpp.study.plotting.style import new_figure, style_axes
+from sfmcpp.weighting import filter_trajectory
 
 from experiments.report import Report  # isort: skip
 
 NOTES = (
     "error: mean 3-D error (thesis eq. 5.24) of all frames, aligned by the poses of the first tenth, scale",
-    "included [m]; over_alone: over that without sensors. scale: mean ratio of keyframe steps to true ones",
-    "(eq. 5.25), of a map without metres after the alignment. rotation: median error after it [deg].",
-    "weight: median λ of each sensor; weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
-    "world_error: the same with nothing aligned, where a GPS or an INS tells the world [m].",
-    "predicted: frames whose images say too little.",
+    "included [m]; over_alone: over that without sensors, over_reference: over that of the line so named.",
+    "whole: the same aligned to all frames, rigidly where a sensor gives metres, else by a similarity.",
+    "scale: mean ratio of keyframe steps to true ones (eq. 5.25); of a map without metres after alignment.",
+    "rotation, end_rotation: median error after it, of all frames and of the last tenth [deg].",
+    "weight: median λ of each sensor. world_error: with nothing aligned, where a GPS or an INS tells the",
+    "world [m]. weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
+    "predicted: frames whose images say too little. failed: runs without a map.",
+    *summaries.NOTES,
 )
-COLUMNS = (
-    "drive", "label", "frames", "predicted", "keyframes", "error_m", "over_alone", "world_error_m", "scale",
-    "rotation_deg", "weight", "weight_lie", "conflict_lie", "fps",
+MEASURES = (
+    "error_m", "over_alone", "over_reference", "whole_m", "whole_over_alone", "world_error_m", "scale",
+    "rotation_deg", "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted",
 )  # fmt: skip
+RATIOS = ("over_alone", "over_reference", "whole_over_alone")
+COLUMNS = (
+    "drive", "label", "error_m", "over_alone", "[over_alone]", "over_reference", "[over_reference]",
+    "whole_m", "whole_over_alone", "[whole_over_alone]", "world_error_m", "scale", "rotation_deg",
+    "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted", "runs", "failed",
+)  # fmt: skip
+ALONE = "alone"
 MIN_STEP_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One line of a TOML file on one drive.
+
+    Attributes
+    ----------
+    row : dict
+        What was measured.
+    found : Evaluation or None
+        All frames beside the truth; None without a map.
+    weights, scales : (k, 2) float64
+        Time of each keyframe [s], and the weight of its constraint, or its step over the true one.
+    """
+
+    row: Row
+    found: Evaluation | None
+    weights: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    scales: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def sensors_on_drives(experiment: Experiment) -> Report:
     """Run every setting on every drive."""
-    settings = experiment.settings["runs"]
-    rows = [row for item in inputs_of(experiment) for row in _rows_of(item, settings)]
-    groups = list(dict.fromkeys(row["group"] for row in rows))
-    rows += [_median_row(rows, group, setting["label"]) for group in groups for setting in settings]
-    return Report(NOTES, ("drive", "label"), COLUMNS, rows, _picture(rows))
+    rows = [run.row for run in runs_of(experiment)]
+    return report_of(rows, list(summaries.summaries(rows, MEASURES, RATIOS)), _picture(rows))
 
 
-def _rows_of(item: Input, settings: Sequence[Row]) -> list[Row]:
-    rows = [_row(item.drive, setting) for setting in settings]
-    alone = rows[0]["error_m"]
-    named = {"drive": item.name, "group": item.group}
-    return [{**named, **row, "over_alone": row["error_m"] / alone} for row in rows]
+def report_of(rows: list[Row], summed_up: list[Row], figure: Figure) -> Report:
+    """Print what is summed up, in the columns that say something; keep all."""
+    said = [name for name in COLUMNS if any(row.get(name) not in (None, []) for row in summed_up)]
+    return Report(NOTES, ("drive", "label"), said, [*rows, *summed_up], figure, printed=summed_up)
 
 
-def _row(drive: Drive, setting: Row) -> Row:
-    lie = Lie(**setting["lie"]) if "lie" in setting else None
-    started = time.perf_counter()
-    result = run_setting(drive, setting, lie)
-    seconds = time.perf_counter() - started
-    found = against_truth(result, drive)
-    return {
-        "label": setting["label"],
-        "frames": len(drive.t_s),
-        "predicted": len(result.lost),
-        "keyframes": 0 if result.world is None else len(result.world.keyframes),
+def runs_of(experiment: Experiment) -> list[Run]:
+    """Every line of the TOML file on every drive."""
+    measure = partial(_runs_on, settings=experiment.settings)
+    return [run for _, runs in on_all_inputs(experiment, measure) for run in runs]
+
+
+def _runs_on(item: Input, settings: Row) -> list[Run]:
+    drive = item.make()
+    lines = [_line(line, settings, item.loop_seed) for line in settings["runs"]]
+    alone = run_setting(drive, lines[0])
+    runs = [_run(drive, line, alone) for line in lines]
+    rows = {run.row["label"]: run.row for run in runs}
+    reference = rows.get(settings.get("reference"), {})
+    for row in rows.values():
+        row |= {"drive": item.name, "groups": list(item.groups), "seed": item.seed}
+        row["over_alone"] = _ratio(row, rows[ALONE], "error_m")
+        row["over_reference"] = _ratio(row, reference, "error_m")
+        row["whole_over_alone"] = _ratio(row, rows[ALONE], "whole_m")
+    return runs
+
+
+def _line(line: Row, settings: Row, seed: int) -> Row:
+    """With the sensors and SLAM settings that hold for all lines; the first is without sensors."""
+    sensors = [] if line["label"] == ALONE else settings.get("sensors", [])
+    slam = {"seed": seed, **settings.get("slam", {}), **line.get("slam", {})}
+    return {"sensors": sensors, **line, "slam": slam}
+
+
+def _ratio(row: Row, other: Row, measure: str) -> float | None:
+    ours, theirs = row.get(measure), other.get(measure)
+    return None if ours is None or theirs is None else ours / theirs
+
+
+def _run(drive: Drive, line: Row, alone: SlamResult) -> Run:
+    if "dead_reckoning" in line:
+        return _measured(line, drive, dead_reckoning(drive), metric=True)
+    if "filter" in line:
+        stream, mounting = rotation_stream(drive), mounting_of(drive)
+        before = alone.keyframe_trajectory() if line.get("keyframes") else alone.trajectory()
+        filtered = filter_trajectory(before, stream, mounting, **line["filter"])
+        return _measured(line, drive, filtered, metric=False)
+    lie = Lie(**line["lie"]) if "lie" in line else None
+    result = run_setting(drive, line, lie) if line["label"] != ALONE else alone
+    if result.world is None:
+        return Run({"label": line["label"], "error_m": None}, None)
+    trajectory = result.keyframe_trajectory() if line.get("keyframes") else result.trajectory()
+    run = _measured(line, drive, trajectory, metric=result.metric)
+    assert run.found is not None
+    metres = 1.0 if result.metric else run.found.alignment.similarity.scale
+    scales = _scale_ratios(result, drive, metres)
+    run.row.update(
+        predicted=len(result.lost),
+        keyframes=len(result.world.keyframes),
+        world_error_m=_error_in_world(result, drive, line["sensors"]),
+        scale=float(np.mean(scales[:, 1])),
+        **_weights(result, drive, line["sensors"], lie),
+    )
+    weights = np.array([[r.t_s, w] for r in result.records for w in r.weights.values()]).reshape(-1, 2)
+    return replace(run, weights=weights, scales=scales)
+
+
+def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) -> Run:
+    found = against_truth(trajectory, drive)
+    whole = evaluate(trajectory, drive.truth, with_scale=not metric)
+    rotation_deg = found.ape["rotation_angle_deg"]
+    row = {
+        "label": line["label"],
         "error_m": found.mean_3d_error_m,
-        "world_error_m": _error_in_world(result, drive, setting["sensors"]),
-        "scale": _scale(result, drive, 1.0 if result.metric else found.alignment.similarity.scale),
-        "rotation_deg": rotation_deg(found),
-        **_weights(result, drive, setting["sensors"], lie),
-        "fps": len(drive.t_s) / seconds,
+        "whole_m": whole.mean_3d_error_m,
+        "rotation_deg": float(np.median(rotation_deg)),
+        "end_rotation_deg": float(np.median(rotation_deg[-max(len(rotation_deg) // 10, 1) :])),
     }
+    return Run(row, found)
 
 
 def run_setting(drive: Drive, setting: Row, lie: Lie | None = None) -> SlamResult:
@@ -75,9 +171,9 @@ def run_setting(drive: Drive, setting: Row, lie: Lie | None = None) -> SlamResul
     return run_slam(sequence_of(drive, setting.get("stereo", False)), settings, sensors)
 
 
-def against_truth(result: SlamResult, drive: Drive) -> Evaluation:
+def against_truth(trajectory: Trajectory, drive: Drive) -> Evaluation:
     """Measure all frames, aligned by the poses of the first tenth."""
-    return evaluate(result.trajectory(), drive.truth, align_to="first:0.1", align_by="poses")
+    return evaluate(trajectory, drive.truth, align_to="first:0.1", align_by="poses")
 
 
 def _error_in_world(result: SlamResult, drive: Drive, sensors: Sequence[str]) -> float | None:
@@ -87,17 +183,14 @@ def _error_in_world(result: SlamResult, drive: Drive, sensors: Sequence[str]) ->
     return evaluate(result.trajectory(), drive.truth, align_to="none").mean_3d_error_m
 
 
-def rotation_deg(found: Evaluation) -> float:
-    """Median error of the rotations [deg]."""
-    return float(np.median(found.ape["rotation_angle_deg"]))
-
-
-def _scale(result: SlamResult, drive: Drive, metres: float) -> float:
+def _scale_ratios(result: SlamResult, drive: Drive, metres: float) -> FloatArray:
+    """Time of each keyframe, and length of the step to it over the true one (eq. 5.25), where it moves."""
     assert result.world is not None
     frames = [keyframe.frame for keyframe in result.world.keyframes]
     steps = metres * np.linalg.norm(np.diff(result.world.poses[:, :, 3], axis=0), axis=1)
     true = np.linalg.norm(np.diff(drive.truth.poses[frames][:, :, 3], axis=0), axis=1)
-    return float(np.mean(steps[true > MIN_STEP_M] / true[true > MIN_STEP_M]))
+    moves = true > MIN_STEP_M
+    return np.column_stack([drive.t_s[frames][1:][moves], steps[moves] / true[moves]])
 
 
 def _weights(result: SlamResult, drive: Drive, sensors: Sequence[str], lie: Lie | None) -> Row:
@@ -118,26 +211,13 @@ def median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if len(values) else None
 
 
-def _median_row(rows: list[Row], group: str, label: str) -> Row:
-    same = [row for row in rows if (row["group"], row["label"]) == (group, label)]
-    columns = ("error_m", "over_alone", "world_error_m", "scale", "rotation_deg", "fps")
-    medians = {name: median([row[name] for row in same if row[name] is not None]) for name in columns}
-    predicted = sum(row["predicted"] for row in same)
-    return {"drive": median_name(group), "label": label, "predicted": predicted, **medians}
-
-
-def median_name(group: str) -> str:
-    """What the medians of a group are called."""
-    return "median" if group == KITTI else f"{group}, median"
-
-
 def _picture(rows: list[Row]) -> Figure:
-    single = [row for row in rows if "group" in row]
-    drives = list(dict.fromkeys(row["drive"] for row in single))
-    labels = list(dict.fromkeys(row["label"] for row in single))
+    drives = list(dict.fromkeys(row["drive"] for row in rows))
+    labels = list(dict.fromkeys(row["label"] for row in rows))
+    first = {(row["drive"], row["label"]): row["error_m"] for row in reversed(rows)}
     figure = new_figure(11, 4.5)
     axes = figure.subplots()
-    grouped_bars(axes, {x: [row["error_m"] for row in single if row["label"] == x] for x in labels})
+    grouped_bars(axes, {x: [first.get((drive, x)) or np.nan for drive in drives] for x in labels})
     axes.set_yscale("log")
     axes.set_ylabel("mean 3-D error [m]")
     short = [name.rpartition("_")[2].replace(" ", "\n") for name in drives]

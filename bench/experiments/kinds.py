@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from experiments.absolute_stop import convergence_in_the_thesis_unknowns
 from experiments.acceptance import acceptance_rate
 from experiments.basin import basin_of_convergence
 from experiments.batch_success import share_of_metric_success
 from experiments.convergence import mean_convergence
+from experiments.courses import courses_of_drives
 from experiments.description import Experiment
 from experiments.drives import sensors_on_drives
 from experiments.factorisation import share_of_success
@@ -23,14 +25,17 @@ from experiments.scale import searches_at_scale
 from experiments.selection_time import time_to_choose
 from experiments.step_line import costs_along_steps
 from experiments.step_plane import costs_over_lengths
+from experiments.trade_offs import trade_off_criteria
 from experiments.whole_weights import whole_weights
 
 KINDS: dict[str, Callable[[Experiment], Report]] = {
+    "absolute-stop": convergence_in_the_thesis_unknowns,
     "acceptance": acceptance_rate,
     "basin": basin_of_convergence,
     "batch-success": share_of_metric_success,
     "constant-orientations": constant_weights_of_orientations,
     "convergence": mean_convergence,
+    "courses": courses_of_drives,
     "criteria": criteria_over_weights,
     "drives": sensors_on_drives,
     "factorisation": share_of_success,
@@ -45,5 +50,6 @@ KINDS: dict[str, Callable[[Experiment], Report]] = {
     "selection-time": time_to_choose,
     "step-line": costs_along_steps,
     "step-plane": costs_over_lengths,
+    "trade-offs": trade_off_criteria,
     "whole-weights": whole_weights,
 }

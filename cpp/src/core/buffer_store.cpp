@@ -28,12 +28,8 @@ std::size_t rounded(std::size_t bytes, std::size_t multiple) {
 // Address space; its pages are the system's until they are touched.
 char* reserve(std::size_t bytes) {
 #if defined(__linux__)
-  void* memory = mmap(nullptr,
-                      bytes,
-                      PROT_READ | PROT_WRITE,
-                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE,
-                      -1,
-                      0);
+  void* memory = mmap(
+      nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   return memory == MAP_FAILED ? nullptr : static_cast<char*>(memory);
 #else
   static_cast<void>(bytes);

@@ -55,13 +55,11 @@ def fuse(
     """Choose the weights of the measurements of a new keyframe, and fit its pose (thesis §5.2.3)."""
     if not measurements or settings.weights == "none":
         return Fused(pose, [])
-    seen = _inliers(world, view, pose, settings)
-    if len(seen.tracks) < _FEWEST:
+    images = pose_view(world, view, pose, settings)
+    if images is None:
         return Fused(pose, usual_weights(world, measurements))
-    images = PoseView(world.points[seen.tracks], seen.pixels, world.intrinsics[0], world.camera_model)
-    previous = world.keyframes[-1].pose
     methods = [_method(m, settings) for m in measurements]
-    constraints = [_constraint(m, previous) for m in measurements]
+    constraints = [pose_constraint(m, world.keyframes[-1].pose) for m in measurements]
     bounds = settings.weight_bounds
     selections = select_weights(images, constraints, pose, methods, bounds=bounds, threads=0)
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
@@ -77,7 +75,7 @@ def presumed_weights(
     """Give each measurement the weight of its declared σ beside images of usual noise; none without a σ."""
     count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
     return [
-        WeightedMeasurement(m, declared_weight(_constraint(m, previous.pose), count, _SIGMA_PX))
+        WeightedMeasurement(m, declared_weight(pose_constraint(m, previous.pose), count, _SIGMA_PX))
         for m in measurements
         if m.sigma is not None and not m.doubtful
     ]
@@ -133,10 +131,14 @@ def _group(sensor: str, kind: str, members: Sequence[_Member]) -> ConstraintGrou
     )
 
 
-def _inliers(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> View:
-    known = view.only(world.knows(view.tracks))
+def pose_view(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> PoseView | None:
+    """What weights are chosen by: the inliers of a pose on the map (thesis eq. 5.15); None of few."""
+    known, row = view.only(world.knows(view.tracks)), world.intrinsics[0]
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
-    return known.only(pose_inliers(pose, points, known.pixels, world.intrinsics[0], threshold_px))
+    inliers = pose_inliers(pose, points, known.pixels, row, threshold_px)
+    if np.count_nonzero(inliers) < _FEWEST:
+        return None
+    return PoseView(points[inliers], known.pixels[inliers], row, world.camera_model)
 
 
 def _method(measurement: Measurement, settings: SlamSettings) -> str:
@@ -159,7 +161,8 @@ def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
     return float(np.median(weights[-_LATELY:])) / (measurement.sigma or 1.0) if weights else 1.0
 
 
-def _constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
+def pose_constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
+    """The measurement as a constraint on a pose, that of the keyframe before held fixed."""
     make = partial(
         PoseConstraint,
         measurement.kind,

@@ -5,7 +5,7 @@ minimises beside the selected constraint, and ν, the mean squared error of that
 ``ρ + λ² ν`` the derivatives are tied by ``ρ′ = −λ² ν′``, so that ν′ is all the criteria need, and no second
 derivative is ever taken (Hansen, "The L-curve and its use in the numerical treatment of inverse problems",
 2001, §5). Differences of ρ itself drown in rounding at small weights, where ρ moves with λ⁴: the thesis
-reports a chaotic zone there, and that its L-curve and LTN choose in it.
+reports a chaotic zone there, and that its L-curve chooses in it.
 
 All three take the weights λ (W,), not negative and increasing; ρ and ν (W,) at each; and dν / d log λ (W,),
 None for differences. They return (W,) scores, infinite for λ = 0, and raise InvalidArgument if the arrays do

@@ -28,8 +28,8 @@ filtered = {"predict_by": "images", "turn_sigma_rad_sqrt_s": 0.005, "orientation
 runs = [{"label": "alone"}, {"label": "constant 1", "weights": "fixed:1"},
         {"label": "constant 300", "weights": "fixed:300"}, {"label": "EKF", "filter": filtered}]
 drawn = {"group": "short", "labels": ["alone", "EKF"]}
-settings = {"synthetic": ["short"], "runs": runs, "drawn": drawn}
-for kind, count in (("orientations", 2), ("constant-orientations", 1)):
+settings = {"synthetic": ["short"], "sensors": ["rotation"], "runs": runs, "drawn": drawn}
+for kind, count in (("orientations", 2), ("constant-orientations", 1), ("courses", 1)):
     experiment = Experiment(kind, kind, kind, settings=settings, runs=count)
     kinds.KINDS[kind](experiment).write(experiment, Path(sys.argv[1]))
 """
@@ -70,11 +70,13 @@ def test_a_navigation_system_betters_the_rotations_in_slam_and_after_it(folder: 
         )
 
 
-def test_both_kinds_say_the_same_and_draw_something(folder: Path) -> None:
+def test_all_kinds_say_the_same_and_draw_something(folder: Path) -> None:
     from matplotlib.image import imread
 
-    two, one = rows_of(folder, "orientations"), rows_of(folder, "constant-orientations")
-    for label in ("alone", "constant 1", "constant 300", "EKF"):
-        assert two["short 0", label] == one["short 0", label]
-    for kind in ("orientations", "constant-orientations"):
+    kinds = ("orientations", "constant-orientations", "courses")
+    first, *others = (rows_of(folder, kind) for kind in kinds)
+    for other in others:
+        for label in ("alone", "constant 1", "constant 300", "EKF"):
+            assert first["short 0", label] == other["short 0", label]
+    for kind in kinds:
         assert imread(folder / f"{kind}.png")[:, :, :3].std() > 0.05
