@@ -120,9 +120,9 @@ def test_a_camera_is_read_in_the_forms_in_which_data_sets_give_it(
     [
         ("calib.txt", "Tr: 1 2 3", "holds no row of 12 numbers"),
         ("calib.txt", f"P0: {ROW.format(0)}\nP2: 9{ROW.format(0)}", "its cameras differ"),
-        ("calib.txt", ROW.format(0).replace("770", "-770"), "fu and fv positive"),
+        ("calib.txt", ROW.format(0).replace("770", "-770"), "fu, fv and their ratio positive"),
         ("K.txt", "700 0 600 0 770 180 0 0 2", "must be"),
-        ("K.txt", "1e-200 0 600 0 1e200 180 0 0 1", "aspect, cx, cy, skew in pixels, f and aspect positive"),
+        ("K.txt", "1e-200 0 600 0 1e200 180 0 0 1", "fu, fv and their ratio positive and finite"),
         ("K.txt", "700 0 x 0 770 180 0 0 1", "K.txt:1: 'x' is not a finite number"),
     ],
 )
