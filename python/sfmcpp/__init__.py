@@ -16,6 +16,7 @@ from sfmcpp.ba import (
     projective_problem,
     residuals,
 )
+from sfmcpp.doctor import Diagnosis, Finding, diagnose
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
 from sfmcpp.sources.io import convert, formats, read, write
@@ -41,6 +42,8 @@ __all__ = [
     "ConstraintGroup",
     "Covariance",
     "DatasetError",
+    "Diagnosis",
+    "Finding",
     "InvalidArgument",
     "Iteration",
     "LinearModel",
@@ -59,6 +62,7 @@ __all__ = [
     "convert",
     "corridor_scene",
     "cost",
+    "diagnose",
     "drive_with_loops_scene",
     "formats",
     "linearize",

@@ -9,6 +9,7 @@ import typer
 
 import sfmcpp
 from sfmcpp.cli.choices import one_of, refined_intrinsics, with_solve_options
+from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
 from sfmcpp.cli.reconstruct import reconstruct
@@ -115,6 +116,7 @@ def demo(
     return run_demo(output, seed)
 
 
+app.command()(doctor)
 app.command()(synth)
 app.command()(evaluate)
 app.command()(slam)

@@ -54,10 +54,11 @@ def print_summary(
         table.add_row("written", Text(str(path)))
     if targets.problem is None:
         table.add_row("result", "not kept: -o FILE writes it")
-    say(_rendered(table))
+    say(rendered(table))
 
 
-def _rendered(table: Table) -> str:
+def rendered(table: Table) -> str:
+    """Lines of a table, as wide as the terminal; elsewhere as files have it."""
     at_terminal = sys.stdout is not None and sys.stdout.isatty()
     console = Console(width=None if at_terminal else WIDTH_OF_FILES)
     with console.capture() as captured:

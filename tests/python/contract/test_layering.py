@@ -36,7 +36,7 @@ PYTHON_LEVELS: list[set[str]] = [
     {"sensors"},
     {"ba"},
     {"weighting", "sources"},
-    {"map"},
+    {"map", "doctor"},
     {"slam", "sfm"},
     {"study"},
     {"cli"},

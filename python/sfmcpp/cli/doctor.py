@@ -1,0 +1,130 @@
+"""`sfmcpp doctor`: what about a problem explains a bad result, and the same problem mended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sfmcpp.doctor import Diagnosis, Repair
+    from sfmcpp.model import Problem
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+
+Source = Annotated[Path, typer.Argument(metavar="INPUT", help="Problem to read, in any known format.")]
+Fix = Annotated[
+    Path | None,
+    typer.Option(
+        "--fix",
+        metavar="FILE",
+        help="Where to write the problem, mended where that is safe: duplicates, a mirrored y, parts cut "
+        "off, gross errors.",
+    ),
+]
+Solve = Annotated[
+    bool,
+    typer.Option(
+        "--solve", help="Solve a copy first, and judge its end, its variances and minima nearby, too."
+    ),
+]
+Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+@with_exit_code
+def doctor(
+    source: Source, fix: Fix = None, solve: Solve = False, report: Report = None, quiet: Quiet = False
+) -> ExitCode:
+    """Say what about a problem explains a bad result, the gravest first, and what to do."""
+    from sfmcpp.cli.targets import Targets
+    from sfmcpp.doctor import repair
+    from sfmcpp.sources.io.api import read, write
+
+    targets = Targets(fix, report)
+    targets.check(source)
+    problem = read(source)
+    diagnosis = _diagnosed(problem, solve)
+    repaired = None if fix is None else repair(problem)
+    if fix is not None and repaired is not None:
+        write(repaired.problem, fix)
+    if report is not None:
+        _write_report(source, problem, diagnosis, repaired, report)
+    if not quiet:
+        say(_text(source, problem, diagnosis))
+        for line in _mended(fix, repaired):
+            say(line)
+    return ExitCode.DONE
+
+
+def _diagnosed(problem: Problem, solve: bool) -> Diagnosis:
+    from sfmcpp.doctor import diagnose
+    from sfmcpp.errors import InvalidArgument
+    from sfmcpp.weighting import solve as solved
+
+    if not solve:
+        return diagnose(problem)
+    copy = problem.copy()
+    try:
+        summary = solved(copy)
+    except InvalidArgument:  # what a solve refuses is a finding
+        return diagnose(problem)
+    return diagnose(copy, summary=summary)
+
+
+def _write_report(
+    source: Path, problem: Problem, diagnosis: Diagnosis, repaired: Repair | None, path: Path
+) -> None:
+    from sfmcpp.study.report_files import write_report
+
+    size = {
+        "path": str(source),
+        "cameras": problem.num_cameras,
+        "points": problem.num_points,
+        "observations": problem.num_observations,
+    }
+    done = None if repaired is None else repaired.done
+    write_report({"input": size, **diagnosis.to_dict(), "repaired": done}, path)
+
+
+def _mended(path: Path | None, repaired: Repair | None) -> list[str]:
+    if path is None or repaired is None:
+        return []
+    return [*(f"mended   {line}" for line in repaired.done or ["nothing"]), f"written  {path}"]
+
+
+def _text(source: Path, problem: Problem, diagnosis: Diagnosis) -> str:
+    from sfmcpp.cli.display import rendered
+
+    counts = [
+        f"{len(found)} {name}{'s' * (len(found) > 1)}"
+        for name in _STYLES
+        if (found := diagnosis.of_severity(name))
+    ]
+    verdict = ", ".join(counts) if counts else "nothing found"
+    lines = [f"{source}: {problem.num_cameras:,} cameras, {problem.num_points:,} points, "
+             f"{problem.num_observations:,} observations: {verdict}", ""]  # fmt: skip
+    return "\n".join([*lines, rendered(_table(diagnosis))]).rstrip() + "\n"
+
+
+def _table(diagnosis: Diagnosis) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for rank, finding in enumerate(diagnosis.findings, start=1):
+        where = f" [{finding.where}]" if finding.where else ""
+        what = Text(finding.code, style="bold").append(f": {finding.what}{where}", style="default")
+        table.add_row(str(rank), Text(finding.severity, style=_STYLES[finding.severity]), what)
+        table.add_row("", "", Text(f"→ {finding.advice}", style="dim"))
+    for reason in diagnosis.skipped:
+        table.add_row("", Text("in part", style="dim"), Text(reason, style="dim"))
+    return table

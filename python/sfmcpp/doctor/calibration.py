@@ -1,0 +1,255 @@
+"""Intrinsics: those that the images contradict, and those that they cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.ba import LinearModel, SolveOptions
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.outliers import fits_poorly, gross_errors
+from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.model import Problem, camera_model
+from sfmcpp.model.arrays import FloatArray, IndexArray
+
+# Beyond, a lens that is merely simplified (no distortion, a principal point in the middle) is no excuse.
+_FOCAL_OFF, _CENTRE_OFF = 0.1, 0.1
+# Sizes of images that a calibration may be of: this one, half of it, twice as large.
+_SIZES = (1.0, 2.0, 0.5)
+# A parameter that tells nothing lowers χ² by 1 in the mean; by so much (5 σ) it does not by chance.
+_SIGNIFICANT = 25.0
+# Two standard deviations that reach the whole leave open, at 95 %, whether there is anything at all.
+_HALF = 1 / 2
+# A camera at the end of a road that cannot tell its own focal length hardly matters; half of them do.
+_MOST = 0.5
+# Terms of a lens stand in for each other: what one leaves open another takes up.
+_LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
+# Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
+_RIDGE = 1e-12
+
+
+def calibration(case: Case) -> Iterator[Finding]:
+    """Find fixed focal lengths and principal points that the images contradict."""
+    if case.is_misread or case.trial is None or not _may_be_tested(case.trial.problem):
+        return
+    good = _without_gross_errors(case, case.trial)
+    given, freed = adjusted(good, case.constraints, "squared"), _freed(case, good)
+    if isinstance(given, str) or freed is None or not _is_significant(given, freed):
+        return
+    seen = np.unique(good.camera_index)
+    before, after = (
+        np.median(pinhole_rows(t.problem.intrinsics)[t.problem.intrinsics_index[seen], :4], axis=0)
+        for t in (given, freed)
+    )
+    yield from _judged(case, before, after, given, freed)
+
+
+def _freed(case: Case, problem: Problem) -> Trial | None:
+    """The adjustment with a free calibration, from that of an image of another size where it must be."""
+    for scale in _SIZES:
+        start = _with_free_calibration(problem)
+        start.intrinsics[:, [0, 2, 3]] *= scale
+        trial = adjusted(start, case.constraints, "squared")
+        if not isinstance(trial, str) and not fits_poorly(case, trial):
+            return trial
+    return None
+
+
+def _without_gross_errors(case: Case, trial: Trial) -> Problem:
+    """The trial's problem for a sum of squares, or the one it began with if it came to nothing.
+
+    Where a robust loss would make all but a few residuals of short tracks vanish, a square does not.
+    """
+    if fits_poorly(case, trial):
+        return case.part
+    good = trial.problem.with_observations(~gross_errors(case, trial))
+    views = np.bincount(good.point_index, minlength=good.num_points)
+    return good.with_observations((views > 1)[good.point_index])
+
+
+def _may_be_tested(problem: Problem) -> bool:
+    return problem.camera_model != "bal" and bool(problem.fixed_intrinsics[:, 0].all())
+
+
+def _with_free_calibration(problem: Problem) -> Problem:
+    """The problem with f, cx and cy free, one row for all cameras that were given the same numbers."""
+    names = camera_model("perspective").intrinsics
+    rows, index = np.unique(problem.intrinsics, axis=0, return_inverse=True)
+    intrinsics = np.zeros((len(rows), len(names)))
+    intrinsics[:, : rows.shape[1]] = rows
+    return replace(
+        problem,
+        camera_model="perspective",
+        intrinsics=intrinsics,
+        intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
+        fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in names], (len(rows), 1)),
+    )
+
+
+def _is_significant(given: Trial, freed: Trial) -> bool:
+    """Whether the squared error falls by far more than three parameters a row, that tell nothing, would."""
+    squares = [float((t.errors_px[np.isfinite(t.errors_px)] ** 2).sum()) for t in (given, freed)]
+    problem = freed.problem
+    cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
+    redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
+    parameters = 3 * len(problem.intrinsics)
+    return squares[0] - squares[1] > _SIGNIFICANT * parameters * squares[1] / redundancy
+
+
+def _judged(
+    case: Case, before: FloatArray, after: FloatArray, given: Trial, freed: Trial
+) -> Iterator[Finding]:
+    ratio = float(after[0] / before[0])
+    shift = after[2:] - before[2:]
+    better = f"; the median error falls from {given.median_px:.3g} to {freed.median_px:.3g} px"
+    measures = {"focal_ratio": ratio, "shift_x_px": float(shift[0]), "shift_y_px": float(shift[1])}
+    focal_off = abs(np.log(ratio)) > np.log1p(_FOCAL_OFF)
+    if focal_off and _fits_larger_image(case, given, freed, ratio):
+        yield Finding(
+            "calibration-of-another-size",
+            "warning",
+            f"K is that of an image of another size: f, cx and cy {ratio:.3g} times as large fit{better}",
+            f"multiply f, cx and cy by {ratio:.3g}",
+            measures=measures,
+        )
+    elif focal_off and abs(np.log(ratio)) * before[0] > np.abs(shift).max():
+        yield Finding(
+            "wrong-focal",
+            "warning",
+            f"the fixed f = {before[0]:.5g} px contradicts the images: {after[0]:.5g} px fits{better}",
+            "check its unit and the size of the image it belongs to, or let it be refined (--refine f)",
+            measures=measures,
+        )
+    elif np.abs(shift).max() > _CENTRE_OFF * case.extent_px:
+        yield Finding(
+            "wrong-principal-point",
+            "warning",
+            f"the principal point ({before[2]:.5g}, {before[3]:.5g}) contradicts the images: "
+            f"({after[2]:.5g}, {after[3]:.5g}) fits{better}",
+            "check the size of the images, and whether they were cropped",
+            measures=measures,
+        )
+
+
+def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> bool:
+    """Whether, from where freedom led, the whole K scaled fits better than the focal length alone."""
+    whole, focal = (_with_free_calibration(given.problem).intrinsics for _ in range(2))
+    whole[:, [0, 2, 3]] *= ratio
+    focal[:, 0] *= ratio
+    fixed = np.ones_like(freed.problem.fixed_intrinsics)
+    squares = []
+    for intrinsics in (whole, focal):
+        start = replace(freed.problem, intrinsics=intrinsics, fixed_intrinsics=fixed)
+        trial = adjusted(start, case.constraints, "squared")
+        squares.append(np.inf if isinstance(trial, str) else float((trial.errors_px**2).sum()))
+    return squares[0] < squares[1]
+
+
+def undetermined(case: Case) -> Iterator[Finding]:
+    """Find free intrinsics whose standard deviation leaves open what they are."""
+    trial = case.trial
+    if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or fits_poorly(case, trial):
+        return
+    try:
+        model = LinearModel(trial.problem, case.constraints, SolveOptions(gauge="fixed"), _RIDGE)
+        cameras = _chosen_cameras(trial.problem)
+        unknown = _unknown(case, trial, model, cameras)
+    except InvalidArgument as error:
+        case.skipped.append(f"variances of intrinsics: {error}")
+        return
+    if unknown:
+        yield _undetermined(case, trial, unknown, len(cameras))
+
+
+def _unknown(
+    case: Case, trial: Trial, model: LinearModel, cameras: IndexArray
+) -> dict[str, tuple[float, IndexArray]]:
+    """For each intrinsic that is open somewhere: its worst share of the radius, and the cameras."""
+    sigmas = (
+        trial.sigma_px
+        / case.sigma_px
+        * np.sqrt(np.maximum(np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2), 0))
+    )
+    reach = _largest_slopes(trial.problem, model)[cameras] * case.sigma_px
+    share = sigmas * reach / _radii_px(trial.problem)[cameras, None]
+    return {
+        name: (float(share[:, column].max()), cameras[share[:, column] > _HALF])
+        for column, name in enumerate(model.parameter_names)
+        if column >= 6 and (share[:, column] > _HALF).any()
+    }
+
+
+def _chosen_cameras(problem: Problem) -> IndexArray:
+    """One camera that observes for each row of intrinsics with something free."""
+    seen = np.unique(problem.camera_index)
+    _, first = np.unique(problem.intrinsics_index[seen], return_index=True)
+    cameras = seen[first]
+    cameras = cameras[~problem.fixed_intrinsics[problem.intrinsics_index[cameras]].all(axis=1)]
+    return np.asarray(cameras, dtype=np.int32)
+
+
+def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
+    """(C, D) how far a parameter moves that observation of the camera that it moves most, per unit."""
+    by_camera, _ = model.blocks()
+    moved = np.linalg.norm(by_camera, axis=1)
+    largest = np.zeros((problem.num_cameras, moved.shape[1]))
+    np.maximum.at(largest, problem.camera_index, moved)
+    return largest
+
+
+def _radii_px(problem: Problem) -> FloatArray:
+    """(C,) distance of the farthest observation of each camera from the principal point [px]."""
+    centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
+    radii = np.ones(problem.num_cameras)
+    np.maximum.at(radii, problem.camera_index, np.linalg.norm(problem.pixels - centres, axis=1))
+    return radii
+
+
+def _undetermined(
+    case: Case, trial: Trial, unknown: dict[str, tuple[float, IndexArray]], tested: int
+) -> Finding:
+    cameras = np.unique(np.concatenate([cameras for _, cameras in unknown.values()]))
+    listed = ", ".join(f"{name} (±{share:.0%})" for name, (share, _) in unknown.items())
+    code, reason = _reason(trial, "f" in unknown)
+    widespread = any(
+        len(cameras) > _MOST * tested for name, (_, cameras) in unknown.items() if name not in _LENS
+    )
+    return Finding(
+        code,
+        "warning" if widespread else "note",
+        f"the images cannot tell {listed}: one standard deviation moves the rim of the image by that share "
+        f"of its radius{reason}",
+        "keep them at known values (--refine without them), or share them between cameras",
+        case.named_cameras([int(k) for k in cameras]),
+        cameras=tuple(int(k) for k in cameras),
+        measures={name: share for name, (share, _) in unknown.items()},
+    )
+
+
+def _reason(trial: Trial, focal: bool) -> tuple[str, str]:
+    problem = trial.problem
+    seen = np.unique(problem.camera_index)
+    if focal and _flatness_px(problem) < 3 * trial.sigma_px:
+        return "planar-focal", "; all points lie in a plane, which leaves focal lengths open"
+    axes = problem.rotations[seen, :, 2]
+    if focal and np.degrees(np.arccos(np.clip((axes @ axes.mean(axis=0)).min(), -1, 1))) < 5.0:
+        return "parallel-views", "; all cameras look the same way, which leaves focal length and depth open"
+    return "undetermined-intrinsics", ""
+
+
+def _flatness_px(problem: Problem) -> float:
+    """How thick the points are across the plane that fits them, seen from the median distance [px]."""
+    seen: NDArray[np.int32] = np.unique(problem.point_index)
+    offsets = problem.points[seen] - np.median(problem.points[seen], axis=0)
+    normal = np.linalg.svd(offsets, full_matrices=False)[2][-1]
+    rows = slice(None, None, max(1, problem.num_observations // 10_000))
+    rays = problem.points[problem.point_index[rows]] - problem.centres[problem.camera_index[rows]]
+    distance = float(np.median(np.linalg.norm(rays, axis=1)))
+    focal = float(np.median(pinhole_rows(problem.intrinsics)[:, 0]))
+    return float(np.median(np.abs(offsets @ normal)) * 1.4826 / distance * focal)

@@ -1,0 +1,151 @@
+"""A problem under examination: what the examinations share, each thing computed once and only if wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.ba import Summary
+from sfmcpp.doctor.finding import named
+from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.geometry.point_tests import reprojection_errors_px
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.uncertainty import Whitener
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+# What is computed per observation in Python looks at so many, evenly spread: medians hardly feel it.
+SAMPLE = 200_000
+# Trial adjustments and variances, which are cubic in the cameras, take so much of a problem: a second or two.
+TRIAL_OBSERVATIONS, TRIAL_CAMERAS = 100_000, 200
+
+
+class Case:
+    """A problem whose arrays keep the rules, without its second observations of a point by a camera."""
+
+    def __init__(
+        self, problem: Problem, constraints: Sequence[ConstraintGroup], summary: Summary | None
+    ) -> None:
+        self.problem = problem
+        self.constraints = list(constraints)
+        self.summary = summary
+        self.skipped: list[str] = []
+        # Whether the start is void or misread: what residuals say is then about that alone.
+        self.is_misread = False
+
+    def name_of_camera(self, camera: int) -> str:
+        """Its number, and the name of its image if there is one."""
+        names = self.problem.metadata.image_names
+        return f"{camera} ({names[camera]})" if camera < len(names) else str(camera)
+
+    def named_cameras(self, cameras: Sequence[int]) -> str:
+        """Some cameras by name."""
+        return named("camera", cameras, self.name_of_camera)
+
+    @cached_property
+    def sigma_px(self) -> float:
+        """Median standard deviation of the pixels as stated; one where nothing is said [px]."""
+        uncertainty = self.problem.uncertainty
+        return float(np.median(Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px))
+
+    @cached_property
+    def views_of_points(self) -> NDArray[np.int64]:
+        """(N,) observations of each point."""
+        return np.bincount(self.problem.point_index, minlength=self.problem.num_points)
+
+    @cached_property
+    def views_of_cameras(self) -> NDArray[np.int64]:
+        """(C,) observations of each camera."""
+        return np.bincount(self.problem.camera_index, minlength=self.problem.num_cameras)
+
+    @cached_property
+    def incidence(self) -> csr_matrix:
+        """(C, N) one where a camera observes a point that others observe too."""
+        from scipy.sparse import csr_matrix
+
+        problem = self.problem
+        joining = self.views_of_points[problem.point_index] > 1
+        places = problem.camera_index[joining], problem.point_index[joining]
+        shape = (problem.num_cameras, problem.num_points)
+        return csr_matrix((np.ones(len(places[0]), dtype=np.int32), places), shape=shape)
+
+    @cached_property
+    def common_points(self) -> csr_matrix:
+        """(C, C) how many points two cameras have in common; nothing on the diagonal."""
+        common: csr_matrix = (self.incidence @ self.incidence.T).tocsr()
+        common.setdiag(0)
+        common.eliminate_zeros()
+        return common
+
+    @cached_property
+    def sample(self) -> Problem:
+        """The problem with observations evenly spread over all of them."""
+        count = self.problem.num_observations
+        if count <= SAMPLE:
+            return self.problem
+        self.skipped.append(
+            f"conventions, units and angles were judged by {SAMPLE:,} of {count:,} observations"
+        )
+        return self.problem.with_observations(np.linspace(0, count - 1, SAMPLE).astype(np.int64))
+
+    @cached_property
+    def errors_px(self) -> FloatArray:
+        """Reprojection errors of the sample at the state given; infinite behind the camera."""
+        return reprojection_errors_px(self.sample, self.sample.points)
+
+    @cached_property
+    def focal_px(self) -> float:
+        """Median focal length [px]."""
+        return float(np.median(pinhole_rows(self.problem.intrinsics)[:, 0]))
+
+    @cached_property
+    def extent_px(self) -> float:
+        """Extent of the images [px]."""
+        return extent_px(self.sample)
+
+    @cached_property
+    def part(self) -> Problem:
+        """The problem or, of a large one, the cameras around the one that sees most, for trials."""
+        problem = self.problem
+        if problem.num_observations > TRIAL_OBSERVATIONS or problem.num_cameras > TRIAL_CAMERAS:
+            cameras = self._cameras_nearby()
+            problem = problem.with_observations(cameras[problem.camera_index])
+            self.skipped.append(
+                f"residuals and variances: {np.count_nonzero(cameras):,} neighbouring cameras "
+                f"of {len(cameras):,}"
+            )
+        views = np.bincount(problem.point_index, minlength=problem.num_points)
+        return problem.with_observations((views > 1)[problem.point_index])
+
+    def _cameras_nearby(self) -> NDArray[np.bool_]:
+        from scipy.sparse.csgraph import breadth_first_order
+
+        start = int(np.argmax(self.views_of_cameras))
+        order = breadth_first_order(self.common_points, start, directed=False, return_predecessors=False)
+        order = order[:TRIAL_CAMERAS]
+        enough = np.cumsum(self.views_of_cameras[order]) <= TRIAL_OBSERVATIONS
+        enough[:2] = True
+        chosen = np.zeros(self.problem.num_cameras, dtype=np.bool_)
+        chosen[order[enough]] = True
+        return chosen
+
+    @cached_property
+    def trial(self) -> Trial | None:
+        """The part adjusted by a robust loss; None, with the reason noted, where that cannot be."""
+        trial = adjusted(self.part, self.constraints)
+        if isinstance(trial, str):
+            self.skipped.append(f"no trial adjustment, and nothing that needs one: {trial}")
+            return None
+        return trial
+
+
+def extent_px(problem: Problem) -> float:
+    """Larger side of the box around most pixels, wrong ones left out [px]."""
+    return float(np.ptp(np.quantile(problem.pixels, (0.01, 0.99), axis=0), axis=0).max())

@@ -1,0 +1,202 @@
+"""How cameras hang together: what nobody sees, parts, hinges, cameras that see too little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding, named, numbers
+
+# Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
+# are left still have one to spare: k = 3 + 2.
+POINTS_TO_TELL_AN_OUTLIER = 5
+
+
+def connections(case: Case) -> Iterator[Finding]:
+    """Find parts that share no point, parts that share too few, and cameras that see too few."""
+    labels = parts(case)
+    yield from _separate_parts(case, labels)
+    yield from _hinges(case, labels)
+    yield from _weak_cameras(case)
+    yield from _unobserved(case)
+
+
+def parts(case: Case) -> NDArray[np.int64]:
+    """(C,) part of each camera, the one of most observations first; −1 for cameras that see nothing.
+
+    Cameras that are fixed, or tied by a constraint to the world or to each other, are of one part.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = case.problem.num_cameras
+    ties = np.array(_ties(case), dtype=np.int64).reshape(-1, 2)
+    joined = coo_matrix((np.ones(len(ties), dtype=np.int32), (ties[:, 0], ties[:, 1])), shape=(count, count))
+    _, labels = connected_components(case.common_points + joined, directed=False)
+    return _by_size(labels.astype(np.int64), case.views_of_cameras)
+
+
+def _ties(case: Case) -> list[tuple[int, int]]:
+    """Pairs of cameras whose relative position does not rest on common points."""
+    absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
+    pairs: list[tuple[int, int]] = []
+    for group in case.constraints:
+        if group.weight <= 0:
+            continue
+        if group.cameras.ndim == 1:
+            absolute.append(group.cameras)
+        else:
+            pairs += [(int(a), int(b)) for a, b in group.cameras]
+    held = np.concatenate(absolute)
+    return pairs + [(int(held[0]), int(k)) for k in held[1:]]
+
+
+def _by_size(labels: NDArray[np.int64], weights: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Labels renumbered, the heaviest first; −1 for what weighs nothing."""
+    sizes = np.bincount(labels, weights)
+    rank = np.empty(len(sizes), dtype=np.int64)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
+    return np.where(weights > 0, rank[labels], -1)
+
+
+def _separate_parts(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
+    if labels.max(initial=-1) < 1:
+        return
+    others = numbers(np.flatnonzero(labels > 0))
+    sizes = np.bincount(labels[labels >= 0])
+    listed = ", ".join(f"{n:,}" for n in sizes[:6]) + (", …" if len(sizes) > 6 else "")
+    yield Finding(
+        "disconnected-parts",
+        "warning",
+        f"the cameras fall into {len(sizes):,} parts, of {listed} cameras, that share no point: how they "
+        "lie to each other is arbitrary, 7 freedoms a part",
+        "match images across the parts, or solve each alone; --fix keeps the largest",
+        case.named_cameras(others) + " outside the largest",
+        cameras=others,
+        measures={"parts": float(len(sizes))},
+    )
+
+
+def _hinges(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
+    """Groups of cameras that share, all together, too few points with the others of their part."""
+    for cameras, shared in _weakly_tied_groups(case, labels):
+        loose = shared < 3
+        yield Finding(
+            "weak-link",
+            "warning",
+            f"{len(cameras)} cameras share only {shared} points with the others"
+            + (": they can turn or grow against them" if loose else ": one wrong point bends the joint"),
+            f"match more images across the joint: {POINTS_TO_TELL_AN_OUTLIER} points tell a wrong one",
+            case.named_cameras(cameras),
+            cameras=cameras,
+            measures={"shared_points": float(shared)},
+        )
+
+
+def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tuple[int, ...], int]]:
+    """Cameras of each group that shares too few points with all others, and how many."""
+    groups = _rigid_groups(case)
+    tied = _tied_cameras(case)
+    found = []
+    for part in range(labels.max(initial=-1) + 1):
+        in_part, sizes = np.unique(groups[labels == part], return_counts=True)
+        # The largest group is what the others hang on; single cameras are spoken of apart.
+        for group in in_part[(sizes > 1) & (np.arange(len(sizes)) != np.argmax(sizes))]:
+            members = groups == group
+            shared = _points_shared(case, members)
+            if not tied[members].any() and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
+                found.append((numbers(np.flatnonzero(members)), shared))
+    return found
+
+
+def _rigid_groups(case: Case) -> NDArray[np.int64]:
+    """(C,) group of each camera: cameras that share enough points are one, then groups that do, and so on."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    cameras = case.problem.num_cameras
+    groups: NDArray[np.integer] = np.arange(cameras)
+    common = case.common_points
+    while True:
+        strong = common.copy()
+        strong.data = strong.data * (strong.data >= POINTS_TO_TELL_AN_OUTLIER)
+        strong.setdiag(0)
+        strong.eliminate_zeros()
+        count, joined = connected_components(strong, directed=False)
+        if count == len(joined):
+            return groups.astype(np.int64)
+        groups = joined[groups]
+        members = csr_matrix((np.ones(cameras, dtype=np.int32), (groups, np.arange(cameras))))
+        seen = (members @ case.incidence).tocsr()
+        seen.data[:] = 1
+        common = (seen @ seen.T).tocsr()
+
+
+def _tied_cameras(case: Case) -> NDArray[np.bool_]:
+    tied = np.zeros(case.problem.num_cameras, dtype=np.bool_)
+    for pair in _ties(case):
+        tied[list(pair)] = True
+    return tied
+
+
+def _points_shared(case: Case, inside: NDArray[np.bool_]) -> int:
+    """How many points are observed both by cameras `inside` and by others."""
+    seen = [np.asarray(case.incidence[side].sum(axis=0)).ravel() > 0 for side in (inside, ~inside)]
+    return int(np.count_nonzero(seen[0] & seen[1]))
+
+
+def _weak_cameras(case: Case) -> Iterator[Finding]:
+    """Cameras that observe fewer points of others than tell their pose, and a wrong one."""
+    problem = case.problem
+    useful = np.asarray(case.incidence.sum(axis=1)).ravel()
+    wanted = POINTS_TO_TELL_AN_OUTLIER + (_own_intrinsics(case) + 1) // 2
+    free = ~problem.fixed_cameras & ~_tied_cameras(case) & (case.views_of_cameras > 0)
+    weak = numbers(np.flatnonzero(free & (useful < wanted)))
+    if weak:
+        yield Finding(
+            "weak-cameras",
+            "warning",
+            f"{len(weak):,} cameras observe too few points that others see: {useful[list(weak)].min()} at "
+            f"least, {wanted[list(weak)].max()} tell the pose and a wrong point",
+            "match them with more images, fix them, or leave them out",
+            case.named_cameras(weak),
+            cameras=weak,
+        )
+
+
+def _own_intrinsics(case: Case) -> NDArray[np.int64]:
+    """(C,) free intrinsics of each camera that it shares with no other."""
+    problem = case.problem
+    users = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
+    own = np.where(users == 1, (~problem.fixed_intrinsics).sum(axis=1), 0)
+    return np.asarray(own[problem.intrinsics_index], dtype=np.int64)
+
+
+def _unobserved(case: Case) -> Iterator[Finding]:
+    cameras = numbers(np.flatnonzero(case.views_of_cameras == 0))
+    if cameras:
+        yield Finding(
+            "unobserving-cameras",
+            "note",
+            f"{len(cameras):,} cameras have no observations: a solve leaves them as given",
+            "nothing, or leave them out",
+            case.named_cameras(cameras),
+            cameras=cameras,
+        )
+    for views, code, text in (
+        (0, "unobserved-points", "are observed by no camera: a solve leaves them as given"),
+        (1, "points-seen-once", "are observed by one camera only: their depth is held by damping alone"),
+    ):
+        points = numbers(np.flatnonzero((case.views_of_points == views) & ~case.problem.fixed_points))
+        if points:
+            yield Finding(
+                code,
+                "note",
+                f"{len(points):,} points ({len(points) / case.problem.num_points:.1%}) {text}",
+                "leave them out: they tell nothing about the cameras",
+                named("point", points),
+                points=points,
+            )

@@ -1,0 +1,226 @@
+"""Pixels and poses read by another convention than they were written in: every known one is tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sfmcpp.doctor.case import Case, extent_px
+from sfmcpp.doctor.finding import Finding, numbers
+from sfmcpp.doctor.trial import adjusted
+from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+
+# A convention is said to be another if the median error falls to half with it: a start away from the truth is
+# as far away under the right convention as under any other, and its errors come on top.
+_BETTER = 2.0
+# A start that fits to so much of the image is read as it was written.
+_FITS = 0.02
+# Two that differ by less are equally good: a start away from the truth spreads their medians.
+_AS_WELL = 1.2
+# Half of all is what no outliers explain.
+_MOST = 0.5
+# Real sets of good repute have up to 0.3 % of their points behind a camera (BAL's Ladybug).
+_NOTABLE_BEHIND = 0.01
+
+
+@dataclass(frozen=True)
+class Convention:
+    """Another way in which a problem may have been written, and how it is read right."""
+
+    code: str
+    text: str
+    read: Callable[[Problem], Problem]
+    advice: str
+
+
+def _with_pixels(change: Callable[[FloatArray, FloatArray], FloatArray]) -> Callable[[Problem], Problem]:
+    """Change pixels (M, 2), given the f, aspect, cx, cy, skew of each."""
+
+    def read(problem: Problem) -> Problem:
+        rows = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], :5]
+        return replace(problem, pixels=change(problem.pixels, rows))
+
+    return read
+
+
+def _with_poses(
+    change: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> Callable[[Problem], Problem]:
+    """Change rotations (C, 3, 3) and centres (C, 3)."""
+
+    def read(problem: Problem) -> Problem:
+        rotations, centres = change(problem.rotations, problem.centres)
+        return replace(problem, cameras=np.concatenate([rotations, centres[:, :, None]], axis=2))
+
+    return read
+
+
+def _transposed(rotations: FloatArray) -> FloatArray:
+    return np.swapaxes(rotations, 1, 2)
+
+
+def _placed(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(-np.einsum("cij,cj->ci", rotations, vectors))
+
+
+def mirrored_y(problem: Problem) -> Problem:
+    """The problem with pixels counted from the other edge: by the heights of the images, else around cy."""
+    sizes = problem.metadata.image_sizes
+    if sizes is None or len(sizes) != problem.num_cameras or problem.camera_model == "bal":
+        return _with_pixels(lambda x, k: np.column_stack([x[:, 0], 2 * k[:, 3] - x[:, 1]]))(problem)
+    heights = np.asarray(sizes)[problem.camera_index, 1]
+    return replace(problem, pixels=np.column_stack([problem.pixels[:, 0], heights - problem.pixels[:, 1]]))
+
+
+CONVENTIONS = (
+    Convention(
+        "mirrored-y",
+        "the pixels' y points up instead of down",
+        mirrored_y,
+        "--fix counts y from the other edge; or v = height − v",
+    ),
+    Convention(
+        "mirrored-x",
+        "the images are mirrored left to right",
+        _with_pixels(lambda x, k: np.column_stack([2 * k[:, 2] - x[:, 0], x[:, 1]])),
+        "u = width − u",
+    ),
+    Convention(
+        "swapped-pixels",
+        "the pixels are (row, column) instead of (x, y)",
+        _with_pixels(lambda x, k: x[:, ::-1].copy()),
+        "swap the two columns of pixels",
+    ),
+    Convention(
+        "centred-pixels",
+        "the pixels are counted from the principal point, not from the corner of the image",
+        _with_pixels(lambda x, k: x + k[:, 2:4]),
+        "add (cx, cy) to the pixels, or set both to zero",
+    ),
+    Convention(
+        "normalised-pixels",
+        "the pixels are normalised coordinates at depth one",
+        _with_pixels(lambda x, k: x * np.column_stack([k[:, 0], k[:, 0] * k[:, 1]]) + k[:, 2:4]),
+        "multiply by f and add (cx, cy), or set f = 1 and the principal point to zero",
+    ),
+    Convention(
+        "axes-of-opengl",
+        "the cameras look along −z with y up (OpenGL, Bundler, BAL) instead of z with y down",
+        _with_poses(lambda r, c: (r * np.array([1.0, -1.0, -1.0]), c)),
+        "multiply the second and third column of each rotation by −1",
+    ),
+    Convention(
+        "inverse-poses",
+        "the poses are camera_from_world [R | t] instead of world_from_camera [R | c]",
+        _with_poses(lambda r, c: (_transposed(r), _placed(_transposed(r), c))),
+        "invert: R ← Rᵀ, c ← −Rᵀ t",
+    ),
+    Convention(
+        "transposed-rotations",
+        "the rotations are camera_from_world, the centres are right",
+        _with_poses(lambda r, c: (_transposed(r), c)),
+        "transpose the rotations",
+    ),
+    Convention(
+        "translations-for-centres",
+        "the last column holds the translations t of camera_from_world instead of centres",
+        _with_poses(lambda r, c: (r, _placed(r, c))),
+        "c ← −R t, with R world_from_camera",
+    ),
+    Convention(
+        "mirrored-world",
+        "the points are those of a left-handed world",
+        lambda p: replace(p, points=p.points * np.array([1.0, 1.0, -1.0])),
+        "negate z of the points, or the axis that the two worlds differ in",
+    ),
+)
+
+
+def conventions(case: Case) -> Iterator[Finding]:
+    """Find the convention that explains the observations far better than the one they were read by."""
+    if case.is_misread or not case.problem.num_observations:
+        return
+    found = _better_at_start(case) or _better_adjusted(case)
+    if found is not None:
+        case.is_misread = True
+        convention, before, after = found
+        yield Finding(
+            convention.code,
+            "error",
+            f"{convention.text}: so read, the median error is {after:.3g} px instead of {before:.3g}",
+            convention.advice,
+            measures={"median_px": before, "median_read_so_px": after},
+        )
+
+
+def _better_at_start(case: Case) -> tuple[Convention, float, float] | None:
+    median = float(np.median(case.errors_px))
+    if median <= _FITS * case.extent_px:
+        return None
+    return _best(case, median, lambda c: _median_px(c.read(case.sample)))
+
+
+def _better_adjusted(case: Case) -> tuple[Convention, float, float] | None:
+    """Where an adjustment does not come near: the convention from whose start one does."""
+    if case.trial is None or case.trial.median_px <= _FITS * case.extent_px:
+        return None
+
+    def after_adjustment(convention: Convention) -> float:
+        trial = adjusted(convention.read(case.part))
+        return np.inf if isinstance(trial, str) else trial.median_px
+
+    return _best(case, case.trial.median_px, after_adjustment)
+
+
+def _best(
+    case: Case, before: float, judge: Callable[[Convention], float]
+) -> tuple[Convention, float, float] | None:
+    """The first of those that fit as well as any: symmetric scenes do not tell some of them apart."""
+    medians = np.array([judge(convention) for convention in CONVENTIONS])
+    best = int(np.argmax(medians < _AS_WELL * medians.min()))
+    extent = extent_px(CONVENTIONS[best].read(case.sample))
+    if not medians[best] * _BETTER < before or medians[best] > extent / 4:
+        return None
+    return CONVENTIONS[best], before, float(medians[best])
+
+
+def _median_px(problem: Problem) -> float:
+    return float(np.median(reprojection_errors_px(problem, problem.points)))
+
+
+def behind(case: Case) -> Iterator[Finding]:
+    """Find observations of points behind the camera, and cameras that look away from most of theirs."""
+    if case.is_misread or not case.problem.num_observations:
+        return
+    sample = case.sample
+    is_behind = depths(sample, sample.points) <= 0
+    share = float(is_behind.mean())
+    views = np.bincount(sample.camera_index, minlength=sample.num_cameras)
+    shares = np.bincount(sample.camera_index, is_behind, sample.num_cameras) / np.maximum(views, 1)
+    away = numbers(np.flatnonzero(shares > _MOST))
+    if away:
+        yield Finding(
+            "cameras-look-away",
+            "warning",
+            f"{len(away):,} cameras have more than half of their points behind them",
+            "rotations are turned around, or centres are beyond the points: estimate these poses anew",
+            case.named_cameras(away),
+            cameras=away,
+            measures={"share_behind": share},
+        )
+    elif is_behind.any():
+        cameras = numbers(np.flatnonzero(shares > 0))
+        yield Finding(
+            "points-behind",
+            "warning" if share > _NOTABLE_BEHIND else "note",
+            f"{np.count_nonzero(is_behind):,} observations ({share:.2%}) are of points behind their camera",
+            "triangulate these points anew, or drop them: a step cannot bring them through infinity",
+            case.named_cameras(cameras),
+            cameras=cameras,
+            measures={"share_behind": share},
+        )

@@ -1,0 +1,110 @@
+"""All examinations of a problem, in the order of cause and effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from sfmcpp import _core
+from sfmcpp.ba import Summary, check
+from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.doctor.calibration import calibration, undetermined
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
+from sfmcpp.doctor.connections import connections
+from sfmcpp.doctor.conventions import behind, conventions
+from sfmcpp.doctor.duplicates import duplicate_observations, duplicates, second_observations
+from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
+from sfmcpp.doctor.gauge import gauge
+from sfmcpp.doctor.outliers import outliers, sigmas
+from sfmcpp.doctor.solution import solution
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.constraints import checked_groups
+
+# Causes before what follows from them: of one severity, findings stay in this order.
+_EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
+    coincident_centres,
+    conventions,
+    pure_rotation,
+    units,
+    duplicates,
+    connections,
+    behind,
+    solution,
+    calibration,
+    undetermined,
+    sigmas,
+    outliers,
+    angles,
+    gauge,
+)
+# Those that ask neither for poses nor for lengths.
+_OF_PROJECTIVE_CAMERAS = (duplicates, connections, gauge)
+
+
+def diagnose(
+    problem: Problem, *, constraints: Iterable[ConstraintGroup] = (), summary: Summary | None = None
+) -> Diagnosis:
+    """Find everything about a problem that explains a bad result of a solve.
+
+    Adjusts copies with a robust loss to tell gross errors from a start that is merely far away; of more than
+    200 cameras or 100,000 observations, copies of a part. The same findings in every run.
+
+    Parameters
+    ----------
+    problem : Problem
+        Left untouched; its state is the start of a solve, or with `summary` the end of one.
+    constraints : iterable of ConstraintGroup
+        Those of the solve.
+    summary : Summary, optional
+        What the solve that ended here returned: then variances, the worst parameters and other basins
+        near the solution are looked at, too.
+
+    Returns
+    -------
+    Diagnosis
+        Findings in the order of their weight, and what was skipped.
+
+    Raises
+    ------
+    InvalidArgument
+        If a constraint is no valid group. What is wrong with the problem is a finding.
+    """
+    groups = checked_groups(constraints)
+    refused = _refused(problem)
+    if refused is not None:
+        return Diagnosis([refused], ["everything else: the arrays break a rule"])
+    repeated = list(duplicate_observations(problem))
+    case = Case(_without_repeats(problem), groups, summary)
+    findings = [*repeated, *_unsolvable(case)]
+    with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
+        for examine in _EXAMINATIONS if problem.is_metric else _OF_PROJECTIVE_CAMERAS:
+            findings += examine(case)
+    findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    return Diagnosis(findings, list(dict.fromkeys(case.skipped)))
+
+
+def _refused(problem: Problem) -> Finding | None:
+    """Arrays that break a rule: numbers that are not finite, indices out of range, no rotations."""
+    try:
+        _core.residuals(core_arrays(problem))
+    except InvalidArgument as error:
+        return Finding("invalid-array", "error", str(error), "mend what wrote the array: a solve refuses it")
+    return None
+
+
+def _without_repeats(problem: Problem) -> Problem:
+    repeated = second_observations(problem)
+    if not len(repeated):
+        return problem
+    return problem.with_observations(np.delete(np.arange(problem.num_observations), repeated))
+
+
+def _unsolvable(case: Case) -> Iterator[Finding]:
+    """Sound arrays that make no problem: nothing observed, nothing free, fewer residuals than unknowns."""
+    try:
+        check(case.problem)
+    except InvalidArgument as error:
+        yield Finding("unsolvable", "error", str(error), "a solve refuses this problem")

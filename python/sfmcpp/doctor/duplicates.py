@@ -1,0 +1,116 @@
+"""Things that are there twice: observations, points, cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding, named, numbers
+from sfmcpp.model import Problem
+
+# Copies of a share s of the points make standard deviations smaller by s / 2. Features with two orientations
+# make 3 to 5 % of the points of sets of good repute copies (BAL's Ladybug, Bundler's own example).
+_NOTABLE_SHARE = 0.1
+
+
+def second_observations(problem: Problem) -> NDArray[np.intp]:
+    """Numbers of observations whose camera observed their point before."""
+    key = problem.camera_index.astype(np.int64) * max(problem.num_points, 1) + problem.point_index
+    first = np.unique(key, return_index=True)[1]
+    repeated = np.ones(len(key), dtype=np.bool_)
+    repeated[first] = False
+    return np.flatnonzero(repeated)
+
+
+def duplicate_observations(problem: Problem) -> Iterator[Finding]:
+    """Find cameras that observe a point twice, which a solve refuses."""
+    repeated = second_observations(problem)
+    if len(repeated):
+        points = np.unique(problem.point_index[repeated])
+        yield Finding(
+            "duplicate-observations",
+            "error",
+            f"{len(repeated):,} observations repeat one of the same point by the same camera",
+            "--fix keeps the first of each; if their pixels differ, two tracks were joined that are not one",
+            named("point", numbers(points)),
+            points=numbers(points),
+            observations=numbers(repeated),
+        )
+
+
+def duplicates(case: Case) -> Iterator[Finding]:
+    """Find cameras and points whose observations are copies of those of others."""
+    problem = case.problem
+    yield from _cameras(case, copies(problem.camera_index, problem.point_index, problem.pixels))
+    yield from _points(case, copies(problem.point_index, problem.camera_index, problem.pixels))
+
+
+def copies(
+    owner: NDArray[np.integer], partner: NDArray[np.integer], pixels: NDArray[np.float64]
+) -> list[tuple[int, int]]:
+    """Pairs of owners, the original and its copy, with two observations or more, all of them the same.
+
+    The same are pixels that agree in all bits, and partners: of cameras the points, of points the cameras.
+    """
+    order = np.lexsort((partner, owner))
+    owners, begin = np.unique(owner[order], return_index=True)
+    if not len(owners):
+        return []
+    rows = np.column_stack([partner[order].astype(np.float64), pixels[order]])
+    # Sums of scrambled bits tell most apart; those that agree are compared in full.
+    marks = np.add.reduceat(_scrambled(rows), begin)
+    sizes = np.diff([*begin, len(order)])
+    candidates = np.lexsort((owners, marks))
+    found, original = [], -1
+    for previous, this in pairwise(candidates.tolist()):
+        if marks[previous] != marks[this] or sizes[this] < 2:
+            original = -1
+            continue
+        original = previous if original < 0 else original
+        ours, theirs = (rows[begin[k] : begin[k] + sizes[k]] for k in (this, original))
+        if np.array_equal(ours, theirs):
+            found.append((int(owners[original]), int(owners[this])))
+    return found
+
+
+def _scrambled(rows: NDArray[np.float64]) -> NDArray[np.uint64]:
+    """(M,) bits of the three numbers of each row, mixed by odd multipliers (multiplicative hashing)."""
+    bits = np.ascontiguousarray(rows).view(np.uint64)
+    mixed = np.zeros(len(rows), dtype=np.uint64)
+    for column, odd in zip(bits.T, (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9), strict=True):
+        mixed = (mixed ^ (column >> np.uint64(29)) ^ column) * np.uint64(odd)
+    return mixed
+
+
+def _cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+    if pairs:
+        copied = [copy for _, copy in pairs]
+        yield Finding(
+            "duplicate-cameras",
+            "warning",
+            f"{len(pairs):,} cameras observe the same points at the same pixels as another: "
+            f"{case.name_of_camera(pairs[0][1])} as {case.name_of_camera(pairs[0][0])}",
+            "an image was given twice; --fix drops the observations of the copies",
+            case.named_cameras(sorted(copied)),
+            cameras=tuple(copied),
+        )
+
+
+def _points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+    if pairs:
+        copied = [copy for _, copy in pairs]
+        share = len(pairs) / max(case.problem.num_points, 1)
+        yield Finding(
+            "duplicate-points",
+            "warning" if share > _NOTABLE_SHARE else "note",
+            f"{len(pairs):,} points ({share:.1%}) are seen at the pixels where another is: "
+            f"{pairs[0][1]} as {pairs[0][0]}",
+            "they count twice; --fix drops the observations of the copies",
+            named("point", sorted(copied)),
+            points=tuple(copied),
+            measures={"share": share},
+        )

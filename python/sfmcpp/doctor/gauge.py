@@ -1,0 +1,133 @@
+"""Which similarities of the world change no residual: the freedoms that nothing in the problem holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfmcpp.ba import LinearModel, linearize
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.so3 import hat
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+
+FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
+
+# Part of its size up to which a response to a motion is rounding, as in the core's choice of a gauge.
+_NEGLIGIBLE = 1e-6
+# What holds a world in place, by kind of constraint: then no freedom is expected to be left.
+_OF_THE_WORLD = ("position", "pose")
+# The Jacobian of one observation takes 200 bytes.
+_MOST_OBSERVATIONS = 2_000_000
+_AT_ONCE = 100_000
+
+
+def gauge(case: Case) -> Iterator[Finding]:
+    """Say which of the seven freedoms of a similarity are left, and whether that is meant."""
+    problem = case.problem
+    if not problem.is_metric:
+        yield _note("the 15 freedoms of a projective world are left", 15)
+        return
+    if not (problem.fixed_cameras.any() or problem.fixed_points.any() or case.constraints):
+        yield _note("all 7 freedoms of the world are left: position, rotation and scale mean nothing", 7)
+        return
+    if problem.num_observations > _MOST_OBSERVATIONS:
+        case.skipped.append(f"gauge: not computed beyond {_MOST_OBSERVATIONS:,} observations")
+        return
+    try:
+        motions = free_motions(linearize(problem, constraints=case.constraints), problem)
+    except InvalidArgument as error:
+        case.skipped.append(f"gauge: {error}")
+        return
+    if len(motions):
+        yield _left(case, motions)
+
+
+def _note(what: str, count: int) -> Finding:
+    advice = "nothing, for a solve; fix two cameras or give positions where a world frame is wanted"
+    return Finding("gauge-freedoms", "note", what, advice, measures={"freedoms": float(count)})
+
+
+def _left(case: Case, motions: FloatArray) -> Finding:
+    expected = any(group.kind.startswith(_OF_THE_WORLD) for group in case.constraints if group.weight > 0)
+    expected = expected or int(case.problem.fixed_cameras.sum()) > 1
+    names = [FREEDOMS[k] for k in np.flatnonzero((motions**2).sum(axis=0) > _NEGLIGIBLE)]
+    return Finding(
+        "gauge-freedoms",
+        "warning" if expected else "note",
+        f"{len(motions)} of the 7 freedoms of the world are left, in spite of what is fixed or constrained: "
+        f"{', '.join(names)}",
+        "fix a camera more, or give a position off the line of the others"
+        if expected
+        else "nothing, if meant",
+        measures={"freedoms": float(len(motions))},
+    )
+
+
+def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
+    """(k, 7) orthonormal similarities under which no residual changes, to first order.
+
+    They are the null space of ``(J T)ᵀ (J T)``: J is the Jacobian of observations and constraints, T the
+    response of all that is free to the generators ``X ← X + ω × X + v + s X``, in units of the scene. Every
+    group of rows counts by how much it would respond if its parts did not cancel: weights do not matter.
+
+    Parameters
+    ----------
+    model : LinearModel
+        In the free gauge, where all that is not fixed has a column.
+    problem : Problem
+        The state it was made at.
+    """
+    middle = problem.centres.mean(axis=0)
+    extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
+    of_cameras = np.concatenate(
+        [_turns(problem.rotations), extent * _motions((problem.centres - middle) / extent)], axis=1
+    )
+    of_points = extent * _motions((problem.points - middle) / extent)
+    held = _held_by_observations(model, problem, of_cameras, of_points)
+    columns = model.camera_columns[:, :6]
+    of_columns = np.zeros((model.num_camera_columns, 7))
+    of_columns[columns[columns >= 0]] = of_cameras[columns >= 0]
+    for rows in (rows for rows in model.groups if rows.weight > 0):
+        jacobian = rows.jacobian()
+        held += _normalised(jacobian @ of_columns, np.asarray(abs(jacobian) @ abs(of_columns)))
+    values, vectors = np.linalg.eigh(held)
+    return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
+
+
+def _held_by_observations(
+    model: LinearModel, problem: Problem, of_cameras: FloatArray, of_points: FloatArray
+) -> FloatArray:
+    """(7, 7) normalised ``(J T)ᵀ (J T)`` of observations; those of a free camera and point add nothing."""
+    by_camera, by_point = model.blocks()
+    fixed = problem.fixed_cameras[problem.camera_index] != problem.fixed_points[problem.point_index]
+    moved, sizes = [np.zeros((0, 7))], [np.zeros((0, 7))]
+    for rows in np.array_split(np.flatnonzero(fixed), max(1, np.count_nonzero(fixed) // _AT_ONCE)):
+        camera = np.einsum("mrd,mdk->mrk", by_camera[rows, :, :6], of_cameras[problem.camera_index[rows]])
+        point = np.einsum("mrd,mdk->mrk", by_point[rows], of_points[problem.point_index[rows]])
+        moved.append((camera + point).reshape(-1, 7))
+        sizes.append((abs(camera) + abs(point)).reshape(-1, 7))
+    return _normalised(np.concatenate(moved), np.concatenate(sizes))
+
+
+def _normalised(moved: FloatArray, sizes: FloatArray) -> FloatArray:
+    """(7, 7) products of responses (rows, 7), over the norms they would have if nothing cancelled."""
+    norms = np.linalg.norm(sizes, axis=0)
+    unit = moved / np.where(norms > 0, norms, 1.0)
+    return np.asarray(unit.T @ unit)
+
+
+def _motions(positions: FloatArray) -> FloatArray:
+    """(n, 3, 7) response of positions (n, 3): ``ω × X + v + s X``."""
+    identity = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
+    return np.concatenate([-hat(positions), identity, positions[:, :, None]], axis=2)
+
+
+def _turns(rotations: FloatArray) -> FloatArray:
+    """(n, 3, 7) response of rotations, each in its own frame: ``Rᵀ ω``."""
+    turned = np.zeros((len(rotations), 3, 7))
+    turned[:, :, :3] = np.swapaxes(rotations, 1, 2)
+    return turned

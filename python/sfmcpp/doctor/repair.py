@@ -1,0 +1,131 @@
+"""Faults that can be mended without asking: what is there twice, mirrored, cut off, or grossly wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.connections import parts
+from sfmcpp.doctor.conventions import mirrored_y
+from sfmcpp.doctor.diagnose import diagnose
+from sfmcpp.doctor.duplicates import second_observations
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.outliers import gross_errors
+from sfmcpp.model import ConstraintGroup, Problem
+
+
+@dataclass(frozen=True)
+class Repair:
+    """A problem after its repair.
+
+    Attributes
+    ----------
+    problem : Problem
+        With all cameras and points it had, under their numbers, and fewer observations.
+    done : list of str
+        What was done, in order; empty: nothing could be mended.
+    """
+
+    problem: Problem
+    done: list[str]
+
+
+def repair(problem: Problem, *, constraints: Iterable[ConstraintGroup] = ()) -> Repair:
+    """Mend what can be mended safely: duplicates, a mirrored y, parts cut off, gross errors.
+
+    One fault after the other, each found anew once the one before is mended. Cameras and points keep their
+    numbers: what is dropped are observations, and a solve leaves alone what has none.
+
+    Parameters
+    ----------
+    problem : Problem
+        Left untouched.
+    constraints : iterable of ConstraintGroup
+        Those of the solve.
+
+    Returns
+    -------
+    Repair
+        A problem of its own, and what was done.
+
+    Raises
+    ------
+    InvalidArgument
+        If a constraint is no valid group.
+    """
+    groups, mended, done = list(constraints), problem.copy(), list[str]()
+    tried = set[str]()
+    while True:
+        findings = diagnose(mended, constraints=groups).findings
+        chosen = next((f for f in findings if f.code in _REPAIRS and f.code not in tried), None)
+        if chosen is None:
+            return Repair(mended, done)
+        tried.add(chosen.code)
+        before = mended.num_observations
+        mended = _REPAIRS[chosen.code](mended, chosen, groups)
+        dropped = before - mended.num_observations
+        change = (
+            f"{dropped:,} of {before:,} observations dropped"
+            if dropped
+            else "pixels counted from the other edge"
+        )
+        done.append(f"{chosen.code}: {change}")
+
+
+_Mend = Callable[[Problem, Finding, list[ConstraintGroup]], Problem]
+
+
+def _without_repeats(problem: Problem, _: Finding, __: list[ConstraintGroup]) -> Problem:
+    return _without(problem, second_observations(problem))
+
+
+def _without_copied_cameras(problem: Problem, finding: Finding, _: list[ConstraintGroup]) -> Problem:
+    return _without(problem, np.flatnonzero(np.isin(problem.camera_index, finding.cameras)))
+
+
+def _without_copied_points(problem: Problem, finding: Finding, _: list[ConstraintGroup]) -> Problem:
+    return _without(problem, np.flatnonzero(np.isin(problem.point_index, finding.points)))
+
+
+def _mirrored(problem: Problem, _: Finding, __: list[ConstraintGroup]) -> Problem:
+    return mirrored_y(problem)
+
+
+def _largest_part(problem: Problem, _: Finding, groups: list[ConstraintGroup]) -> Problem:
+    labels = parts(Case(problem, groups, None))
+    return _without(problem, np.flatnonzero(labels[problem.camera_index] != 0))
+
+
+def _without_gross_errors(problem: Problem, _: Finding, groups: list[ConstraintGroup]) -> Problem:
+    """Judged by the trial where it took the whole problem; of a large one, only the part it took."""
+    case = Case(problem, groups, None)
+    if case.trial is None:
+        return problem
+    wrong = gross_errors(case, case.trial)
+    key = _keys(problem)
+    kept = problem.with_observations(~np.isin(key, _keys(case.trial.problem)[wrong]))
+    views = np.bincount(kept.point_index, minlength=kept.num_points)
+    return kept.with_observations((views > 1)[kept.point_index])
+
+
+def _keys(problem: Problem) -> NDArray[np.int64]:
+    return problem.camera_index.astype(np.int64) * problem.num_points + problem.point_index
+
+
+def _without(problem: Problem, rows: NDArray[np.integer]) -> Problem:
+    return problem.with_observations(np.delete(np.arange(problem.num_observations), rows))
+
+
+# In the order of the findings: what is there twice, then the convention, then what a trial tells.
+_REPAIRS: dict[str, _Mend] = {
+    "duplicate-observations": _without_repeats,
+    "duplicate-cameras": _without_copied_cameras,
+    "duplicate-points": _without_copied_points,
+    "mirrored-y": _mirrored,
+    "disconnected-parts": _largest_part,
+    "outliers": _without_gross_errors,
+}

@@ -1,0 +1,158 @@
+"""What can be said of a solved problem: how it ended, what is least certain, which minima are near."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust
+from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.model import Problem
+from sfmcpp.sources.synthetic import perturb
+
+_ENDED_WELL = ("converged",)
+# Costs this near to each other are equal to what iterations leave.
+_SAME_COST = 1e-3
+# A minimum as good as this one is a rival: noise alone moves χ² of M residuals by √(2/M).
+_RIVAL_COST = 1e-2
+# Aligned centres this far apart, in extents of the scene, are another shape.
+_OTHER_SHAPE = 0.1
+_SEEDS = (0, 1, 2)
+_THIRD = 1 / 3
+
+
+def solution(case: Case) -> Iterator[Finding]:
+    """Judge the end of a solve, its variances and the minima around it."""
+    if case.summary is None:
+        return
+    yield from _ending(case.summary)
+    if case.problem.num_observations > TRIAL_OBSERVATIONS or case.problem.num_cameras > TRIAL_CAMERAS:
+        case.skipped.append(
+            f"variances and other basins: not looked at beyond {TRIAL_CAMERAS:,} cameras or "
+            f"{TRIAL_OBSERVATIONS:,} observations"
+        )
+        return
+    try:
+        yield from _worst_cameras(case)
+        yield from _other_basins(case, case.summary)
+    except InvalidArgument as error:
+        case.skipped.append(f"variances and other basins: {error}")
+
+
+def _ending(summary: Summary) -> Iterator[Finding]:
+    if summary.termination not in _ENDED_WELL:
+        yield Finding(
+            "not-converged",
+            "warning",
+            f"the solve ended by {summary.termination.replace('_', ' ')}: {summary.message}",
+            "more iterations (--max-iterations), another method, or a better start",
+        )
+
+
+def _worst_cameras(case: Case) -> Iterator[Finding]:
+    problem = case.problem
+    seen = np.flatnonzero((case.views_of_cameras > 0) & ~problem.fixed_cameras).astype(np.int32)
+    variances = LinearModel(problem, case.constraints, SolveOptions()).covariance(cameras=seen).cameras
+    dof = max(2 * problem.num_observations - 6 * len(seen) - 3 * problem.num_points, 1)
+    factor = case.summary.final_rms_px**2 * 2 * problem.num_observations / dof if case.summary else 1.0
+    sigmas = np.sqrt(factor * np.trace(variances[:, 3:6, 3:6], axis1=1, axis2=2))
+    extent = float(np.median(np.linalg.norm(problem.points - np.median(problem.points, axis=0), axis=1)))
+    worst = np.argsort(-sigmas, kind="stable")[:3]
+    listed = ", ".join(f"{case.name_of_camera(int(seen[k]))} ±{sigmas[k]:.2g}" for k in worst)
+    cameras = tuple(int(seen[k]) for k in worst)
+    loose = bool(sigmas[worst[0]] > _THIRD * extent)
+    yield Finding(
+        "uncertain-cameras" if loose else "worst-cameras",
+        "warning" if loose else "note",
+        f"the least certain centres are those of cameras {listed} (scene: {extent:.2g})",
+        "match these images with more others" if loose else "nothing",
+        cameras=cameras,
+        measures={"worst_sigma": float(sigmas[worst[0]]), "extent": extent},
+    )
+
+
+def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
+    """Solve again from states around, and from the scene turned inside out along the line of sight."""
+    here = case.problem
+    cost = _adjusted(here, case, summary)[1]
+    for name, start in _starts(here):
+        there, other = _adjusted(start, case, summary)
+        if other < (1 - _SAME_COST) * cost:
+            yield Finding(
+                "better-basin",
+                "warning",
+                f"from {name} a solve ends at {1 - other / cost:.1%} less cost",
+                "start from there, or from a better first estimate: this is a local minimum",
+                measures={"cost": cost, "other_cost": other},
+            )
+            return
+        if other < (1 + _RIVAL_COST) * cost and _shape_differs(here, there):
+            yield Finding(
+                "rival-basin",
+                "warning",
+                f"from {name} a solve ends at another shape of like cost ({other / cost - 1:+.2%})",
+                "the images hardly tell the two apart: more views, longer baselines, or positions",
+                measures={"cost": cost, "other_cost": other},
+            )
+            return
+
+
+def _adjusted(start: Problem, case: Case, summary: Summary) -> tuple[Problem, float]:
+    moved = start.copy()
+    scale = summary.loss_scale_px if summary.loss != "squared" else 1.0
+    options = SolveOptions(loss=summary.loss, loss_scale_px=scale)
+    return moved, adjust(moved, case.constraints, options).final_cost
+
+
+def _starts(problem: Problem) -> Iterator[tuple[str, Problem]]:
+    offsets = problem.points - np.median(problem.points, axis=0)
+    size = 0.05 * float(np.median(np.linalg.norm(offsets, axis=1)))
+    yield "the scene turned inside out", depth_reversed(problem)
+    for seed in _SEEDS:
+        moved = perturb(
+            problem,
+            point_sigma_m=size,
+            position_sigma_m=size,
+            rotation_sigma_deg=2.0,
+            focal_sigma=0.05,
+            seed=seed,
+        )
+        yield f"a start moved by 5 % of the scene (seed {seed})", moved
+
+
+def depth_reversed(problem: Problem) -> Problem:
+    """The scene mirrored across the mean line of sight, and cameras turned to see it as before.
+
+    It is the other solution of images with little perspective (Koenderink and van Doorn, Affine structure
+    from motion, 1991): ``R ← M R diag(1, 1, −1)`` with the mirror M, and the middle of the points stays
+    where it is in every camera.
+    """
+    axis = problem.rotations[:, :, 2].sum(axis=0)
+    axis = axis / (np.linalg.norm(axis) or 1.0)
+    mirror = np.eye(3) - 2 * np.outer(axis, axis) / max(axis @ axis, 1e-300)
+    middle = np.median(problem.points, axis=0)
+    rotations = mirror @ problem.rotations * np.array([1.0, 1.0, -1.0])
+    in_camera = np.einsum("cji,cj->ci", problem.rotations, middle - problem.centres)
+    centres = middle - np.einsum("cij,cj->ci", rotations, in_camera)
+    free = ~problem.fixed_cameras[:, None, None]
+    cameras = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    points = middle + (problem.points - middle) @ mirror
+    return replace(
+        problem,
+        cameras=np.where(free, cameras, problem.cameras),
+        points=np.where(problem.fixed_points[:, None], problem.points, points),
+    )
+
+
+def _shape_differs(here: Problem, there: Problem) -> bool:
+    """Whether the points, aligned by a similarity, lie elsewhere."""
+    seen = np.unique(here.point_index)
+    aligned = fit_similarity(there.points[seen], here.points[seen]).apply(there.points[seen])
+    distances = np.linalg.norm(aligned - here.points[seen], axis=1)
+    extent = np.median(np.linalg.norm(here.points[seen] - np.median(here.points[seen], axis=0), axis=1))
+    return bool(np.median(distances) > _OTHER_SHAPE * extent)

@@ -1,0 +1,200 @@
+"""What a diagnosis is: ranked, repeatable, exact about the gauge, and an answer to any valid problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfmcpp import ConstraintGroup, Problem, circle_scene, diagnose, linearize, perturb
+from sfmcpp.doctor import SEVERITIES, repair
+
+
+def scene(**options: object) -> Problem:
+    return circle_scene(8, 60, seed=3, **options)
+
+
+def freedoms(problem: Problem, constraints: list[ConstraintGroup] | None = None) -> float:
+    found = [
+        f for f in diagnose(problem, constraints=constraints or []).findings if f.code == "gauge-freedoms"
+    ]
+    return found[0].measures["freedoms"] if found else 0
+
+
+def fixed(problem: Problem, cameras: int = 0, points: int = 0) -> Problem:
+    problem.fixed_cameras[:cameras] = True
+    problem.fixed_points[:points] = True
+    return problem
+
+
+def positions(problem: Problem, cameras: list[int]) -> ConstraintGroup:
+    return ConstraintGroup("position", cameras, problem.centres[cameras])
+
+
+@pytest.mark.parametrize(
+    ("cameras", "points", "positioned", "left"),
+    [(0, 0, 0, 7), (1, 0, 0, 1), (2, 0, 0, 0), (0, 1, 0, 4), (0, 2, 0, 1), (0, 3, 0, 0),
+     (0, 0, 1, 4), (0, 0, 2, 1), (0, 0, 3, 0), (1, 1, 0, 0), (1, 0, 1, 1)],
+)  # fmt: skip
+def test_the_freedoms_left_are_those_that_geometry_says(
+    cameras: int, points: int, positioned: int, left: int
+) -> None:
+    problem = fixed(scene(), cameras, points)
+    groups = [positions(problem, list(range(positioned)))] if positioned else []
+    assert freedoms(problem, groups) == left
+
+
+@pytest.mark.parametrize("camera_model", ["calibrated", "perspective", "bal"])
+@pytest.mark.parametrize(("cameras", "points"), [(1, 0), (0, 2), (1, 1), (2, 0)])
+def test_the_freedoms_left_are_the_null_space_of_the_normal_matrix(
+    camera_model: str, cameras: int, points: int
+) -> None:
+    problem = fixed(scene(camera_model=camera_model), cameras, points)
+    normal = linearize(problem).normal_matrix().toarray()
+    size = np.sqrt(np.diag(normal))
+    values = np.linalg.eigvalsh(normal / np.outer(size, size))
+    assert freedoms(problem) == np.count_nonzero(values < 1e-11)
+
+
+def test_other_weights_and_units_leave_the_same_freedoms() -> None:
+    problem = scene()
+    problem.points *= 1e3
+    problem.centres[:] *= 1e3
+    group = positions(problem, [0, 1])
+    group.weight = 1e-8
+    assert freedoms(problem, [group]) == 1
+
+
+def test_freedoms_that_are_meant_are_a_note_and_others_a_warning() -> None:
+    alone = diagnose(fixed(scene(), cameras=1)).findings
+    on_a_line = diagnose(scene(), constraints=[positions(scene(), [0, 1])]).findings
+    assert [f.severity for f in (*alone, *on_a_line)] == ["note", "warning"]
+
+
+def test_errors_come_before_warnings_and_these_before_notes() -> None:
+    problem = scene()
+    problem.pixels[problem.camera_index == 2] += 300.0
+    again = np.r_[np.arange(problem.num_observations), 5]
+    found = diagnose(problem.with_observations(again)).findings
+    ranks = [SEVERITIES.index(f.severity) for f in found]
+    assert ranks == sorted(ranks)
+    assert {f.severity for f in found} == set(SEVERITIES)
+
+
+def test_a_diagnosis_is_the_same_in_every_run_and_leaves_the_problem_alone() -> None:
+    problem = perturb(scene(), point_sigma_m=0.2, seed=1)
+    before = problem.copy()
+    assert diagnose(problem).to_dict() == diagnose(problem).to_dict()
+    for name in ("cameras", "points", "pixels", "intrinsics"):
+        np.testing.assert_array_equal(getattr(problem, name), getattr(before, name))
+
+
+def test_cameras_are_named_by_number_and_image() -> None:
+    problem = scene()
+    problem.metadata.image_names = [f"img_{k}.jpg" for k in range(8)]
+    rows = np.flatnonzero(problem.camera_index == 2)
+    problem.pixels[rows] = problem.pixels[np.roll(rows, 7)]
+    finding = diagnose(problem).findings[0]
+    assert (finding.code, finding.cameras) == ("camera-contradicts", (2,))
+    assert "img_2.jpg" in finding.where
+
+
+def empty(points: int = 0, cameras: int = 0) -> Problem:
+    k = np.tile([500.0, 1.0, 320.0, 240.0, 0.0], (cameras, 1))
+    none = np.zeros(0, dtype=np.int32)
+    poses = np.tile(np.eye(3, 4), (cameras, 1, 1))
+    return Problem("calibrated", poses, k, np.ones((points, 3)), none, none, np.zeros((0, 2)))
+
+
+def all_fixed() -> Problem:
+    problem = fixed(scene(), cameras=8, points=60)
+    problem.fixed_intrinsics[:] = True
+    return problem
+
+
+def one_camera() -> Problem:
+    problem = scene()
+    return problem.with_observations(problem.camera_index == 0)
+
+
+def one_point() -> Problem:
+    problem = scene()
+    return problem.with_observations(problem.point_index == 0)
+
+
+def behind_everywhere() -> Problem:
+    problem = scene()
+    problem.points[:] = problem.centres[0]
+    return problem
+
+
+def wide_metadata() -> Problem:
+    problem = scene()
+    problem.metadata.image_sizes = np.ones((3, 2), dtype=np.int64)
+    problem.metadata.image_names = ["one"]
+    return replace(problem, pixels=problem.pixels[:, ::-1].copy())
+
+
+WEIRD = {
+    "nothing": lambda: empty(),
+    "points alone": lambda: empty(points=3),
+    "cameras alone": lambda: empty(cameras=3),
+    "no observations": lambda: empty(points=3, cameras=2),
+    "all fixed": all_fixed,
+    "one camera": one_camera,
+    "one point": one_point,
+    "projective": lambda: sfmcpp.as_projective(scene()),
+    "points at a centre": behind_everywhere,
+    "metadata of other lengths": wide_metadata,
+    "points at the origin": lambda: replace(scene(), points=np.zeros((60, 3))),
+    "equal pixels": lambda: replace(scene(), pixels=np.zeros((480, 2))),
+    "far pixels": lambda: replace(scene(), pixels=np.full((480, 2), 1e300)),
+    "huge world": lambda: replace(scene(), points=scene().points * 1e200),
+}
+
+
+@pytest.mark.parametrize("name", WEIRD)
+def test_every_valid_problem_gets_an_answer(name: str) -> None:
+    problem = WEIRD[name]()
+    diagnosis = diagnose(problem)
+    assert str(diagnosis)
+    assert repair(problem).problem.num_observations <= problem.num_observations
+
+
+def test_a_large_problem_is_judged_by_a_part_and_that_is_said() -> None:
+    problem = sfmcpp.city_blocks_scene(300, seed=2)
+    diagnosis = diagnose(problem)
+    assert diagnosis.is_healthy, str(diagnosis)
+    assert any("cameras" in reason and "of 300" in reason for reason in diagnosis.skipped)
+
+
+def test_after_a_solve_the_least_certain_cameras_are_named() -> None:
+    problem = perturb(scene(), point_sigma_m=0.2, seed=1)
+    few = np.flatnonzero(problem.camera_index == 4)[8:]
+    problem = problem.with_observations(np.delete(np.arange(problem.num_observations), few))
+    summary = sfmcpp.solve(problem)
+    diagnosis = diagnose(problem, summary=summary)
+    assert diagnosis.is_healthy, str(diagnosis)
+    worst = next(f for f in diagnosis.findings if f.code == "worst-cameras")
+    assert worst.cameras[0] == 4
+
+
+def test_a_minimum_turned_inside_out_is_told_from_the_better_one() -> None:
+    from sfmcpp.doctor.solution import depth_reversed
+
+    truth = circle_scene(8, 60, radius_m=40, focal_px=4000.0, seed=3)
+    near = truth.with_observations(truth.camera_index < 3)
+    inside_out = depth_reversed(near)
+    summary = sfmcpp.solve(inside_out)
+    codes = diagnose(inside_out, summary=summary).codes
+    assert codes[0] == "better-basin"
+    right = near.copy()
+    assert "better-basin" not in diagnose(right, summary=sfmcpp.solve(right)).codes
+
+
+def test_a_solve_cut_short_is_named() -> None:
+    problem = perturb(scene(), point_sigma_m=0.5, position_sigma_m=0.5, seed=1)
+    summary = sfmcpp.solve(problem, max_iterations=1)
+    assert "not-converged" in diagnose(problem, summary=summary).codes

@@ -1,0 +1,70 @@
+"""Repairs: what was broken is sound again, what was sound is left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from faults import FAULTS
+from sfmcpp import Problem, circle_scene, diagnose, perturb
+from sfmcpp.doctor import repair
+
+BY_NAME = {fault.name: fault for fault in FAULTS}
+
+
+def sound() -> Problem:
+    return perturb(circle_scene(12, 150, seed=4), point_sigma_m=0.1, rotation_sigma_deg=1, seed=4)
+
+
+def solved_rms_px(problem: Problem) -> float:
+    copy = problem.copy()
+    return sfmcpp.solve(copy).final_rms_px
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "repeated observations",
+        "an image given twice",
+        "points given twice",
+        "two parts",
+        "y up",
+        "outliers anywhere",
+    ],
+)
+def test_a_repaired_problem_is_healthy_and_solves_as_the_sound_one(name: str) -> None:
+    broken, _ = BY_NAME[name].broken(sound(), seed=9)
+    assert not diagnose(broken).is_healthy
+    mended = repair(broken)
+    assert len(mended.done) == 1
+    assert diagnose(mended.problem).is_healthy
+    assert solved_rms_px(mended.problem) < 1.1 * solved_rms_px(sound())
+
+
+def test_a_sound_problem_is_left_alone() -> None:
+    mended = repair(sound())
+    assert mended.done == []
+    np.testing.assert_array_equal(mended.problem.pixels, sound().pixels)
+
+
+def test_several_faults_are_mended_one_after_the_other() -> None:
+    problem = sound()
+    for name in ("outliers anywhere", "y up", "repeated observations"):
+        problem, _ = BY_NAME[name].broken(problem, seed=9)
+    codes = [line.split(":")[0] for line in repair(problem).done]
+    assert codes == ["duplicate-observations", "mirrored-y", "outliers"]
+
+
+def test_what_cannot_be_mended_safely_is_left_as_it_is() -> None:
+    broken, _ = BY_NAME["camera from world"].broken(sound(), seed=9)
+    mended = repair(broken)
+    assert mended.done == []
+    np.testing.assert_array_equal(mended.problem.cameras, broken.cameras)
+
+
+def test_cameras_and_points_keep_their_numbers() -> None:
+    broken, _ = BY_NAME["two parts"].broken(sound(), seed=9)
+    mended = repair(broken).problem
+    assert (mended.num_cameras, mended.num_points) == (broken.num_cameras, broken.num_points)
+    assert len(np.unique(mended.camera_index)) == broken.num_cameras // 2
