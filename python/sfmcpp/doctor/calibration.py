@@ -20,6 +20,8 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 # Beyond, a lens that is merely simplified (no distortion, a principal point in the middle) is no excuse.
 _FOCAL_OFF, _CENTRE_OFF = 0.1, 0.1
+# A fifth of the image: no lens sits so; K of an image twice or half as large is off by a half or a quarter.
+_OFF_MIDDLE = 0.2
 # Sizes of images that a calibration may be of: this one, half of it, twice as large.
 _SIZES = (1.0, 2.0, 0.5)
 # A parameter that tells nothing lowers χ² by 1 in the mean; by so much (5 σ) it does not by chance.
@@ -38,9 +40,13 @@ def calibration(case: Case) -> Iterator[Finding]:
     """Find fixed focal lengths and principal points that the images contradict."""
     if case.is_misread or case.trial is None or not _may_be_tested(case.trial.problem):
         return
-    good = _without_gross_errors(case, case.trial)
+    yield from list(_contradicted(case, case.trial)) or _off_middle(case)
+
+
+def _contradicted(case: Case, trial: Trial) -> Iterator[Finding]:
+    good = _without_gross_errors(case, trial)
     given, freed = adjusted(good, case.constraints, "squared"), _freed(case, good)
-    if isinstance(given, str) or freed is None or not _is_significant(given, freed):
+    if isinstance(given, str) or freed is None or not _is_significant(case, given, freed):
         return
     seen = np.unique(good.camera_index)
     before, after = (
@@ -92,14 +98,19 @@ def _with_free_calibration(problem: Problem) -> Problem:
     )
 
 
-def _is_significant(given: Trial, freed: Trial) -> bool:
+def _is_significant(case: Case, given: Trial, freed: Trial) -> bool:
     """Whether the squared error falls by far more than three parameters a row, that tell nothing, would."""
-    squares = [float((t.errors_px[np.isfinite(t.errors_px)] ** 2).sum()) for t in (given, freed)]
+    squares = [_square(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
     parameters = 3 * len(problem.intrinsics)
     return squares[0] - squares[1] > _SIGNIFICANT * parameters * squares[1] / redundancy
+
+
+def _square(case: Case, trial: Trial) -> float:
+    """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
+    return float((np.minimum(trial.errors_px, case.extent_px) ** 2).sum())
 
 
 def _judged(
@@ -137,8 +148,33 @@ def _judged(
         )
 
 
+def _off_middle(case: Case) -> Iterator[Finding]:
+    """Where the images tell nothing, as those of a straight road: a principal point at the rim."""
+    problem = case.sample
+    rows = problem.intrinsics_index[problem.camera_index]
+    given = np.median(problem.intrinsics[rows, 2:4], axis=0)
+    middle = _middle_px(problem)
+    if np.abs(given - middle).max() > _OFF_MIDDLE * case.extent_px:
+        yield Finding(
+            "principal-point-off-middle",
+            "warning",
+            f"the principal point ({given[0]:.5g}, {given[1]:.5g}) is far from the middle of the images, "
+            f"({middle[0]:.5g}, {middle[1]:.5g}): K is of an image of another size, or they were cropped",
+            "scale f, cx and cy to the size of the images, or give the principal point of the crop",
+            measures={"shift_x_px": float(middle[0] - given[0]), "shift_y_px": float(middle[1] - given[1])},
+        )
+
+
+def _middle_px(problem: Problem) -> FloatArray:
+    """The middle of the images by their sizes; else of the box around nearly all pixels [px]."""
+    sizes = problem.metadata.image_sizes
+    if sizes is not None and len(sizes) == problem.num_cameras:
+        return np.asarray(np.median(np.asarray(sizes)[problem.camera_index], axis=0) / 2)
+    return np.asarray(np.quantile(problem.pixels, (0.01, 0.99), axis=0).mean(axis=0))
+
+
 def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> bool:
-    """Whether, from where freedom led, the whole K scaled fits better than the focal length alone."""
+    """Whether, from where freedom led, all of K scaled fits better than the focal length alone."""
     whole, focal = (_with_free_calibration(given.problem).intrinsics for _ in range(2))
     whole[:, [0, 2, 3]] *= ratio
     focal[:, 0] *= ratio
@@ -147,7 +183,7 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
     for intrinsics in (whole, focal):
         start = replace(freed.problem, intrinsics=intrinsics, fixed_intrinsics=fixed)
         trial = adjusted(start, case.constraints, "squared")
-        squares.append(np.inf if isinstance(trial, str) else float((trial.errors_px**2).sum()))
+        squares.append(np.inf if isinstance(trial, str) else _square(case, trial))
     return squares[0] < squares[1]
 
 

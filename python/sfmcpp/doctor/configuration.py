@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named, numbers
 from sfmcpp.geometry.pinhole import (
     PINHOLE,
     homogeneous,
@@ -102,7 +102,7 @@ def angles(case: Case) -> Iterator[Finding]:
     yield Finding(
         "small-angles",
         "warning" if share > 0.5 else "note",
-        f"the rays of {len(points):,} points ({share:.1%}) meet at less than {_SIGMAS:g} σ of their noise "
+        f"the rays of {counted(len(points), 'point')} ({share:.1%}) meet at less than {_SIGMAS:g} σ of noise "
         f"({_SIGMAS * trial.sigma_px:.2g} px): their depth cannot be told from infinity",
         "longer baselines; or leave these points out, they only help rotations",
         named("point", points),
@@ -124,7 +124,7 @@ def coincident_centres(case: Case) -> Iterator[Finding]:
         yield Finding(
             "no-baseline",
             "error",
-            f"all {np.count_nonzero(seen):,} cameras that observe are at one place: none tells a depth",
+            f"all {np.count_nonzero(seen):,} cameras with observations are at one place: none tells a depth",
             "start from centres that are apart: relative poses, GPS, `sfmcpp reconstruct`",
             measures={"spread": spread},
         )

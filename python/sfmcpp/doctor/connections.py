@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named, numbers
 
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
@@ -67,12 +67,12 @@ def _separate_parts(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
         return
     others = numbers(np.flatnonzero(labels > 0))
     sizes = np.bincount(labels[labels >= 0])
-    listed = ", ".join(f"{n:,}" for n in sizes[:6]) + (", …" if len(sizes) > 6 else "")
+    listed = ", ".join(f"{n:,}" for n in sizes[:6]) + ", …" * (len(sizes) > 6)
     yield Finding(
         "disconnected-parts",
         "warning",
-        f"the cameras fall into {len(sizes):,} parts, of {listed} cameras, that share no point: how they "
-        "lie to each other is arbitrary, 7 freedoms a part",
+        f"the cameras fall into {len(sizes):,} parts (of {listed} cameras) that share no point: how they lie "
+        "to each other is arbitrary, 7 freedoms a part",
         "match images across the parts, or solve each alone; --fix keeps the largest",
         case.named_cameras(others) + " outside the largest",
         cameras=others,
@@ -87,7 +87,7 @@ def _hinges(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
         yield Finding(
             "weak-link",
             "warning",
-            f"{len(cameras)} cameras share only {shared} points with the others"
+            f"only {counted(shared, 'point')} between {counted(len(cameras), 'camera')} and the others"
             + (": they can turn or grow against them" if loose else ": one wrong point bends the joint"),
             f"match more images across the joint: {POINTS_TO_TELL_AN_OUTLIER} points tell a wrong one",
             case.named_cameras(cameras),
@@ -159,8 +159,8 @@ def _weak_cameras(case: Case) -> Iterator[Finding]:
         yield Finding(
             "weak-cameras",
             "warning",
-            f"{len(weak):,} cameras observe too few points that others see: {useful[list(weak)].min()} at "
-            f"least, {wanted[list(weak)].max()} tell the pose and a wrong point",
+            f"too few points that others see, in {counted(len(weak), 'camera')}: {useful[list(weak)].min()} "
+            f"at least, {wanted[list(weak)].max()} tell the pose and a wrong point",
             "match them with more images, fix them, or leave them out",
             case.named_cameras(weak),
             cameras=weak,
@@ -181,21 +181,22 @@ def _unobserved(case: Case) -> Iterator[Finding]:
         yield Finding(
             "unobserving-cameras",
             "note",
-            f"{len(cameras):,} cameras have no observations: a solve leaves them as given",
-            "nothing, or leave them out",
+            f"no observations in {counted(len(cameras), 'camera')}: a solve leaves them as given",
+            "nothing to do, or leave them out",
             case.named_cameras(cameras),
             cameras=cameras,
         )
     for views, code, text in (
-        (0, "unobserved-points", "are observed by no camera: a solve leaves them as given"),
-        (1, "points-seen-once", "are observed by one camera only: their depth is held by damping alone"),
+        (0, "unobserved-points", ("no", "a solve leaves them as given")),
+        (1, "points-seen-once", ("only one", "depth is held by damping alone")),
     ):
         points = numbers(np.flatnonzero((case.views_of_points == views) & ~case.problem.fixed_points))
         if points:
             yield Finding(
                 code,
                 "note",
-                f"{len(points):,} points ({len(points) / case.problem.num_points:.1%}) {text}",
+                f"{text[0]} observation of {counted(len(points), 'point')} "
+                f"({len(points) / case.problem.num_points:.1%}): {text[1]}",
                 "leave them out: they tell nothing about the cameras",
                 named("point", points),
                 points=points,

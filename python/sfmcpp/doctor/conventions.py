@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sfmcpp.doctor.case import Case, extent_px
-from sfmcpp.doctor.finding import Finding, numbers
+from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
@@ -152,7 +152,7 @@ def conventions(case: Case) -> Iterator[Finding]:
         yield Finding(
             convention.code,
             "error",
-            f"{convention.text}: so read, the median error is {after:.3g} px instead of {before:.3g}",
+            f"{convention.text}: read so, the median error is {after:.3g} px instead of {before:.3g}",
             convention.advice,
             measures={"median_px": before, "median_read_so_px": after},
         )
@@ -207,7 +207,7 @@ def behind(case: Case) -> Iterator[Finding]:
         yield Finding(
             "cameras-look-away",
             "warning",
-            f"{len(away):,} cameras have more than half of their points behind them",
+            f"more than half of its points are behind the camera, in {counted(len(away), 'camera')}",
             "rotations are turned around, or centres are beyond the points: estimate these poses anew",
             case.named_cameras(away),
             cameras=away,
@@ -218,7 +218,7 @@ def behind(case: Case) -> Iterator[Finding]:
         yield Finding(
             "points-behind",
             "warning" if share > _NOTABLE_BEHIND else "note",
-            f"{np.count_nonzero(is_behind):,} observations ({share:.2%}) are of points behind their camera",
+            f"{counted(int(is_behind.sum()), 'observation')} ({share:.2%}) of a point behind the camera",
             "triangulate these points anew, or drop them: a step cannot bring them through infinity",
             case.named_cameras(cameras),
             cameras=cameras,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named, numbers
 from sfmcpp.model import Problem
 
 # Copies of a share s of the points make standard deviations smaller by s / 2. Features with two orientations
@@ -34,7 +34,7 @@ def duplicate_observations(problem: Problem) -> Iterator[Finding]:
         yield Finding(
             "duplicate-observations",
             "error",
-            f"{len(repeated):,} observations repeat one of the same point by the same camera",
+            f"{counted(len(repeated), 'observation')} of a point that the camera has observed before",
             "--fix keeps the first of each; if their pixels differ, two tracks were joined that are not one",
             named("point", numbers(points)),
             points=numbers(points),
@@ -92,7 +92,7 @@ def _cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
         yield Finding(
             "duplicate-cameras",
             "warning",
-            f"{len(pairs):,} cameras observe the same points at the same pixels as another: "
+            f"all observations of {counted(len(pairs), 'camera')} are those of another: "
             f"{case.name_of_camera(pairs[0][1])} as {case.name_of_camera(pairs[0][0])}",
             "an image was given twice; --fix drops the observations of the copies",
             case.named_cameras(sorted(copied)),
@@ -107,7 +107,7 @@ def _points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
         yield Finding(
             "duplicate-points",
             "warning" if share > _NOTABLE_SHARE else "note",
-            f"{len(pairs):,} points ({share:.1%}) are seen at the pixels where another is: "
+            f"all observations of {counted(len(pairs), 'point')} ({share:.1%}) are those of another: "
             f"{pairs[0][1]} as {pairs[0][0]}",
             "they count twice; --fix drops the observations of the copies",
             named("point", sorted(copied)),

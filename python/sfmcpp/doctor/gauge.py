@@ -47,7 +47,7 @@ def gauge(case: Case) -> Iterator[Finding]:
 
 
 def _note(what: str, count: int) -> Finding:
-    advice = "nothing, for a solve; fix two cameras or give positions where a world frame is wanted"
+    advice = "nothing to do for a solve; fix two cameras or give positions where a world frame is wanted"
     return Finding("gauge-freedoms", "note", what, advice, measures={"freedoms": float(count)})
 
 
@@ -62,7 +62,7 @@ def _left(case: Case, motions: FloatArray) -> Finding:
         f"{', '.join(names)}",
         "fix a camera more, or give a position off the line of the others"
         if expected
-        else "nothing, if meant",
+        else "nothing to do, if that is meant",
         measures={"freedoms": float(len(motions))},
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, numbers
+from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import Trial
 from sfmcpp.model.arrays import BoolArray
 
@@ -73,7 +73,7 @@ def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.floa
     return Finding(
         "camera-contradicts",
         "warning",
-        f"{len(cameras):,} cameras have most of their observations off by more than {_GROSS:g} σ after a "
+        f"most observations of {counted(len(cameras), 'camera')} are off by more than {_GROSS:g} σ after a "
         f"robust adjustment, {shares[worst]:.0%} of those of camera {case.name_of_camera(worst)}",
         "their start, calibration or matches are wrong: estimate these poses anew, or leave them out",
         case.named_cameras(cameras),
@@ -91,7 +91,7 @@ def _outliers(case: Case, trial: Trial, gross: BoolArray) -> Finding:
     return Finding(
         "outliers",
         "warning" if share > _NOTABLE_SHARE else "note",
-        f"{np.count_nonzero(gross):,} observations ({share:.2%}) are off by more than {limit:.3g} px after a "
+        f"{counted(int(gross.sum()), 'observation')} ({share:.2%}) off by more than {limit:.3g} px after a "
         "robust adjustment",
         "solve with --loss huber or cauchy, or drop them (--fix)",
         f"most in cameras {listed}",

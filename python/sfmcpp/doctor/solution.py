@@ -57,6 +57,8 @@ def _ending(summary: Summary) -> Iterator[Finding]:
 def _worst_cameras(case: Case) -> Iterator[Finding]:
     problem = case.problem
     seen = np.flatnonzero((case.views_of_cameras > 0) & ~problem.fixed_cameras).astype(np.int32)
+    if not len(seen):
+        return
     variances = LinearModel(problem, case.constraints, SolveOptions()).covariance(cameras=seen).cameras
     dof = max(2 * problem.num_observations - 6 * len(seen) - 3 * problem.num_points, 1)
     factor = case.summary.final_rms_px**2 * 2 * problem.num_observations / dof if case.summary else 1.0
@@ -70,7 +72,7 @@ def _worst_cameras(case: Case) -> Iterator[Finding]:
         "uncertain-cameras" if loose else "worst-cameras",
         "warning" if loose else "note",
         f"the least certain centres are those of cameras {listed} (scene: {extent:.2g})",
-        "match these images with more others" if loose else "nothing",
+        "match these images with more others" if loose else "nothing to do",
         cameras=cameras,
         measures={"worst_sigma": float(sigmas[worst[0]]), "extent": extent},
     )
