@@ -84,9 +84,10 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     middle = problem.centres.mean(axis=0)
     extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
     of_cameras = np.concatenate(
-        [_turns(problem.rotations), extent * _motions((problem.centres - middle) / extent)], axis=1
+        [_turns(problem.rotations), extent * motions_of_positions((problem.centres - middle) / extent)],
+        axis=1,
     )
-    of_points = extent * _motions((problem.points - middle) / extent)
+    of_points = extent * motions_of_positions((problem.points - middle) / extent)
     held = _held_by_observations(model, problem, of_cameras, of_points)
     columns = model.camera_columns[:, :6]
     of_columns = np.zeros((model.num_camera_columns, 7))
@@ -120,7 +121,7 @@ def _normalised(moved: FloatArray, sizes: FloatArray) -> FloatArray:
     return np.asarray(unit.T @ unit)
 
 
-def _motions(positions: FloatArray) -> FloatArray:
+def motions_of_positions(positions: FloatArray) -> FloatArray:
     """(n, 3, 7) response of positions (n, 3): ``ω × X + v + s X``."""
     identity = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
     return np.concatenate([-hat(positions), identity, positions[:, :, None]], axis=2)

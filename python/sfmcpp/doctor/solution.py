@@ -10,9 +10,11 @@ import numpy as np
 from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.gauge import motions_of_positions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.synthetic import perturb
 
 _ENDED_WELL = ("converged",)
@@ -23,7 +25,6 @@ _RIVAL_COST = 1e-2
 # Aligned centres this far apart, in extents of the scene, are another shape.
 _OTHER_SHAPE = 0.1
 _SEEDS = (0, 1, 2)
-_THIRD = 1 / 3
 
 
 def solution(case: Case) -> Iterator[Finding]:
@@ -38,7 +39,7 @@ def solution(case: Case) -> Iterator[Finding]:
         )
         return
     try:
-        yield from _worst_cameras(case)
+        yield from _worst_cameras(case, case.summary)
         yield from _other_basins(case, case.summary)
     except InvalidArgument as error:
         case.skipped.append(f"variances and other basins: {error}")
@@ -54,28 +55,53 @@ def _ending(summary: Summary) -> Iterator[Finding]:
         )
 
 
-def _worst_cameras(case: Case) -> Iterator[Finding]:
+def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     problem = case.problem
     seen = np.flatnonzero((case.views_of_cameras > 0) & ~problem.fixed_cameras).astype(np.int32)
     if not len(seen):
         return
-    variances = LinearModel(problem, case.constraints, SolveOptions()).covariance(cameras=seen).cameras
-    dof = max(2 * problem.num_observations - 6 * len(seen) - 3 * problem.num_points, 1)
-    factor = case.summary.final_rms_px**2 * 2 * problem.num_observations / dof if case.summary else 1.0
-    sigmas = np.sqrt(factor * np.trace(variances[:, 3:6, 3:6], axis1=1, axis2=2))
+    sigmas = _sigmas_of_centres(case, seen) * _noise(problem, summary)
     extent = float(np.median(np.linalg.norm(problem.points - np.median(problem.points, axis=0), axis=1)))
     worst = np.argsort(-sigmas, kind="stable")[:3]
     listed = ", ".join(f"{case.name_of_camera(int(seen[k]))} ±{sigmas[k]:.2g}" for k in worst)
-    cameras = tuple(int(seen[k]) for k in worst)
-    loose = bool(sigmas[worst[0]] > _THIRD * extent)
+    loose = bool(sigmas[worst[0]] > extent)
     yield Finding(
         "uncertain-cameras" if loose else "worst-cameras",
         "warning" if loose else "note",
-        f"the least certain centres are those of cameras {listed} (scene: {extent:.2g})",
+        f"the least certain centres: cameras {listed} (half of the points are within {extent:.2g})",
         "match these images with more others" if loose else "nothing to do",
-        cameras=cameras,
+        cameras=tuple(int(k) for k in seen[worst]),
         measures={"worst_sigma": float(sigmas[worst[0]]), "extent": extent},
     )
+
+
+def _noise(problem: Problem, summary: Summary) -> float:
+    """Standard deviation of the residuals over the stated one, as their redundancy has it."""
+    residuals = 2 * problem.num_observations
+    cameras, points = (len(np.unique(index)) for index in (problem.camera_index, problem.point_index))
+    return float(summary.final_rms_px * np.sqrt(residuals / max(residuals - 6 * cameras - 3 * points, 1)))
+
+
+def _sigmas_of_centres(case: Case, cameras: IndexArray) -> FloatArray:
+    """(c,) standard deviations of centres, in the frame that fits them best where none is given.
+
+    The S-transformation to inner constraints of the centres (Baarda, S-transformations and criterion
+    matrices, 1973): points far away do not count, whose errors would be those of the frame.
+    """
+    problem = case.problem
+    joint = (
+        LinearModel(problem, case.constraints, SolveOptions()).covariance(cameras=cameras, joint=True).joint
+    )
+    assert joint is not None
+    size = len(joint) // len(cameras)
+    rows = (size * np.arange(len(cameras))[:, None] + np.arange(3, 6)).reshape(-1)
+    variances = joint[np.ix_(rows, rows)]
+    if not (problem.fixed_cameras.any() or problem.fixed_points.any() or case.constraints):
+        centres = problem.centres[cameras] - problem.centres[cameras].mean(axis=0)
+        frame = motions_of_positions(centres).reshape(-1, 7)
+        inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
+        variances = inner @ variances @ inner
+    return np.asarray(np.sqrt(np.maximum(np.diag(variances), 0).reshape(-1, 3).sum(axis=1)))
 
 
 def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
