@@ -18,7 +18,7 @@ from sfmcpp.ba import (
 )
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
-from sfmcpp.sources.io import convert, formats, read, write
+from sfmcpp.sources.io import CheckpointFolder, convert, formats, read, write
 from sfmcpp.sources.synthetic import (
     SCENES,
     add_outliers,
@@ -38,6 +38,7 @@ __all__ = [
     "CONSTRAINT_KINDS",
     "SCENES",
     "CameraModel",
+    "CheckpointFolder",
     "ConstraintGroup",
     "Covariance",
     "DatasetError",

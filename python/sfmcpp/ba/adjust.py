@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.checkpoints import CheckpointStore, SolveCheckpoints
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 from sfmcpp.model import ConstraintGroup, Problem
@@ -19,6 +21,8 @@ def adjust(
     constraints: Sequence[ConstraintGroup],
     options: SolveOptions,
     callback: Callback | None = None,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
 ) -> Summary:
     """Adjust a problem in place with every group at its weight.
 
@@ -32,6 +36,8 @@ def adjust(
         All options.
     callback : callable, optional
         Called after every iteration; returning False stops.
+    checkpoint, resume : CheckpointStore, optional
+        Where to save checkpoints, and where to take up an earlier run.
 
     Returns
     -------
@@ -42,10 +48,15 @@ def adjust(
     ------
     InvalidArgument
         If the problem, a group or an option breaks a rule.
+    DatasetError
+        If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    return _summary(_core.solve(arrays, options, report), options)
+    checkpoints = SolveCheckpoints(checkpoint, resume, arrays, options)
+    core = _core.solve(arrays, options, report, checkpoints.listener, checkpoints.resumed)
+    summary = _summary(core, options)
+    return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
 
 
 def _fields_of(core: object, cls: type) -> dict[str, Any]:
