@@ -8,7 +8,7 @@ from typing import Any
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
-from sfmcpp.ba.checkpoints import CheckpointStore, SolveCheckpoints
+from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 from sfmcpp.model import ConstraintGroup, Problem
@@ -53,10 +53,19 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    checkpoints = SolveCheckpoints(checkpoint, resume, arrays, options)
-    core = _core.solve(arrays, options, report, checkpoints.listener, checkpoints.resumed)
+    least_bytes = sum(arrays[name].nbytes for name in ("cameras", "intrinsics", "points"))
+    checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), least_bytes)
+    taken, listener = checkpoints.taken, checkpoints.offer if checkpoints.are_saved else None
+    core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))
     summary = _summary(core, options)
     return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
+
+
+def _facts(arrays: dict[str, Any], options: SolveOptions) -> dict[str, Any]:
+    """What is solved: a digest of each array of the problem and of each group of constraints."""
+    digests = {name: digest(value) for name, value in arrays.items() if name != "constraints"}
+    digests |= {f"constraints {group['name']!r}": digest(group) for group in arrays["constraints"]}
+    return facts_of_run("solve", problem=digests, options=options.to_dict())
 
 
 def _fields_of(core: object, cls: type) -> dict[str, Any]:

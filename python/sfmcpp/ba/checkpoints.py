@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
-from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import DatasetError
 
 # They say how far a run goes and what it may use, and nothing of its steps.
@@ -63,63 +62,58 @@ class CheckpointStore(Protocol):
         """Give the newest."""
 
 
-class SolveCheckpoints:
-    """The checkpoints of one solve: saved in one store, taken up from one, or both.
+class RunCheckpoints:
+    """The checkpoints of one run: saved in one store, taken up from one, both or neither.
 
     Parameters
     ----------
     save, resume : CheckpointStore, optional
         Where to save, and where to take up.
-    arrays : mapping
-        Problem and constraints as the core takes them.
-    options : SolveOptions
-        Options of the solve.
+    facts : callable
+        Gives those of :func:`facts_of_run`, where they are needed.
+    least_bytes : int
+        Size of a checkpoint, at least [bytes].
+
+    Attributes
+    ----------
+    taken : Checkpoint or None
+        Where an earlier run stood.
 
     Raises
     ------
     DatasetError
-        If `resume` has no checkpoint of this solve, or `save` cannot be written.
+        If `resume` has no checkpoint of this run, or `save` cannot be written.
     """
 
     def __init__(
         self,
         save: CheckpointStore | None,
         resume: CheckpointStore | None,
-        arrays: Mapping[str, Any],
-        options: SolveOptions,
+        facts: Callable[[], dict[str, Any]],
+        least_bytes: int = 0,
     ) -> None:
-        self._save = save
-        self._facts: dict[str, Any] = {}
-        self._taken: Checkpoint | None = None
-        if save is None and resume is None:
-            return
-        self._facts = facts_of_run("solve", problem=_digests(arrays), options=options.to_dict())
-        if resume is not None:
-            self._taken = resume.load()
-            require_same_run(self._taken, self._facts)
+        self._save, self._facts = save, facts() if save or resume else {}
+        self.taken = None if resume is None else resume.load()
+        if self.taken is not None:
+            _require_same_run(self.taken, self._facts)
         if save is not None:
-            save.begin(resume, sum(arrays[name].nbytes for name in ("cameras", "intrinsics", "points")))
+            save.begin(resume, least_bytes)
 
     @property
-    def resumed(self) -> dict[str, NDArray[Any]] | None:
-        """Where an earlier solve stood, for the core."""
-        return None if self._taken is None else dict(self._taken.arrays)
-
-    @property
-    def listener(self) -> Callable[[Callable[[], Mapping[str, NDArray[Any]]], bool], None] | None:
-        """What the core calls after each iteration."""
-        return None if self._save is None else self._heed
+    def are_saved(self) -> bool:
+        """Whether there is a store to save them in."""
+        return self._save is not None
 
     @property
     def warnings(self) -> list[str]:
         """What went wrong with them."""
-        remark = "" if self._taken is None else self._taken.remark
+        remark = "" if self.taken is None else self.taken.remark
         failure = None if self._save is None else self._save.failure
         return [text for text in (remark, failure and f"no checkpoint: {failure}") if text]
 
-    def _heed(self, where: Callable[[], Mapping[str, NDArray[Any]]], last: bool) -> None:
-        assert self._save is not None
-        if last or self._save.is_due():
+    def offer(self, where: Callable[[], Mapping[str, NDArray[Any]]], last: bool = False) -> None:
+        """Save where the run stands, if it is time, or the run is stopped there."""
+        if self._save is not None and (last or self._save.is_due()):
             self._save.save(self._facts, where())
 
 
@@ -149,21 +143,7 @@ def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, 
     }
 
 
-def require_same_run(checkpoint: Checkpoint, facts: Mapping[str, Any]) -> None:
-    """See to it that a checkpoint is of this run.
-
-    Parameters
-    ----------
-    checkpoint : Checkpoint
-        Of some run.
-    facts : mapping
-        Of this run.
-
-    Raises
-    ------
-    DatasetError
-        If it is not; it says in what they differ.
-    """
+def _require_same_run(checkpoint: Checkpoint, facts: Mapping[str, Any]) -> None:
     for complaint in _differences(checkpoint.facts, facts):
         raise DatasetError(checkpoint.path, complaint)
 
@@ -190,18 +170,14 @@ def _differing(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> li
     return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
 
 
-def _digests(arrays: Mapping[str, Any]) -> dict[str, str]:
-    """One for each array of the problem and each group of constraints."""
-    named = {name: value for name, value in arrays.items() if name != "constraints"}
-    named |= {f"constraints {group['name']!r}": group for group in arrays["constraints"]}
-    return {name: _digest(value) for name, value in named.items()}
-
-
-def _digest(value: Any) -> str:
-    digest = hashlib.sha256()
-    parts = value.items() if isinstance(value, Mapping) else [("", value)]
-    for name, part in parts:
-        array = np.ascontiguousarray(part) if isinstance(part, np.ndarray) else np.array(repr(part))
-        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
-        digest.update(array.data if array.size else b"")
-    return digest.hexdigest()
+def digest(value: Any) -> str:
+    """SHA-256 of a mapping of such values, of an array with its dtype and shape, or of a plain value."""
+    found = hashlib.sha256()
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            found.update(f"{name} {digest(part)} ".encode())
+        return found.hexdigest()
+    array = np.ascontiguousarray(value) if isinstance(value, np.ndarray) else np.array(repr(value))
+    found.update(f"{array.dtype.str} {array.shape} ".encode())
+    found.update(array.data if array.size else b"")
+    return found.hexdigest()

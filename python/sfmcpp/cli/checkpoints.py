@@ -28,17 +28,24 @@ class Checkpoints:
         """Where to take up."""
         return None if self.resumed is None else CheckpointFolder(self.resumed)
 
-    def check(self, source: Path, output: Path | None) -> None:
+    def check(self) -> None:
         """Raise a DatasetError for what cannot be saved or taken up, before any work is done."""
         if self.resume is not None:
             self.resume.load()
-        if self.save is None:
-            return
-        self.save.begin(self.resume)
-        if output is not None and output.exists() and output.samefile(source):
+        if self.save is not None:
+            self.save.begin(self.resume)
+
+    def check_input_stays(self, source: Path, output: Path | None) -> None:
+        """Raise a DatasetError if the result would replace what a run that goes on reads again."""
+        if self.save is not None and output is not None and output.exists() and output.samefile(source):
             raise DatasetError(output, "would replace the input, which a run that goes on needs")
 
     @property
     def failures(self) -> list[DatasetError]:
         """What could not be saved."""
         return [self.save.failure] if self.save is not None and self.save.failure is not None else []
+
+    @property
+    def in_words(self) -> tuple[str, ...]:
+        """How a run that was stopped goes on, if it can."""
+        return () if self.folder is None else (f"--resume {self.folder} goes on",)

@@ -65,7 +65,8 @@ def solve_file(job: Job) -> ExitCode:
     """
     _check_options(job.options)
     job.targets.check(job.source)
-    job.checkpoints.check(job.source, job.targets.problem)
+    job.checkpoints.check_input_stays(job.source, job.targets.problem)
+    job.checkpoints.check()
     started = time.perf_counter()
     problem = _problem(job)
     seconds_read = time.perf_counter() - started
@@ -167,8 +168,10 @@ def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> Ex
 
 def _what_is_kept(job: Job) -> str:
     kept = [f"the best state so far is in {job.targets.problem}"] if job.targets.problem else []
-    kept += [f"--resume {job.checkpoints.folder} goes on"] if job.checkpoints.folder else []
-    return "; ".join(kept) or "no output was asked for, the state so far is not kept"
+    return (
+        "; ".join((*kept, *job.checkpoints.in_words))
+        or "no output was asked for, the state so far is not kept"
+    )
 
 
 def run_demo(folder: Path, seed: int) -> ExitCode:

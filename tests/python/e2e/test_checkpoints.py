@@ -275,7 +275,7 @@ def test_a_disk_that_fills_costs_the_checkpoint_alone(tmp_path: Path) -> None:
 
 def test_killed_solves_go_on_to_the_same_bytes() -> None:
     tool = [sys.executable, str(REPOSITORY / "tools" / "kill_and_resume.py")]
-    options = ["--kills", "2", "--seed", "3", "--points", "200"]
+    options = ["--kills", "2", "--seed", "3", "--points", "300"]
     result = subprocess.run([*tool, *options], capture_output=True, text=True, timeout=TIMEOUT_S)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "0 complaints" in result.stdout
