@@ -61,7 +61,7 @@ class Minimizer {
       }
       record();
     }
-    if (can_go_on()) tell_where_it_stands(true);
+    if (was_stopped() && !numbers_.empty()) tell_where_it_stands(true);
     summary_.final_cost = cost_;
     return std::move(summary_);
   }
@@ -111,7 +111,7 @@ class Minimizer {
   }
 
   // Whether it was stopped, rather than came to an end of its own.
-  bool can_go_on() const {
+  bool was_stopped() const {
     const auto stops = {Termination::kMaxIterations,
                         Termination::kMaxSeconds,
                         Termination::kInterrupted,
@@ -119,7 +119,7 @@ class Minimizer {
     return std::ranges::find(stops, summary_.termination) != stops.end();
   }
 
-  // The last time as after the last iteration: one that was stopped has left the state as it was.
+  // The last time as after the last iteration: one that was cut short has left the state as it was.
   void tell_where_it_stands(bool last) {
     if (!events_.on_resumable) return;
     if (!last) numbers_ = save(*this);
@@ -210,6 +210,7 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - candidate_cost_;
     std::swap(state_, candidate_);
+    numbers_.clear();
     model_.normalize(state_);
     update_strategy();
     cost_ = candidate_cost_;
@@ -375,7 +376,7 @@ class Minimizer {
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;
-  std::vector<double> numbers_;  // as kept after the last iteration
+  std::vector<double> numbers_;  // as kept after the last iteration; none where the state has moved
   MinimizerSummary summary_;
 };
 

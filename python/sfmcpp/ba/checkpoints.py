@@ -16,6 +16,9 @@ from sfmcpp.errors import DatasetError
 # They say how far a run goes and what it may use, and nothing of its steps.
 _MAY_CHANGE = ("threads", "max_iterations", "max_seconds")
 
+# Gives the arrays of where a run stands.
+Where = Callable[[], Mapping[str, NDArray[Any]]]
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -55,7 +58,7 @@ class CheckpointStore(Protocol):
     def is_due(self) -> bool:
         """Whether it is time for another."""
 
-    def save(self, facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    def save(self, facts: Mapping[str, Any], where: Where) -> None:
         """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
 
     def load(self) -> Checkpoint:
@@ -111,10 +114,10 @@ class RunCheckpoints:
         failure = None if self._save is None else self._save.failure
         return [text for text in (remark, failure and f"no checkpoint: {failure}") if text]
 
-    def offer(self, where: Callable[[], Mapping[str, NDArray[Any]]], last: bool = False) -> None:
+    def offer(self, where: Where, last: bool = False) -> None:
         """Save where the run stands, if it is time, or the run is stopped there."""
         if self._save is not None and (last or self._save.is_due()):
-            self._save.save(self._facts, where())
+            self._save.save(self._facts, where)
 
 
 def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:

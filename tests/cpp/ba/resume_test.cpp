@@ -198,6 +198,22 @@ TEST(Resume, LimitsAreForTheWholeRunAndMayBeRaised) {
   expect_same(run(kPlain, &begun.stood.back()), run(kPlain));
 }
 
+// It has moved the state to its end: there is nothing to go on with but what was before it.
+TEST(Resume, AStopAtTheLastIterationLeavesTheOneBefore) {
+  Case c = kPlain;
+  c.options.minimizer.termination = {};
+  const Outcome whole = run(c);
+  ASSERT_EQ(whole.summary.minimizer.termination, optim::Termination::kConverged);
+  ASSERT_TRUE(whole.summary.minimizer.iterations.back().accepted);
+  optim::Events events;
+  events.on_iteration = [&](const Iteration& now) {
+    return now.number == whole.summary.minimizer.iterations.back().number
+               ? optim::Signal::kStop
+               : optim::Signal::kContinue;
+  };
+  expect_same(run(c, &run(c, nullptr, events).stood.back()), whole);
+}
+
 TEST(Resume, ATimeLimitCountsTheSecondsBefore) {
   Resumption stood = run(kPlain).stood[2];
   stood.seconds = 3600.0;

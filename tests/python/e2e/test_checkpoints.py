@@ -157,7 +157,7 @@ def test_no_byte_can_be_changed_or_left_out(tmp_path: Path) -> None:
     folder = tmp_path / "kept"
     kept = CheckpointFolder(folder)
     kept.begin()
-    kept.save({"run": "test"}, {"x": np.arange(3.0)})
+    kept.save({"run": "test"}, lambda: {"x": np.arange(3.0)})
     path = folder / "checkpoint-a.npz"
     whole = path.read_bytes()
     for place in range(len(whole)):
@@ -208,6 +208,17 @@ def test_a_checkpoint_that_fails_leaves_the_solve_alone_and_is_named(
     assert_same_end(problem, whole)
     named = f"no checkpoint: {kept.path / 'checkpoint-a.npz'}: no space left on device"
     assert summary.warnings == [named]
+    assert list(kept.path.iterdir()) == []
+
+
+def test_a_checkpoint_for_which_there_is_no_memory_leaves_the_run_alone(tmp_path: Path) -> None:
+    def too_large() -> dict[str, np.ndarray]:
+        raise MemoryError
+
+    kept = CheckpointFolder(tmp_path / "kept")
+    kept.begin()
+    kept.save({}, too_large)
+    assert "does not fit in memory" in str(kept.failure)
     assert list(kept.path.iterdir()) == []
 
 

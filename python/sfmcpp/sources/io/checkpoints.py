@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore
+from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.files import failures_named, read_bytes
@@ -106,21 +106,21 @@ class CheckpointFolder:
         """Whether as many seconds have passed since the last one as are wanted."""
         return time.monotonic() - self._last_s >= self._every_s
 
-    def save(self, facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    def save(self, facts: Mapping[str, Any], where: Where) -> None:
         """Replace the older of the two files; on the disk when this returns.
 
         Parameters
         ----------
         facts : mapping
             What is run, fit for JSON.
-        arrays : mapping of str to array
-            Where it stands.
+        where : callable
+            Gives the arrays of where it stands.
         """
         slot = self._newest.next()
         path = self.path / _NAMES[slot.number]
         try:
             with atomic_files(path) as (file,):
-                file.write(_sealed(path, {"sequence": slot.sequence, "facts": facts}, arrays))
+                file.write(_sealed(path, {"sequence": slot.sequence, "facts": facts}, where()))
             self._newest = slot
         except DatasetError as error:
             self._failure = error

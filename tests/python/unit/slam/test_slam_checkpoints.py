@@ -14,7 +14,7 @@ import test_absolute_sensors as absolute
 import test_restart as restart
 import test_stereo as stereo
 from sfmcpp import CheckpointFolder, DatasetError, InvalidArgument
-from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore
+from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
 from sfmcpp.model.flattening import flatten, unflatten
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam import (
@@ -66,8 +66,8 @@ class InMemory:
     def is_due(self) -> bool:
         return True
 
-    def save(self, facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-        self.all.append(Checkpoint("memory", facts, arrays, len(self.all) + 1))
+    def save(self, facts: Mapping[str, Any], where: Where) -> None:
+        self.all.append(Checkpoint("memory", facts, where(), len(self.all) + 1))
 
     def load(self) -> Checkpoint:
         return self.all[-1]
