@@ -19,7 +19,7 @@ from sfmcpp.ba import (
 from sfmcpp.doctor import Diagnosis, Finding, diagnose
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
-from sfmcpp.sources.io import convert, formats, read, write
+from sfmcpp.sources.io import CheckpointFolder, convert, formats, read, write
 from sfmcpp.sources.synthetic import (
     SCENES,
     add_outliers,
@@ -39,6 +39,7 @@ __all__ = [
     "CONSTRAINT_KINDS",
     "SCENES",
     "CameraModel",
+    "CheckpointFolder",
     "ConstraintGroup",
     "Covariance",
     "DatasetError",

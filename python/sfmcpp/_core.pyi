@@ -675,9 +675,9 @@ def sample_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typin
     """
     Patches (n, 2 radius + 1, 2 radius + 1) of an image; not a number where they are not all within it.
     """
-def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None) -> CoreSummary:
+def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None, checkpoint: typing.Any = None, resumed: dict | None = None) -> CoreSummary:
     """
-    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state.
+    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays that another call takes as `resumed`.
     """
 def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
     """

@@ -60,12 +60,10 @@ optim::Events noting_the_start(const optim::Events& events,
                                const BundleModel& model,
                                SolveSummary& summary) {
   optim::Events noting = events;
-  noting.on_iteration = [&](const optim::Iteration& iteration) {
-    if (iteration.number == 0) {
-      summary.initial_rms_px = model.fit_where_linearized().rms();
-      summary.behind_camera_initial = static_cast<int>(model.fit_where_linearized().behind_camera);
-    }
-    return events.on_iteration(iteration);
+  noting.on_start = [&] {
+    summary.initial_rms_px = model.fit_where_linearized().rms();
+    summary.behind_camera_initial = static_cast<int>(model.fit_where_linearized().behind_camera);
+    events.on_start();
   };
   return noting;
 }
@@ -87,11 +85,12 @@ SolveSummary solve(const Problem& problem,
                    const SolveOptions& options,
                    const optim::Events& events,
                    optim::State& state,
-                   Exchange& exchange) {
-  const Stopwatch clock;
+                   Exchange& exchange,
+                   const optim::Resumption* resumed) {
+  const Stopwatch clock(resumed == nullptr ? 0.0 : resumed->seconds), setup;
   Workspace work(problem, options, state, exchange);
   SolveSummary summary = describe_start(work, problem, options, state);
-  summary.seconds_setup = clock.seconds();
+  summary.seconds_setup = setup.seconds();
   {
     const ScopedFrame frame(problem, state, exchange);
     summary.minimizer = optim::minimize(work.model,
@@ -99,7 +98,8 @@ SolveSummary solve(const Problem& problem,
                                         options.minimizer,
                                         noting_the_start(events, work.model, summary),
                                         clock,
-                                        state);
+                                        state,
+                                        resumed);
   }
   // A point in the centre of a projective camera has an image that rounding decides, and the frame
   // of the solve has another rounding.

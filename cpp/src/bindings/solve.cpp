@@ -22,15 +22,51 @@ bool interrupted() {
   return true;
 }
 
-// Called without the GIL. A Python exception of the callback ends the solve and is raised after it.
+using Where = std::function<optim::Resumption()>;
+
+py::dict dict_of(const optim::Resumption& resumption) {
+  const auto array = [](const std::vector<double>& values) {
+    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+  };
+  py::dict d;
+  d["cameras"] = array(resumption.state.cameras);
+  d["intrinsics"] = array(resumption.state.intrinsics);
+  d["points"] = array(resumption.state.points);
+  d["numbers"] = array(resumption.numbers);
+  d["seconds"] = array({resumption.seconds});
+  return d;
+}
+
+optim::Resumption resumption_of(const py::dict& d) {
+  const auto numbers = [&](const char* name) {
+    const std::span<const double> values = view<const double>(d, name);
+    return std::vector<double>(values.begin(), values.end());
+  };
+  const std::vector<double> seconds = numbers("seconds");
+  if (seconds.size() != 1) throw InvalidArgument("seconds: must be one number");
+  return {.state = {numbers("cameras"), numbers("intrinsics"), numbers("points")},
+          .numbers = numbers("numbers"),
+          .seconds = seconds[0]};
+}
+
+// Called without the GIL. A Python exception of a callback ends the solve and is raised after it.
 class Listener {
  public:
-  explicit Listener(py::object callback) : callback_(std::move(callback)) {}
+  Listener(py::object callback, py::object checkpoint)
+      : callback_(std::move(callback)), checkpoint_(std::move(checkpoint)) {}
 
   optim::Events events() {
-    return {.on_iteration =
-                [this](const optim::Iteration& i) { return guarded([&] { return call(i); }); },
-            .poll = [this] { return guarded([] { return optim::Signal::kContinue; }); }};
+    optim::Events events{
+        .on_iteration =
+            [this](const optim::Iteration& i) { return guarded([&] { return call(i); }); },
+        .poll = [this] { return guarded([] { return optim::Signal::kContinue; }); }};
+    if (!checkpoint_.is_none()) {
+      events.on_resumable = [this](const Where& where, bool last) {
+        asked_ = optim::Signal::kContinue;
+        asked_ = guarded([&] { return save(where, last); });
+      };
+    }
+    return events;
   }
   void rethrow() const {
     if (error_) std::rethrow_exception(error_);
@@ -41,6 +77,7 @@ class Listener {
   optim::Signal guarded(const F& f) {
     const HeldGil held;
     try {
+      if (asked_ != optim::Signal::kContinue) return asked_;
       if (interrupted()) return optim::Signal::kInterrupt;
       return f();
     } catch (const py::error_already_set& e) {
@@ -64,7 +101,20 @@ class Listener {
                : optim::Signal::kContinue;
   }
 
-  py::object callback_;
+  optim::Signal save(const Where& where, bool last) const {
+    const py::object save = py::cpp_function([&where] { return dict_of(where()); });
+    const py::object is_last = py::bool_(last);
+    PyObject* answer = or_wait_for_the_end([&] {
+      return PyObject_CallFunctionObjArgs(checkpoint_.ptr(), save.ptr(), is_last.ptr(), nullptr);
+    });
+    if (answer == nullptr) throw py::error_already_set();
+    Py_DECREF(answer);
+    return optim::Signal::kContinue;
+  }
+
+  py::object callback_, checkpoint_;
+  // What came up while a checkpoint was made; it counts at the next iteration.
+  optim::Signal asked_ = optim::Signal::kContinue;
   std::exception_ptr error_;
 };
 
@@ -88,17 +138,22 @@ class Unknowns {
 
 ba::SolveSummary solve(const py::dict& arrays,
                        const ba::SolveOptions& options,
-                       const py::object& callback) {
+                       const py::object& callback,
+                       const py::object& checkpoint,
+                       const std::optional<py::dict>& resumed) {
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
   const Unknowns unknowns(arrays);
   optim::State state = ba::state_of(problem);
-  Listener listener(callback);
+  const std::optional<optim::Resumption> before =
+      resumed ? std::optional(resumption_of(*resumed)) : std::nullopt;
+  Listener listener(callback, checkpoint);
   ba::SolveSummary summary;
   {
     const ReleasedGil released;
-    summary = ba::solve(problem, options, listener.events(), state);
+    summary = ba::solve(
+        problem, options, listener.events(), state, this_process(), before ? &*before : nullptr);
   }
   unknowns.write(state);
   listener.rethrow();
@@ -148,8 +203,11 @@ void bind_solve(py::module_& m) {
         py::arg("arrays"),
         py::arg("options"),
         py::arg("callback") = py::none(),
+        py::arg("checkpoint") = py::none(),
+        py::arg("resumed") = py::none(),
         "Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best "
-        "state.");
+        "state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays "
+        "that another call takes as `resumed`.");
 }
 
 }  // namespace sfmcpp::bindings

@@ -30,10 +30,14 @@ class ChangingSolver final : public LinearSolver {
                           Step& step,
                           const std::function<bool()>& should_stop) override {
     const LinearSolveResult result = solver_->solve(damping, step, should_stop);
-    ++solves_;
     has_factors_ = result.success;
-    if (choice_.kind == LinearSolverKind::kIterative) reconsider(result.iterations);
+    learn(result.iterations);
     return result;
+  }
+
+  std::vector<int> iterations_of_solves() const override { return iterations_of_solves_; }
+  void replay(const std::vector<int>& iterations_of_solves) override {
+    for (int iterations : iterations_of_solves) learn(iterations);
   }
 
   bool can_solve_again(Unknowns unknowns) const override {
@@ -91,6 +95,11 @@ class ChangingSolver final : public LinearSolver {
            seconds(direct) < kWorthwhile * seconds(iterative);
   }
 
+  void learn(int iterations) {
+    iterations_of_solves_.push_back(iterations);
+    if (choice_.kind == LinearSolverKind::kIterative) reconsider(iterations);
+  }
+
   void reconsider(int iterations) {
     if (!is_worthwhile(iterations)) return;
     if (best_direct().kind == LinearSolverKind::kSparse && !analysed_) {
@@ -99,7 +108,7 @@ class ChangingSolver final : public LinearSolver {
       if (!is_worthwhile(iterations)) return make();  // with what is known now
     }
     choice_.kind = best_direct().kind;
-    changes_.push_back({.solves = solves_,
+    changes_.push_back({.solves = static_cast<int>(iterations_of_solves_.size()),
                         .kind = choice_.kind,
                         .reason = "a step took " + std::to_string(iterations) +
                                   " iterations of conjugate gradients"});
@@ -112,7 +121,7 @@ class ChangingSolver final : public LinearSolver {
   LinearSolverChoice choice_;
   std::unique_ptr<LinearSolver> solver_;
   bool has_factors_ = false;  // of the last solve: none where the solver has changed after it
-  int solves_ = 0;
+  std::vector<int> iterations_of_solves_;
   bool analysed_ = false;
   std::vector<SolverChange> changes_;
 };

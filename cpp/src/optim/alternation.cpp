@@ -28,10 +28,9 @@ class Alternation final : public StepStrategy {
   void rejected() override { rule_.rejected(); }
   double damping() const override { return rule_.damping().lambda; }
   bool can_retry() const override { return damping() < kMaxLambda; }
-
- private:
   void keep(Memory& memory) override { rule_.keep(memory); }
 
+ private:
   HartleyRule rule_;
   std::optional<linear::BlockJacobi> blocks_;
 };

@@ -106,7 +106,6 @@ class Descent final : public StepStrategy {
   }
   bool can_retry() const override { return descends() && share_ > kMinShare; }
 
- private:
   void keep(Memory& memory) override {
     rule_->keep(memory);
     memory.keep(direction_);
@@ -115,6 +114,8 @@ class Descent final : public StepStrategy {
     memory.keep(whole_decrease_);
     memory.keep(share_);
   }
+
+ private:
   void set_direction(const linear::NormalEquations& normal) {
     rule_->next(normal, direction_);
     has_direction_ = true;

@@ -62,7 +62,6 @@ class DogLeg final : public StepStrategy {
   }
   bool can_retry() const override { return has_path_ && *radius_ > kMinShare * gauss_newton_norm_; }
 
- private:
   // The path too, which a rejection leaves: to solve for it again would be at another μ.
   void keep(Memory& memory) override {
     memory.keep(radius_);
@@ -72,6 +71,8 @@ class DogLeg final : public StepStrategy {
     for (linear::Step* step : {&metric_, &cauchy_, &gauss_newton_}) memory.keep(*step);
     for (double* length : {&cauchy_norm_, &gauss_newton_norm_, &step_norm_}) memory.keep(*length);
   }
+
+ private:
   void set_cauchy_step(const linear::NormalEquations& normal) {
     metric_ = linear::damping_entries(normal, matrix_);
     const linear::Step gradient = linear::negative_gradient(normal);

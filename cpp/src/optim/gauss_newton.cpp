@@ -18,8 +18,6 @@ class GaussNewton final : public StepStrategy {
   void accepted(double) override {}
   void rejected() override {}
   bool can_retry() const override { return false; }
-
- private:
   void keep(Memory&) override {}
 };
 

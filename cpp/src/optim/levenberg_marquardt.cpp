@@ -23,13 +23,12 @@ class LevenbergMarquardt final : public StepStrategy {
   void rejected() override { rule_->rejected(); }
   double damping() const override { return rule_->damping().lambda; }
   bool can_retry() const override { return damping() < kMaxLambda; }
-
- private:
   void keep(Memory& memory) override {
     memory.keep(started_);
     rule_->keep(memory);
   }
 
+ private:
   std::unique_ptr<DampingRule> rule_;
   bool started_ = false;
 };

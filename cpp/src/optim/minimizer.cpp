@@ -43,8 +43,13 @@ class Minimizer {
     if (line_search_ || acceleration_.is_possible()) trial_ = state;
   }
 
-  MinimizerSummary run() {
+  MinimizerSummary run(const Resumption* resumed) {
     start();
+    if (resumed == nullptr) {
+      record();
+    } else {
+      go_on(*resumed);
+    }
     while (!finished()) {
       compute_step();
       if (finished()) break;
@@ -56,8 +61,21 @@ class Minimizer {
       }
       record();
     }
+    if (was_stopped() && !numbers_.empty()) tell_where_it_stands(true);
     summary_.final_cost = cost_;
     return std::move(summary_);
+  }
+
+  // Every member that matters to the next iteration, and the history.
+  void keep(Memory& memory) {
+    memory.keep(summary_.initial_cost);
+    memory.keep(summary_.iterations);
+    memory.keep(cost_);
+    memory.keep(largest_prediction_);
+    strategy_->keep(memory);
+    std::vector<int> solves = solver_.iterations_of_solves();
+    memory.keep(solves);
+    if (memory.is_reading()) solver_.replay(solves);
   }
 
  private:
@@ -71,7 +89,41 @@ class Minimizer {
     } else {
       finish(Termination::kNumericalFailure, "the cost at the start is not finite");
     }
-    record();
+    events_.on_start();
+  }
+
+  void go_on(const Resumption& resumed) {
+    const double cost_at_start = summary_.initial_cost;
+    restore(resumed.numbers, linear::negative_gradient(model_.normal_equations()), *this);
+    if (summary_.initial_cost != cost_at_start || summary_.iterations.empty() ||
+        !same_size(resumed.state, state_))
+      throw InvalidArgument("resumption: is of another problem, other options or another machine");
+    numbers_ = resumed.numbers;
+    state_ = resumed.state;
+    now_ = summary_.iterations.back();
+    model_.linearize(state_);
+    heed_limits(agree_on(Signal::kContinue));
+  }
+
+  static bool same_size(const State& a, const State& b) {
+    return a.cameras.size() == b.cameras.size() && a.intrinsics.size() == b.intrinsics.size() &&
+           a.points.size() == b.points.size();
+  }
+
+  // Whether it was stopped, rather than came to an end of its own.
+  bool was_stopped() const {
+    const auto stops = {Termination::kMaxIterations,
+                        Termination::kMaxSeconds,
+                        Termination::kInterrupted,
+                        Termination::kStoppedByCallback};
+    return std::ranges::find(stops, summary_.termination) != stops.end();
+  }
+
+  // The last time as after the last iteration: one that was cut short has left the state as it was.
+  void tell_where_it_stands(bool last) {
+    if (!events_.on_resumable) return;
+    if (!last) numbers_ = save(*this);
+    events_.on_resumable([this] { return Resumption{state_, numbers_, clock_.seconds()}; }, last);
   }
 
   void judge_gradient() {
@@ -158,6 +210,7 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - candidate_cost_;
     std::swap(state_, candidate_);
+    numbers_.clear();
     model_.normalize(state_);
     update_strategy();
     cost_ = candidate_cost_;
@@ -248,7 +301,11 @@ class Minimizer {
     now_.cost = cost_;
     now_.seconds = clock_.seconds();
     summary_.iterations.push_back(now_);
-    const Stop stop = agree_on(events_.on_iteration(now_));
+    if (!finished()) tell_where_it_stands(false);
+    heed_limits(agree_on(events_.on_iteration(now_)));
+  }
+
+  void heed_limits(Stop stop) {
     if (!finished() && stop == Stop::kTime)
       finish(Termination::kMaxSeconds, "the time limit was reached");
     if (!finished() && now_.number >= options_.termination.max_iterations) {
@@ -269,7 +326,13 @@ class Minimizer {
     return stop;
   }
 
-  bool stop_requested() { return agree_on(events_.poll()) != Stop::kNo || finished(); }
+  // A step that time cuts short is taken, unless the run may go on later: it would not have been
+  // cut.
+  bool stop_requested() {
+    const Stop stop = agree_on(events_.poll());
+    if (stop == Stop::kTime && events_.on_resumable) heed_limits(stop);
+    return stop != Stop::kNo || finished();
+  }
 
   bool out_of_time() const {
     const std::optional<double>& limit = options_.termination.max_seconds;
@@ -313,6 +376,7 @@ class Minimizer {
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;
+  std::vector<double> numbers_;  // as kept after the last iteration; none where the state has moved
   MinimizerSummary summary_;
 };
 
@@ -323,8 +387,9 @@ MinimizerSummary minimize(LeastSquaresModel& model,
                           const MinimizerOptions& options,
                           const Events& events,
                           const Stopwatch& clock,
-                          State& state) {
-  return Minimizer(model, solver, options, events, clock, state).run();
+                          State& state,
+                          const Resumption* resumed) {
+  return Minimizer(model, solver, options, events, clock, state).run(resumed);
 }
 
 }  // namespace sfmcpp::optim

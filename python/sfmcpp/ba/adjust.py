@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 from sfmcpp.model import ConstraintGroup, Problem
@@ -19,6 +21,8 @@ def adjust(
     constraints: Sequence[ConstraintGroup],
     options: SolveOptions,
     callback: Callback | None = None,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
 ) -> Summary:
     """Adjust a problem in place with every group at its weight.
 
@@ -32,6 +36,8 @@ def adjust(
         All options.
     callback : callable, optional
         Called after every iteration; returning False stops.
+    checkpoint, resume : CheckpointStore, optional
+        Where to save checkpoints, and where to take up an earlier run.
 
     Returns
     -------
@@ -42,10 +48,24 @@ def adjust(
     ------
     InvalidArgument
         If the problem, a group or an option breaks a rule.
+    DatasetError
+        If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    return _summary(_core.solve(arrays, options, report), options)
+    least_bytes = sum(arrays[name].nbytes for name in ("cameras", "intrinsics", "points"))
+    checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), least_bytes)
+    taken, listener = checkpoints.taken, checkpoints.offer if checkpoints.are_saved else None
+    core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))
+    summary = _summary(core, options)
+    return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
+
+
+def _facts(arrays: dict[str, Any], options: SolveOptions) -> dict[str, Any]:
+    """What is solved: a digest of each array of the problem and of each group of constraints."""
+    digests = {name: digest(value) for name, value in arrays.items() if name != "constraints"}
+    digests |= {f"constraints {group['name']!r}": digest(group) for group in arrays["constraints"]}
+    return facts_of_run("solve", problem=digests, options=options.to_dict())
 
 
 def _fields_of(core: object, cls: type) -> dict[str, Any]:

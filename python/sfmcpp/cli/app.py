@@ -8,7 +8,14 @@ from typing import Annotated, Any
 import typer
 
 import sfmcpp
-from sfmcpp.cli.choices import one_of, refined_intrinsics, with_solve_options
+from sfmcpp.cli.choices import (
+    Checkpoint,
+    CheckpointEvery,
+    Resume,
+    one_of,
+    refined_intrinsics,
+    with_solve_options,
+)
 from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
 from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
@@ -75,14 +82,19 @@ def solve(
         Path | None, typer.Option(metavar="FILE", help="Where to draw the convergence: png, svg, pdf.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    checkpoint: Checkpoint = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = None,
     **options: Any,
 ) -> ExitCode:
     """Adjust cameras, intrinsics and points of a problem."""
+    from sfmcpp.cli.checkpoints import Checkpoints
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
 
     targets = Targets(output, report, plot)
-    return solve_file(Job(source, targets, options, refined_intrinsics(refine), camera_model, quiet))
+    kept = Checkpoints(checkpoint, checkpoint_every, resume)
+    return solve_file(Job(source, targets, options, refined_intrinsics(refine), camera_model, quiet, kept))
 
 
 @app.command()

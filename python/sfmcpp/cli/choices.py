@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -13,6 +14,18 @@ from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import signature_with_options
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+Checkpoint = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder to save checkpoints in, from which a later run can go on."),
+]
+CheckpointEvery = Annotated[
+    float, typer.Option(metavar="SECONDS", min=0.0, help="From one checkpoint to the next.")
+]
+Resume = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Go on from the newest checkpoint in a folder: same input and options."),
+]
 
 
 def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
+from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
@@ -39,6 +40,8 @@ class Job:
         ``"projective"``: forget the calibration of the input.
     quiet : bool
         Whether to print nothing but errors.
+    checkpoints : Checkpoints
+        Where to save and to resume.
     """
 
     source: Path
@@ -47,6 +50,7 @@ class Job:
     refine: tuple[str, ...] | None = None
     camera_model: str | None = None
     quiet: bool = False
+    checkpoints: Checkpoints = field(default_factory=Checkpoints)
 
 
 def solve_file(job: Job) -> ExitCode:
@@ -61,12 +65,14 @@ def solve_file(job: Job) -> ExitCode:
     """
     _check_options(job.options)
     job.targets.check(job.source)
+    job.checkpoints.check_input_stays(job.source, job.targets.problem)
+    job.checkpoints.check()
     started = time.perf_counter()
     problem = _problem(job)
     seconds_read = time.perf_counter() - started
     summary = _solve(job, problem)
     with ctrl_c_noted():
-        complaints = _write_results(job, problem, summary, seconds_read)
+        complaints = _write_results(job, problem, summary, seconds_read) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
 
@@ -94,7 +100,13 @@ def _solve(job: Job, problem: Problem) -> Summary:
             problem.set_free_intrinsics(*job.refine)
         job.targets.check_fits(problem)
         with shown_progress(quiet=job.quiet) as listener:
-            return solve(problem, callback=listener, **job.options)
+            return solve(
+                problem,
+                callback=listener,
+                checkpoint=job.checkpoints.save,
+                resume=job.checkpoints.resume,
+                **job.options,
+            )
     except InvalidArgument as error:
         raise DatasetError(job.source, str(error)) from error
 
@@ -149,15 +161,17 @@ def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> Ex
         tell(f"error: {job.source}: numerical failure: {summary.message}")
         return ExitCode.NUMERICAL_FAILURE
     if summary.termination == "interrupted":
-        tell(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job.targets)}")
+        tell(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}")
         return ExitCode.INTERRUPTED
     return ExitCode.DONE
 
 
-def _what_is_kept(targets: Targets) -> str:
-    if targets.problem is None:
-        return "no output was asked for, the state so far is not kept"
-    return f"the best state so far is in {targets.problem}"
+def _what_is_kept(job: Job) -> str:
+    kept = [f"the best state so far is in {job.targets.problem}"] if job.targets.problem else []
+    return (
+        "; ".join((*kept, *job.checkpoints.in_words))
+        or "no output was asked for, the state so far is not kept"
+    )
 
 
 def run_demo(folder: Path, seed: int) -> ExitCode:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import choice_option
+from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, Resume, choice_option
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSORS
@@ -145,8 +145,12 @@ def slam(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
     view: View = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    checkpoint: Checkpoint = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = None,
 ) -> ExitCode:
     """Follow a camera and map what it sees, keyframe by keyframe."""
+    from sfmcpp.cli.checkpoints import Checkpoints
     from sfmcpp.cli.slam_run import run_slam_files
 
     if weights not in (None, "none") and not sensor:
@@ -166,4 +170,5 @@ def slam(
     }
     images = {"camera": _camera(camera), "fps": fps, "corners": corners, "stereo": stereo}
     opening = {"sensor_file": sensor_file, "mounting": mounting, **images}
-    return run_slam_files(source, output, settings, opening, view=view, quiet=quiet)
+    kept = Checkpoints(checkpoint, checkpoint_every, resume)
+    return run_slam_files(source, output, settings, opening, kept, view=view, quiet=quiet)

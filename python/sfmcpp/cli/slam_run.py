@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from sfmcpp import slam
-from sfmcpp.cli.exit_codes import ExitCode, say, tell
+from sfmcpp.cli.checkpoints import Checkpoints
+from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.running import made, require_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.errors import InvalidArgument
@@ -33,6 +34,7 @@ def run_slam_files(
     folder: Path,
     settings: dict[str, Any],
     opening: dict[str, Any],
+    checkpoints: Checkpoints,
     *,
     view: bool = False,
     quiet: bool = False,
@@ -48,6 +50,7 @@ def run_slam_files(
     """
     require_pictures(folder)
     require_folder(folder)
+    checkpoints.check()
     drive = open_drive(source, **opening)
     count = len(drive.frames)
     with made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
@@ -58,21 +61,24 @@ def run_slam_files(
                 page(frame, result)
                 return asked_to_stop()
 
-            run = slam.run(drive, callback=listen, **settings)
+            run = slam.run(
+                drive, callback=listen, checkpoint=checkpoints.save, resume=checkpoints.resume, **settings
+            )
         page(run.frames - 1, run.result, last=True)
-        code = _finish(SlamReport(run), folder, quiet)
+        code = _finish(SlamReport(run), folder, checkpoints, quiet)
         if view and not run.interrupted:
             _keep_serving(quiet)
     return code
 
 
-def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
+def _finish(found: SlamReport, folder: Path, checkpoints: Checkpoints, quiet: bool) -> ExitCode:
     run = found.run
     with ctrl_c_noted():
         written = found.write(folder)
     if run.world is None:
         if run.interrupted:
-            tell(f"interrupted before there was a map: {folder / 'report.json'} tells how far it came")
+            told = f"{folder / 'report.json'} tells how far it came"
+            tell(f"interrupted before there was a map: {'; '.join((told, *checkpoints.in_words))}")
             return ExitCode.INTERRUPTED
         tell(f"error: {run.drive.path}: no map could be started: {run.result.message}")
         return ExitCode.NUMERICAL_FAILURE
@@ -80,8 +86,11 @@ def _finish(found: SlamReport, folder: Path, quiet: bool) -> ExitCode:
         say(found.table(written))
     if run.interrupted:
         frames = f"{run.frames} of {len(run.drive.frames)} frames"
-        tell(f"interrupted after {frames}: what there is of them is in {folder}")
+        told = f"what there is of them is in {folder}"
+        tell(f"interrupted after {frames}: {'; '.join((told, *checkpoints.in_words))}")
         return ExitCode.INTERRUPTED
+    if checkpoints.failures:
+        return tell_error("; ".join(map(str, checkpoints.failures)))
     return ExitCode.DONE
 
 
@@ -106,7 +115,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     options: dict[str, Any] = {"refresh_per_second": REFRESHES_PER_SECOND, "redirect_stdout": False}
     progress = Progress(*columns, console=Console(stderr=True), **options)
     task = progress.add_task("", total=num_frames)
-    started, shown = time.perf_counter(), -math.inf
+    shown = -math.inf
 
     def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
         """Pass on the last frame, and as many of the others as anybody could read."""
@@ -116,7 +125,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
             return
         shown = now
         progress.start()  # with the first frame: a run that is refused draws nothing
-        progress.update(task, completed=frame + 1, description=_status(result, frame + 1, started))
+        progress.update(task, completed=frame + 1, description=_status(result, frame + 1))
 
     try:
         yield show
@@ -124,13 +133,13 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
         progress.stop()
 
 
-def _status(result: SlamResult, frames: int, started: float) -> str:
+def _status(result: SlamResult, frames: int) -> str:
     """Say how a run stands in a few words."""
     if result.world is None:
         return "looking for a start"
     points = int(np.count_nonzero(result.world.known))
     lost = f" · {len(result.lost)} lost" if result.lost else ""
-    fps = frames / max(time.perf_counter() - started, 1e-9)
+    fps = frames / max(result.seconds, 1e-9)
     return f"{len(result.world.keyframes)} keyframes · {points:,} points{lost} · {fps:.0f} frames/s"
 
 
@@ -143,11 +152,10 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
         page = LiveView(title)
     except ModuleNotFoundError as error:
         raise InvalidArgument(f"view: {error}") from None
-    started = time.perf_counter()
 
     def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
         if last or page.due:
-            status = _status(result, frame + 1, started)
+            status = _status(result, frame + 1)
             page.show(result, f"frame {frame + 1} of {num_frames} · {status}")
 
     try:

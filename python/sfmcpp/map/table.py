@@ -33,6 +33,11 @@ class Table:
         """View of a column; a later `grow` may leave it behind."""
         return self._all[name][: self._count]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Give what is saved of it: the rows without the room behind them."""
+        rows = {name: self[name] for name in self._all}
+        return {"_all": rows, "_fill": self._fill, "_count": self._count, "_room": self._count}
+
     def check(self, count: int, **given: ArrayLike | None) -> dict[str, NDArray[Any]]:
         """Arrays of what is given to `grow`, or InvalidArgument where a shape is wrong."""
         values = {name: np.asarray(value) for name, value in given.items() if value is not None}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.slam.result import SlamResult
@@ -103,6 +103,8 @@ def run(
     final_adjustment: str = "auto",
     seed: int = 0,
     callback: Callable[[int, SlamResult], object] | None = None,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
     **opening: Any,
 ) -> SlamRun:
     """Follow a camera and map what it sees, keyframe by keyframe: ``sfmcpp slam`` from Python.
@@ -128,6 +130,8 @@ def run(
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
         True.
+    checkpoint, resume : CheckpointFolder, optional
+        Where to save checkpoints, and where to take an earlier run up; see :func:`run_slam`.
     **opening
         For a path: the keyword arguments of :func:`sfmcpp.sources.drives.open_drive`, such as `sensor_file`,
         `mounting` and `camera`.
@@ -154,10 +158,9 @@ def run(
     drive = source if isinstance(source, Drive) else open_drive(source, **opening)
     used = motion_sensors(drive, sensors)
     listener = _Listener(callback)
-    started = time.perf_counter()
-    result = run_slam(drive.frames, settings, used, listener)
-    seconds = time.perf_counter() - started
-    return SlamRun(drive, settings, tuple(sensors), result, listener.frames, seconds, listener.ended)
+    result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
+    frames = len(result.path.times)
+    return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
 
 
 def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
@@ -202,12 +205,11 @@ _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]]
 
 
 class _Listener:
-    """Counts frames, and passes them on."""
+    """Passes frames on, and remembers whether one ended the run."""
 
     def __init__(self, callback: Callable[[int, SlamResult], object] | None) -> None:
-        self._callback, self.frames, self.ended = callback, 0, False
+        self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.frames = frame + 1
         self.ended = self._callback is not None and self._callback(frame, result) is True
         return self.ended

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -74,6 +75,15 @@ class Initialiser:
         self.frames: list[Frame] = []
         self.reason = "no frame yet"
         self._contradictions = 0
+
+    def state(self) -> dict[str, Any]:
+        """What it has learned from the frames so far."""
+        return {"frames": self.frames, "reason": self.reason, "contradictions": self._contradictions}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.frames, self.reason = state["frames"], state["reason"]
+        self._contradictions = state["contradictions"]
 
     def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""

@@ -232,6 +232,8 @@ class SlamResult:
         What is wrong with the sensors' streams by themselves, and with their rotations beside the camera's.
     message : str
         Why there is no map, or empty.
+    seconds : float
+        How long it took so far [s].
     """
 
     path: Path = field(default_factory=Path)
@@ -244,6 +246,7 @@ class SlamResult:
     final: FinalAdjustment | None = None
     warnings: list[str] = field(default_factory=list)
     message: str = "there is no frame"
+    seconds: float = 0.0
 
     @property
     def world(self) -> WorldMap | None:

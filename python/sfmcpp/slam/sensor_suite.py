@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
@@ -30,6 +30,14 @@ class SensorSuite:
         # Names of those that disagreed with the images the last time they were compared.
         self.in_conflict: frozenset[str] = frozenset()
         self._experience: dict[str, Experience] = {}
+
+    def state(self) -> dict[str, Any]:
+        """What it has learned from the keyframes so far."""
+        return {"in_conflict": self.in_conflict, "experience": self._experience}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.in_conflict, self._experience = state["in_conflict"], state["experience"]
 
     def measure(
         self,

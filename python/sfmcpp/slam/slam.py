@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.clock import Clock
@@ -16,6 +18,7 @@ from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import constrain_past, correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
+from sfmcpp.slam.saving import SlamCheckpoints, State
 from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -47,9 +50,26 @@ class Slam:
         self._sensors = SensorSuite(sensors)
         self.result = SlamResult(warnings=self._sensors.remarks())
         # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
-        self._initialiser: Initialiser | None = Initialiser(intrinsics, self.settings, self._sensors)
+        self._initialiser: Initialiser | None = self._new_initialiser()
         self._follower = Follower(intrinsics, self.settings, self._sensors)
         self._last: Frame | None = None
+
+    def state(self) -> State:
+        """All that the next frames depend on; it changes with them."""
+        start = self._initialiser and self._initialiser.state()
+        return {"result": self.result, "last": self._last, "start": start, "sensors": self._sensors.state()}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of a run over the same frames, with the same settings and sensors."""
+        self.result, self._last = state["result"], state["last"]
+        self._sensors.restore(state["sensors"])
+        self._initialiser = None
+        if state["start"] is not None:
+            self._initialiser = self._new_initialiser()
+            self._initialiser.restore(state["start"])
+
+    def _new_initialiser(self) -> Initialiser:
+        return Initialiser(self._intrinsics, self.settings, self._sensors)
 
     def step(self, frame: Frame) -> None:
         """Take the next frame."""
@@ -120,9 +140,7 @@ class Slam:
         if step is None:
             result.lost.append(frame.number)
             pose = self._follower.predict(frame, result)
-            self._initialiser = self._initialiser or Initialiser(
-                self._intrinsics, self.settings, self._sensors
-            )
+            self._initialiser = self._initialiser or self._new_initialiser()
         else:
             result.bridged.append(frame.number)
             pose = step.pose
@@ -217,6 +235,8 @@ def run_slam(
     settings: SlamSettings | None = None,
     sensors: Sequence[MotionSensor] = (),
     callback: Callable[[int, SlamResult], object] | None = None,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
 ) -> SlamResult:
     """Run over all frames of a source.
 
@@ -231,17 +251,42 @@ def run_slam(
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
         True.
+    checkpoint : CheckpointFolder, optional
+        Where to save, from time to time and where the callback ends the run, what a later call needs to go
+        on. If that fails once the run goes, it goes on, and a warning of the result names the file.
+    resume : CheckpointFolder, optional
+        Where an earlier call with the same arguments saved checkpoints: this one goes on behind the last
+        frame that it took, and the result has the bits of one call, times aside. Images up to there are
+        followed anew; the callback hears of the frames after it.
 
     Returns
     -------
     SlamResult
         The map and the poses; `message` says why if there is no map.
+
+    Raises
+    ------
+    DatasetError
+        If `checkpoint` cannot be written or holds checkpoints of an earlier run; if `resume` has no whole
+        checkpoint, or one of other frames, sensors, settings, of another version or instruction set.
     """
     slam = Slam(source.intrinsics, settings, sensors)
+    checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors)
+    state = checkpoints.resumed()
+    if state is not None:
+        slam.restore(state)
+    begin_s = time.perf_counter() - slam.result.seconds
     for frame in source:
+        if checkpoints.has_passed(frame):
+            continue
         slam.step(frame)
-        if callback is not None and callback(frame.number, slam.result) is True:
+        slam.result.seconds = time.perf_counter() - begin_s
+        ended = callback is not None and callback(frame.number, slam.result) is True
+        checkpoints.offer(frame, slam.state(), ended)
+        if ended:
             break
     else:
         slam.finish()
+    slam.result.seconds = time.perf_counter() - begin_s
+    slam.result.warnings += checkpoints.warnings
     return slam.result

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +58,10 @@ class FrameSource(ABC):
     @abstractmethod
     def span_s(self) -> tuple[float, float]:
         """Times of the first frame and of the last one expected [s]."""
+
+    def identity(self) -> dict[str, Any]:
+        """What tells these frames from others, as far as it is known before they are looked at."""
+        return {"camera": self.intrinsics, "count": len(self), "times": self.span_s}
 
     @abstractmethod
     def __len__(self) -> int:
@@ -125,6 +130,12 @@ class TrackSequence(FrameSource):
         self._begin = np.searchsorted(ordered, np.arange(len(self.t_s) + 1))
         self.num_tracks = int(tracks.max()) + 1 if len(tracks) else 0
 
+    def identity(self) -> dict[str, Any]:
+        """All that they see."""
+        seen = {"times": self.t_s, "tracks": self._tracks, "begin": self._begin, "pixels": self._pixels}
+        right = {} if self._right is None else {"right": vars(self._right)}
+        return {"camera": self.intrinsics, **seen, **right}
+
     def __len__(self) -> int:
         return len(self.t_s)
 
@@ -180,6 +191,10 @@ class ImageStream(FrameSource):
         self.intrinsics = intrinsics
         self.corners = settings.corners
         self.seconds: float = 0.0
+
+    def identity(self) -> dict[str, Any]:
+        """Camera, times, and how corners are followed."""
+        return {**super().identity(), "settings": self._settings}
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sfmcpp.ba.adjust import Callback, adjust
+from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
@@ -27,6 +28,8 @@ def solve(
     constraints: Iterable[ConstraintGroup] = (),
     weight: str | Mapping[str, str] | None = None,
     callback: Callback | None = None,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
     **options: Unpack[SolveKeywords],
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
@@ -68,6 +71,15 @@ def solve(
         KeyboardInterrupt and leaves everything as it was.
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
+    checkpoint : CheckpointFolder, optional
+        Where to save, from time to time and when the solve is stopped, what a later call needs to go on. If
+        that fails once the solve runs, it goes on, and a warning of the summary names the file.
+    resume : CheckpointFolder, optional
+        Where an earlier call with the same arguments saved checkpoints: this one goes on from the newest.
+        `problem` must be as it was at the start, read again for instance. The result has the bits of one
+        call that was never stopped, times aside. `threads`, `max_iterations` and `max_seconds` may differ;
+        the limits, the history and the seconds are those of both calls together. Weights are chosen anew,
+        and come out the same. The callback hears of new iterations alone.
     **options
 
     Returns
@@ -81,6 +93,10 @@ def solve(
         If the problem or an option breaks a rule; the message names it. The problem is untouched then. With
         `weight`: if there is nothing to choose from, the problem is too large for the method, or a name is
         unknown.
+    DatasetError
+        If `checkpoint` cannot be written or holds checkpoints of an earlier run; if `resume` has no whole
+        checkpoint, or one of another problem, other options, another version or instruction set. The problem
+        is untouched then.
     """
     settings = SolveOptions(**options)
     settings.validate()
@@ -89,5 +105,5 @@ def solve(
     groups = checked_groups(constraints)
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
     apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
-    summary = adjust(problem, groups, settings, callback)
+    summary = adjust(problem, groups, settings, callback, checkpoint, resume)
     return replace(summary, group_weights=chosen, warnings=[*summary.warnings, *apart])

@@ -54,6 +54,21 @@ TEST_F(ChangingSolver, HandsOverToADirectOneWhereStepsTakeManyIterations) {
   EXPECT_EQ(solver->changes().size(), 1u);
 }
 
+TEST_F(ChangingSolver, GoesOnWithTheSameBitsFromTheIterationsOfItsSolves) {
+  for (double tolerance : {1e-14, 1e-2}) {
+    const auto solver = make(tolerance);
+    for (int k = 0; k < 3; ++k) {
+      const auto replayed = make(tolerance);
+      replayed->replay(solver->iterations_of_solves());
+      EXPECT_EQ(replayed->changes().size(), solver->changes().size());
+      const Step step = solve(*replayed), expected = solve(*solver);
+      EXPECT_EQ(step.camera, expected.camera);
+      EXPECT_EQ(step.point, expected.point);
+      EXPECT_EQ(replayed->iterations_of_solves(), solver->iterations_of_solves());
+    }
+  }
+}
+
 TEST_F(ChangingSolver, StaysWhereThereIsNoMemoryForAnother) {
   const auto solver = make(1e-14, 1e3);
   for (int k = 0; k < 3; ++k) solve(*solver);

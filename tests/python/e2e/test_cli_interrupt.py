@@ -78,6 +78,19 @@ def test_an_interrupted_solve_without_an_output_says_that_nothing_is_kept(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interrupted_solve_with_checkpoints_goes_on_to_the_same_bytes(
+    long_problem: Path, tmp_path: Path
+) -> None:
+    kept, out, whole = tmp_path / "kept", tmp_path / "out.npz", tmp_path / "whole.npz"
+    code, shown = interrupt_after_the_first_step([long_problem, "--checkpoint", kept], signal.SIGTERM)
+    assert code == 130
+    assert f"--resume {kept} goes on" in shown
+    limits = ("--quiet", "--function-tolerance", "0", "--max-iterations", "6")
+    assert run("solve", long_problem, "-o", out, "--resume", kept, *limits).returncode == 0
+    assert run("solve", long_problem, "-o", whole, *limits).returncode == 0
+    assert out.read_bytes() == whole.read_bytes()
+
+
 def test_a_time_limit_on_a_long_solve_stops_it_early(long_problem: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     limit = ("--max-seconds", "0.2", "--function-tolerance", "0")

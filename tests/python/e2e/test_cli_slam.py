@@ -15,6 +15,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run, run_here, strict_json
+from sfmcpp import CheckpointFolder, slam
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -296,3 +297,29 @@ def test_the_sensors_of_a_real_drive_weigh_in_and_make_its_map_metric(tmp_path: 
     start = slice(0, 30)
     lengths = [np.linalg.norm(np.diff(t.centres[start], axis=0), axis=1).sum() for t in (found, truth)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.05)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_files(tmp_path: Path) -> None:
+    source, kept = write_drive(tmp_path / "drive.csv", corridor(sigma_px=0.3)), tmp_path / "kept"
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert run_here("slam", source, "-o", whole, "--quiet").returncode == 0
+    slam.run(source, callback=lambda frame, _: frame == 25, checkpoint=CheckpointFolder(kept))
+    words = ("--resume", kept, "--checkpoint", kept, "--checkpoint-every", "0")
+    assert run_here("slam", source, "-o", out, "--quiet", *words).returncode == 0
+    for name in (*TEXTS, "points.ply", *(f"model/{file}" for file in MODEL)):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    assert without_times(out / "report.json") == without_times(whole / "report.json")
+
+
+def test_what_cannot_be_resumed_is_one_line_before_the_run(tmp_path: Path) -> None:
+    source, kept = write_drive(tmp_path / "drive.csv", corridor()), tmp_path / "kept"
+    slam.run(source, callback=lambda frame, _: frame == 5, checkpoint=CheckpointFolder(kept))
+    for words, told in (
+        (("--resume", tmp_path / "nothing"), "nothing: holds no checkpoint"),
+        (("--resume", kept, "--window", "6"), "other options: window = 8, this is 6"),
+        (("--checkpoint", kept), "earlier run: resume it, or remove them"),
+    ):
+        result = run_here("slam", source, "-o", tmp_path / "out", *words)
+        assert (result.returncode, is_one_error_line(result)) == (2, True), result.stderr
+        assert told in result.stderr
+        assert not (tmp_path / "out").exists()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cli_helpers import is_one_error_line, run, run_here, strict_json
+from sfmcpp import CheckpointFolder, slam
 from sfmcpp.sources.io.trajectories import read_trajectory
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
@@ -49,6 +50,16 @@ def test_the_sensors_of_its_drive_make_a_real_clip_metric(tmp_path: Path, data_d
     truth = read_trajectory(data_dir / "kitti_clip/poses.txt")
     assert found.length_m == pytest.approx(truth.length_m, rel=0.05)
     assert content["truth"]["mean_3d_error_m"] < 0.005 * truth.length_m
+
+
+@pytest.mark.real
+def test_a_clip_goes_on_from_a_checkpoint_to_the_same_bytes(tmp_path: Path, data_dir: Path) -> None:
+    whole, out, kept = tmp_path / "whole", tmp_path / "out", tmp_path / "kept"
+    assert run_here("slam", data_dir / CLIP, "-o", whole, "--quiet").returncode == 0
+    slam.run(data_dir / CLIP, callback=lambda frame, _: frame == 30, checkpoint=CheckpointFolder(kept))
+    assert run_here("slam", data_dir / CLIP, "-o", out, "--quiet", "--resume", kept).returncode == 0
+    for name in ("trajectory.txt", "model/points3D.bin", "model/images.bin"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
 
 
 @pytest.mark.real

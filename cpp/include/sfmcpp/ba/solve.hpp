@@ -41,6 +41,10 @@ struct SolveSummary {
 // end. Throws InvalidArgument for a problem or options that break a rule; numerical trouble is a
 // value of the summary.
 //
+// `resumed`: where an earlier solve of the same problem, start and options stood (each rank has its
+// own); the result is then, times aside, that of one solve. Its seconds are those of both, and its
+// limits are for both.
+//
 // With several ranks, `problem` and `state` hold all cameras, intrinsics and constraints, and the
 // points of this rank with all their observations. Every rank calls this; all end with the same
 // cameras, costs, counts and history (core/exchange.hpp).
@@ -48,6 +52,7 @@ SolveSummary solve(const Problem& problem,
                    const SolveOptions& options,
                    const optim::Events& events,
                    optim::State& state,
-                   Exchange& exchange = this_process());
+                   Exchange& exchange = this_process(),
+                   const optim::Resumption* resumed = nullptr);
 
 }  // namespace sfmcpp::ba

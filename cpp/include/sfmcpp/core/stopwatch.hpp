@@ -6,11 +6,15 @@ namespace sfmcpp {
 
 class Stopwatch {
  public:
+  explicit Stopwatch(double seconds_before = 0.0) : seconds_before_(seconds_before) {}
+
   double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    return seconds_before_ +
+           std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
   }
 
  private:
+  double seconds_before_;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 

@@ -76,6 +76,10 @@ class LinearSolver {
                                   const std::function<bool()>& should_stop) = 0;
   // Whether the normal equations are to hold modes (camera_modes.hpp).
   virtual bool wants_camera_modes() const { return false; }
+  // All that a solver has learned from its solves are the iterations that each took; another of the
+  // same choice that replays them goes on with the same bits. None where nothing is learned.
+  virtual std::vector<int> iterations_of_solves() const { return {}; }
+  virtual void replay(const std::vector<int>& /*iterations_of_solves*/) {}
   // So far, for the summary.
   virtual std::vector<SolverChange> changes() const { return {}; }
   // Whether it keeps factors with which another right-hand side costs little.

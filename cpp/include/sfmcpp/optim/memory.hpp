@@ -1,7 +1,10 @@
-// What a method has learned from its steps, as numbers: one list of members serves saving them and
+// What a run has learned from its steps, as numbers: one list of members serves saving them and
 // restoring them.
 #pragma once
 
+#include <cmath>
+#include <concepts>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -13,24 +16,31 @@ namespace sfmcpp::optim {
 
 class Memory {
  public:
-  // To be filled, or to be read.
+  // To be filled.
   Memory() = default;
-  explicit Memory(std::span<const double> numbers)
-      : reading_(true), numbers_(numbers.begin(), numbers.end()) {}
+  // To be read. Steps in it are of the size of `like`.
+  Memory(std::span<const double> numbers, const linear::Step& like)
+      : reading_(true), numbers_(numbers.begin(), numbers.end()), like_(like) {}
 
   const std::vector<double>& numbers() const { return numbers_; }
-  bool all_read() const { return next_ == numbers_.size(); }
+  bool is_reading() const { return reading_; }
+  void require_all_read() const {
+    if (next_ != numbers_.size())
+      throw InvalidArgument("saved numbers: too many for these options");
+  }
 
   // Appends the value, or sets it to what was appended in its place.
   void keep(double& value) {
     if (!reading_) return numbers_.push_back(value);
-    if (all_read()) throw InvalidArgument("saved numbers of a method: too few for this method");
+    if (next_ == numbers_.size()) throw InvalidArgument("saved numbers: too few for these options");
     value = numbers_[next_++];
   }
-  void keep(bool& value) {
-    double number = value ? 1.0 : 0.0;
+  template <std::integral T>
+  void keep(T& value) {
+    auto number = static_cast<double>(value);
     keep(number);
-    value = number != 0.0;
+    if (!(std::abs(number) <= kLargestWhole<T> && number == std::trunc(number))) refuse();
+    value = static_cast<T>(number);
   }
   void keep(std::optional<double>& value) {
     bool known = value.has_value();
@@ -39,23 +49,61 @@ class Memory {
     if (!value) value.emplace();
     keep(*value);
   }
-  void keep(std::vector<double>& values) {
+  template <class T>
+  void keep(std::vector<T>& values) {
     auto size = static_cast<double>(values.size());
     keep(size);
     if (reading_ && !(size >= 0.0 && size <= static_cast<double>(numbers_.size() - next_)))
-      throw InvalidArgument("saved numbers of a method: not those of this method");
+      refuse();
     values.resize(static_cast<std::size_t>(size));
-    for (double& value : values) keep(value);
+    for (T& value : values) keep(value);
   }
+  // One that was not yet made is restored as zeros.
   void keep(linear::Step& step) {
     keep(step.camera);
     keep(step.point);
+    if (!reading_) return;
+    if (step.camera.empty() && step.point.empty())
+      step = {.camera = std::vector<double>(like_.camera.size()),
+              .point = std::vector<double>(like_.point.size())};
+    if (step.camera.size() != like_.camera.size() || step.point.size() != like_.point.size())
+      refuse();
   }
+  template <class T>
+  requires requires(T& value, Memory& memory) { value.keep(memory); }
+  void keep(T& value) { value.keep(*this); }
 
  private:
+  // Of those that a double holds.
+  template <class T>
+  static constexpr double kLargestWhole = std::numeric_limits<T>::digits < 53
+                                              ? double(std::numeric_limits<T>::max())
+                                              : 9007199254740992.0;
+
+  [[noreturn]] static void refuse() {
+    throw InvalidArgument("saved numbers: not those of these options");
+  }
+
   bool reading_ = false;
   std::vector<double> numbers_;
+  linear::Step like_;
   std::size_t next_ = 0;
 };
+
+// What `object.keep` hands over.
+template <class T>
+std::vector<double> save(T& object) {
+  Memory memory;
+  object.keep(memory);
+  return memory.numbers();
+}
+
+// Throws InvalidArgument for numbers of another kind of object.
+template <class T>
+void restore(std::span<const double> saved, const linear::Step& like, T& object) {
+  Memory memory(saved, like);
+  object.keep(memory);
+  memory.require_all_read();
+}
 
 }  // namespace sfmcpp::optim

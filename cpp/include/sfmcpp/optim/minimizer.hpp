@@ -12,11 +12,15 @@ namespace sfmcpp::optim {
 
 // Minimises from `state`, which holds the best state found when this returns, however it ends. The
 // seconds of the iterations are those of `clock`.
+//
+// `resumed`: where an earlier run from the same start stood; the summary is of both. Throws
+// InvalidArgument for what is not of this model and these options, as far as it can tell.
 MinimizerSummary minimize(LeastSquaresModel& model,
                           linear::LinearSolver& solver,
                           const MinimizerOptions& options,
                           const Events& events,
                           const Stopwatch& clock,
-                          State& state);
+                          State& state,
+                          const Resumption* resumed = nullptr);
 
 }  // namespace sfmcpp::optim

@@ -17,6 +17,12 @@ struct StepLengths {
   double camera = 1.0;
   double point = 1.0;
   bool operator==(const StepLengths&) const = default;
+
+  template <class Memory>
+  void keep(Memory& memory) {
+    memory.keep(camera);
+    memory.keep(point);
+  }
 };
 
 }  // namespace sfmcpp::optim

@@ -7,8 +7,6 @@
 
 #include <functional>
 #include <memory>
-#include <span>
-#include <vector>
 
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/optim/memory.hpp"
@@ -37,14 +35,8 @@ class StepStrategy {
   virtual double damping() const { return 0.0; }
   // Whether another step from the same state can differ after a rejection.
   virtual bool can_retry() const = 0;
-
-  // What the method has learned, for a checkpoint: a strategy of the same options that restores it
-  // goes on with the same bits. Each rank saves its own part.
-  std::vector<double> save();
-  void restore(std::span<const double> saved);
-
- private:
-  // Hands to `memory` every member that matters to the next step.
+  // Hands to `memory` every member that matters to the next step: a strategy of the same options
+  // that restores them goes on with the same bits.
   virtual void keep(Memory& memory) = 0;
 };
 

@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/resumption.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp {
@@ -56,16 +58,32 @@ struct Iteration {
   long held_points = 0;      // drawn back along the step, which made them worse
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
+
+  void keep(Memory& memory) {
+    for (int* count : {&number, &cost_evaluations, &linear_solver_iterations}) memory.keep(*count);
+    for (double* value : {&cost, &seconds, &damping, &gradient_norm, &step_norm})
+      memory.keep(*value);
+    for (bool* fact : {&accepted, &line_searched, &accelerated}) memory.keep(*fact);
+    memory.keep(lengths);
+    memory.keep(proposed_lengths);
+    memory.keep(held_points);
+  }
 };
 
 enum class Signal { kContinue, kStop, kInterrupt };
 
-// Listeners of a minimiser: `on_iteration` after each iteration, `poll` from within long ones.
+// Listeners of a minimiser: `on_start` once the start is linearised, `on_iteration` after each
+// iteration, `poll` from within long ones.
+//
+// `on_resumable` after each iteration before the end, and once more, as the last, where a limit or
+// a listener has ended the run: `where` copies where it stands.
 struct Events {
+  std::function<void()> on_start = [] {};
   std::function<Signal(const Iteration&)> on_iteration = [](const Iteration&) {
     return Signal::kContinue;
   };
   std::function<Signal()> poll = [] { return Signal::kContinue; };
+  std::function<void(const std::function<Resumption()>& where, bool last)> on_resumable{};
 };
 
 struct MinimizerSummary {

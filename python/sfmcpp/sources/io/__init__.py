@@ -1,7 +1,8 @@
 """Files: problems read from and written to the formats of the field, in this package's conventions."""
 
 from sfmcpp.sources.io.api import convert, formats, read, write
+from sfmcpp.sources.io.checkpoints import CheckpointFolder
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.sba import read_sba
 
-__all__ = ["Format", "convert", "formats", "read", "read_sba", "write"]
+__all__ = ["CheckpointFolder", "Format", "convert", "formats", "read", "read_sba", "write"]

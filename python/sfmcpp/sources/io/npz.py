@@ -81,7 +81,7 @@ def write_npz(problem: Problem, path: Path) -> None:
     with atomic_files(path) as (stream,), zipfile.ZipFile(stream, "w") as archive:
         for name, array in arrays.items():
             if array is not None:
-                _write_member(archive, name, array, path)
+                write_member(archive, name, array, path)
 
 
 def _header(problem: Problem, path: Path) -> NDArray[np.uint8]:
@@ -100,7 +100,8 @@ def _header(problem: Problem, path: Path) -> NDArray[np.uint8]:
     return np.frombuffer(text.encode("ascii"), np.uint8)
 
 
-def _write_member(archive: zipfile.ZipFile, name: str, array: NDArray[Any], path: Path) -> None:
+def write_member(archive: zipfile.ZipFile, name: str, array: NDArray[Any], path: Path) -> None:
+    """Add an array to an archive that becomes `path`: the same array always gives the same bytes."""
     if array.dtype.hasobject:
         raise DatasetError(path, f"metadata {name!r} is an array of objects: must be of numbers")
     info = zipfile.ZipInfo(f"{name}.npy", _OLDEST_ZIP_DATE)

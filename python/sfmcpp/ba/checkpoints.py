@@ -1,0 +1,186 @@
+"""What a run leaves behind to go on from, and how it is told that it is the same run that goes on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp import _core
+from sfmcpp.errors import DatasetError
+
+# They say how far a run goes and what it may use, and nothing of its steps.
+_MAY_CHANGE = ("threads", "max_iterations", "max_seconds")
+
+# Gives the arrays of where a run stands.
+Where = Callable[[], Mapping[str, NDArray[Any]]]
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where a run stood.
+
+    Attributes
+    ----------
+    path : str
+        The file that it was in.
+    facts : mapping
+        What was run, as plain values.
+    arrays : mapping of str to array
+        Where it stood.
+    sequence : int
+        The how manieth of its run it is, from 1 on.
+    remark : str
+        What was wrong with a newer checkpoint, if there was one.
+    """
+
+    path: str
+    facts: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+    sequence: int
+    remark: str = ""
+
+
+class CheckpointStore(Protocol):
+    """Where checkpoints are kept; :class:`sfmcpp.CheckpointFolder` is one."""
+
+    @property
+    def failure(self) -> DatasetError | None:
+        """The last checkpoint that could not be saved."""
+
+    def begin(self, resumed: CheckpointStore | None, least_bytes: int) -> None:
+        """Refuse what can be known to fail, before a run that takes `resumed` up."""
+
+    def is_due(self) -> bool:
+        """Whether it is time for another."""
+
+    def save(self, facts: Mapping[str, Any], where: Where) -> None:
+        """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
+
+    def load(self) -> Checkpoint:
+        """Give the newest."""
+
+
+class RunCheckpoints:
+    """The checkpoints of one run: saved in one store, taken up from one, both or neither.
+
+    Parameters
+    ----------
+    save, resume : CheckpointStore, optional
+        Where to save, and where to take up.
+    facts : callable
+        Gives those of :func:`facts_of_run`, where they are needed.
+    least_bytes : int
+        Size of a checkpoint, at least [bytes].
+
+    Attributes
+    ----------
+    taken : Checkpoint or None
+        Where an earlier run stood.
+
+    Raises
+    ------
+    DatasetError
+        If `resume` has no checkpoint of this run, or `save` cannot be written.
+    """
+
+    def __init__(
+        self,
+        save: CheckpointStore | None,
+        resume: CheckpointStore | None,
+        facts: Callable[[], dict[str, Any]],
+        least_bytes: int = 0,
+    ) -> None:
+        self._save, self._facts = save, facts() if save or resume else {}
+        self.taken = None if resume is None else resume.load()
+        if self.taken is not None:
+            _require_same_run(self.taken, self._facts)
+        if save is not None:
+            save.begin(resume, least_bytes)
+
+    @property
+    def are_saved(self) -> bool:
+        """Whether there is a store to save them in."""
+        return self._save is not None
+
+    @property
+    def warnings(self) -> list[str]:
+        """What went wrong with them."""
+        remark = "" if self.taken is None else self.taken.remark
+        failure = None if self._save is None else self._save.failure
+        return [text for text in (remark, failure and f"no checkpoint: {failure}") if text]
+
+    def offer(self, where: Where, last: bool = False) -> None:
+        """Save where the run stands, if it is time, or the run is stopped there."""
+        if self._save is not None and (last or self._save.is_due()):
+            self._save.save(self._facts, where)
+
+
+def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """What must be the same for a run to go on with the same bits.
+
+    Parameters
+    ----------
+    run : str
+        What is run.
+    problem : mapping of str to str
+        Digests of its input, by name.
+    options : mapping
+        All its options.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
+    return {
+        "run": run,
+        "version": _core.__version__,
+        "instruction_set": _core.INSTRUCTION_SET,
+        "problem": dict(problem),
+        "options": dict(options),
+    }
+
+
+def _require_same_run(checkpoint: Checkpoint, facts: Mapping[str, Any]) -> None:
+    for complaint in _differences(checkpoint.facts, facts):
+        raise DatasetError(checkpoint.path, complaint)
+
+
+def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[str]:
+    for name, noun in (("run", "command"), ("version", "version"), ("instruction_set", "instruction set")):
+        if then.get(name) != now[name]:
+            yield f"is a checkpoint of another {noun}: {then.get(name)!r}, this is {now[name]!r}"
+    if differing := _differing(then, now, "problem"):
+        yield (
+            f"is a checkpoint of another problem: {', '.join(differing)} differ "
+            "(a run goes on from the problem as it was at its start)"
+        )
+    for name in _differing(then, now, "options"):
+        if name not in _MAY_CHANGE:
+            yield (
+                "is a checkpoint of other options: "
+                f"{name} = {then['options'].get(name)!r}, this is {now['options'].get(name)!r}"
+            )
+
+
+def _differing(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
+    before, after = dict(then.get(part, {})), now[part]
+    return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of a mapping of such values, of an array with its dtype and shape, or of a plain value."""
+    found = hashlib.sha256()
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            found.update(f"{name} {digest(part)} ".encode())
+        return found.hexdigest()
+    array = np.ascontiguousarray(value) if isinstance(value, np.ndarray) else np.array(repr(value))
+    found.update(f"{array.dtype.str} {array.shape} ".encode())
+    found.update(array.data if array.size else b"")
+    return found.hexdigest()

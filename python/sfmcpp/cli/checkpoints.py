@@ -1,0 +1,51 @@
+"""Where a command saves checkpoints, and where it takes an earlier run up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.checkpoints import CheckpointFolder
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """What `--checkpoint`, `--checkpoint-every` and `--resume` ask for."""
+
+    folder: Path | None = None
+    every_s: float = 60.0
+    resumed: Path | None = None
+
+    @cached_property
+    def save(self) -> CheckpointFolder | None:
+        """Where to save."""
+        return None if self.folder is None else CheckpointFolder(self.folder, self.every_s)
+
+    @cached_property
+    def resume(self) -> CheckpointFolder | None:
+        """Where to take up."""
+        return None if self.resumed is None else CheckpointFolder(self.resumed)
+
+    def check(self) -> None:
+        """Raise a DatasetError for what cannot be saved or taken up, before any work is done."""
+        if self.resume is not None:
+            self.resume.load()
+        if self.save is not None:
+            self.save.begin(self.resume)
+
+    def check_input_stays(self, source: Path, output: Path | None) -> None:
+        """Raise a DatasetError if the result would replace what a run that goes on reads again."""
+        if self.save is not None and output is not None and output.exists() and output.samefile(source):
+            raise DatasetError(output, "would replace the input, which a run that goes on needs")
+
+    @property
+    def failures(self) -> list[DatasetError]:
+        """What could not be saved."""
+        return [self.save.failure] if self.save is not None and self.save.failure is not None else []
+
+    @property
+    def in_words(self) -> tuple[str, ...]:
+        """How a run that was stopped goes on, if it can."""
+        return () if self.folder is None else (f"--resume {self.folder} goes on",)
