@@ -7,7 +7,8 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "support/all_models.hpp"
-#include "support/small_scenes.hpp"
+#include "support/cut_scene.hpp"
+#include "support/threaded_exchange.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -223,6 +224,36 @@ TEST(Resume, ATimeLimitCountsTheSecondsBefore) {
   EXPECT_EQ(outcome.summary.minimizer.termination, optim::Termination::kMaxSeconds);
   EXPECT_EQ(outcome.summary.minimizer.iterations.size(), 3u);
   EXPECT_GT(outcome.summary.seconds_total, 3600.0);
+}
+
+// Each with its own part of the points.
+std::vector<Outcome> run_on_ranks(const std::vector<Resumption>& resumed) {
+  std::vector<Outcome> outcomes(2);
+  support::play_ranks(2, [&](Exchange& exchange) {
+    const support::OwnedProblem part = support::part_of(scene(kPlain.model), exchange.rank(), 2);
+    Outcome& outcome = outcomes[exchange.rank()];
+    outcome.state = state_of(part.view());
+    optim::Events events;
+    events.on_resumable = [&](const std::function<Resumption()>& where, bool) {
+      outcome.stood.push_back(where());
+    };
+    outcome.summary = solve(part.view(),
+                            kPlain.options,
+                            events,
+                            outcome.state,
+                            exchange,
+                            resumed.empty() ? nullptr : &resumed[exchange.rank()]);
+  });
+  return outcomes;
+}
+
+TEST(Resume, RanksGoOnTogether) {
+  const std::vector<Outcome> whole = run_on_ranks({});
+  ASSERT_FALSE(whole[0].stood.empty());
+  for (std::size_t k = 0; k < whole[0].stood.size(); ++k) {
+    const std::vector<Outcome> resumed = run_on_ranks({whole[0].stood[k], whole[1].stood[k]});
+    for (int rank : {0, 1}) expect_same(resumed[rank], whole[rank]);
+  }
 }
 
 TEST(Resume, RefusesWhatIsNotOfThisProblemAndTheseOptions) {

@@ -76,7 +76,7 @@ enum class Signal { kContinue, kStop, kInterrupt };
 // iteration, `poll` from within long ones.
 //
 // `on_resumable` after each iteration before the end, and once more, as the last, where a limit or
-// a listener has ended the run: `where` copies where it stands.
+// a listener has ended the run: `where` copies where it stands. All ranks listen, or none.
 struct Events {
   std::function<void()> on_start = [] {};
   std::function<Signal(const Iteration&)> on_iteration = [](const Iteration&) {
