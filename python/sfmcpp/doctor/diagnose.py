@@ -71,6 +71,8 @@ def diagnose(
     ------
     InvalidArgument
         If a constraint is no valid group. What is wrong with the problem is a finding.
+    KeyboardInterrupt
+        On Ctrl-C, during adjustments too.
     """
     groups = checked_groups(constraints)
     refused = _refused(problem)
