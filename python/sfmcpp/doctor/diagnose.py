@@ -109,4 +109,4 @@ def _unsolvable(case: Case) -> Iterator[Finding]:
     try:
         check(case.problem)
     except InvalidArgument as error:
-        yield Finding("unsolvable", "error", str(error), "a solve refuses this problem")
+        yield Finding("unsolvable", "error", str(error), "mend that first: a solve refuses this problem")
