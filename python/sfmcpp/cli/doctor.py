@@ -51,10 +51,10 @@ def doctor(
     problem = read(source)
     diagnosis = _diagnosed(problem, solve)
     repaired = None if fix is None else repair(problem)
-    if fix is not None and repaired is not None:
-        write(repaired.problem, fix)
     if report is not None:
         _write_report(source, problem, diagnosis, repaired, report)
+    if fix is not None and repaired is not None:
+        write(repaired.problem, fix)
     if not quiet:
         say(_text(source, problem, diagnosis))
         for line in _mended(fix, repaired):
@@ -74,6 +74,8 @@ def _diagnosed(problem: Problem, solve: bool) -> Diagnosis:
         summary = solved(copy)
     except InvalidArgument:  # what a solve refuses is a finding
         return diagnose(problem)
+    if summary.termination == "interrupted":
+        raise KeyboardInterrupt
     return diagnose(copy, summary=summary)
 
 

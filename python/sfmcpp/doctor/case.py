@@ -91,7 +91,7 @@ class Case:
         if count <= SAMPLE:
             return self.problem
         self.skipped.append(
-            f"conventions, units and angles were judged by {SAMPLE:,} of {count:,} observations"
+            f"conventions, and what is behind cameras: judged by {SAMPLE:,} of {count:,} observations"
         )
         return self.problem.with_observations(np.linspace(0, count - 1, SAMPLE).astype(np.int64))
 

@@ -152,10 +152,14 @@ def conventions(case: Case) -> Iterator[Finding]:
         yield Finding(
             convention.code,
             "error",
-            f"{convention.text}: read so, the median error is {after:.3g} px instead of {before:.3g}",
+            f"{convention.text}: read so, the median error is {after:.3g} px; as it is, {_worse(before)}",
             convention.advice,
             measures={"median_px": before, "median_read_so_px": after},
         )
+
+
+def _worse(median_px: float) -> str:
+    return f"{median_px:.3g} px" if np.isfinite(median_px) else "most points are behind the cameras"
 
 
 def _better_at_start(case: Case) -> tuple[Convention, float, float] | None:

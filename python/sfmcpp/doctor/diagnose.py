@@ -71,6 +71,8 @@ def diagnose(
     ------
     InvalidArgument
         If a constraint is no valid group. What is wrong with the problem is a finding.
+    KeyboardInterrupt
+        On Ctrl-C, during adjustments too.
     """
     groups = checked_groups(constraints)
     refused = _refused(problem)
@@ -107,4 +109,4 @@ def _unsolvable(case: Case) -> Iterator[Finding]:
     try:
         check(case.problem)
     except InvalidArgument as error:
-        yield Finding("unsolvable", "error", str(error), "a solve refuses this problem")
+        yield Finding("unsolvable", "error", str(error), "mend that first: a solve refuses this problem")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,16 +60,15 @@ def copies(
     if not len(owners):
         return []
     rows = np.column_stack([partner[order].astype(np.float64), pixels[order]])
+    sizes = np.diff([*begin, len(order)])
     # Sums of scrambled bits tell most apart; those that agree are compared in full.
     marks = np.add.reduceat(_scrambled(rows), begin)
-    sizes = np.diff([*begin, len(order)])
-    candidates = np.lexsort((owners, marks))
-    found, original = [], -1
-    for previous, this in pairwise(candidates.tolist()):
-        if marks[previous] != marks[this] or sizes[this] < 2:
-            original = -1
-            continue
-        original = previous if original < 0 else original
+    sorted_owners = np.argsort(marks, kind="stable")
+    repeats = np.r_[False, np.diff(marks[sorted_owners]) == 0]
+    first = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(owners))))
+    found = []
+    for place in np.flatnonzero(repeats & (sizes[sorted_owners] > 1)):
+        this, original = sorted_owners[place], sorted_owners[first[place]]
         ours, theirs = (rows[begin[k] : begin[k] + sizes[k]] for k in (this, original))
         if np.array_equal(ours, theirs):
             found.append((int(owners[original]), int(owners[this])))

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfmcpp.ba import LinearModel, linearize
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.finding import Finding, counted
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.so3 import hat
 from sfmcpp.model import Problem
@@ -58,8 +58,8 @@ def _left(case: Case, motions: FloatArray) -> Finding:
     return Finding(
         "gauge-freedoms",
         "warning" if expected else "note",
-        f"{len(motions)} of the 7 freedoms of the world are left, in spite of what is fixed or constrained: "
-        f"{', '.join(names)}",
+        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed or constrained, "
+        f"made of {', '.join(names)}",
         "fix a camera more, or give a position off the line of the others"
         if expected
         else "nothing to do, if that is meant",

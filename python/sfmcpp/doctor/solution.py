@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust
+from sfmcpp.ba import LinearModel, SolveOptions, Summary
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.gauge import motions_of_positions
+from sfmcpp.doctor.trial import adjust_or_stop
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model import Problem
@@ -134,7 +135,7 @@ def _adjusted(start: Problem, case: Case, summary: Summary) -> tuple[Problem, fl
     moved = start.copy()
     scale = summary.loss_scale_px if summary.loss != "squared" else 1.0
     options = SolveOptions(loss=summary.loss, loss_scale_px=scale)
-    return moved, adjust(moved, case.constraints, options).final_cost
+    return moved, adjust_or_stop(moved, case.constraints, options).final_cost
 
 
 def _starts(problem: Problem) -> Iterator[tuple[str, Problem]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.ba import SolveOptions, adjust
+from sfmcpp.ba import SolveOptions, Summary, adjust
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import ConstraintGroup, Problem
@@ -42,6 +42,16 @@ class Trial:
         return float(self.sigma_px * _MEDIAN_OF_NORM)
 
 
+def adjust_or_stop(
+    problem: Problem, constraints: Sequence[ConstraintGroup], options: SolveOptions
+) -> Summary:
+    """Adjust in place; Ctrl-C ends more than this one adjustment of many."""
+    summary = adjust(problem, list(constraints), options)
+    if summary.termination == "interrupted":
+        raise KeyboardInterrupt
+    return summary
+
+
 def adjusted(
     problem: Problem, constraints: Sequence[ConstraintGroup] = (), loss: str = "cauchy"
 ) -> Trial | str:
@@ -49,7 +59,7 @@ def adjusted(
     moved = problem.copy()
     options = SolveOptions(loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS)
     try:
-        adjust(moved, list(constraints), options)
+        adjust_or_stop(moved, constraints, options)
     except InvalidArgument as error:
         return str(error)
     errors = reprojection_errors_px(moved, moved.points)

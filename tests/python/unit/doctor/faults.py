@@ -326,7 +326,8 @@ FAULTS = (
     Fault("far from the origin", ("far-from-origin",), far_away),
     Fault("all cameras at one place", ("no-baseline",), one_place),
     Fault("a camera that only turns", ("pure-rotation",), only_turning),
-    Fault("a wall seen squarely", ("planar-focal",), flat_wall, ("perspective",)),
+    # Cameras that face a wall squarely do not turn either.
+    Fault("a wall seen squarely", ("planar-focal", "parallel-views"), flat_wall, ("perspective",)),
     Fault("a camera that never turns", ("parallel-views",), all_one_way, ("perspective",)),
     Fault("nearly all points far away", ("small-angles",), far_points, ("calibrated",)),
     Fault("a principal point through a telephoto lens", ("undetermined-intrinsics",),

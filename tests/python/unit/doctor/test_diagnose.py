@@ -194,6 +194,13 @@ def test_a_minimum_turned_inside_out_is_told_from_the_better_one() -> None:
     assert "better-basin" not in diagnose(right, summary=sfmcpp.solve(right)).codes
 
 
+def test_ctrl_c_during_an_adjustment_ends_the_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+    summary = replace(sfmcpp.solve(scene()), termination="interrupted")
+    monkeypatch.setattr("sfmcpp.doctor.trial.adjust", lambda *_: summary)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(scene())
+
+
 def test_a_solve_cut_short_is_named() -> None:
     problem = perturb(scene(), point_sigma_m=0.5, position_sigma_m=0.5, seed=1)
     summary = sfmcpp.solve(problem, max_iterations=1)
