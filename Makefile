@@ -70,7 +70,8 @@ cpp-build: install
 
 run_cpp_tests = processes=(); for shard in $$(seq 0 $$(($(TEST_PROCESSES) - 1))); do \
 	  GTEST_BRIEF=1 GTEST_TOTAL_SHARDS=$(TEST_PROCESSES) GTEST_SHARD_INDEX=$$shard $(1)/tests/cpp/sfmcpp_tests & processes+=($$!); \
-	done; for process in "$${processes[@]}"; do wait "$$process"; done
+	done; for process in "$${processes[@]}"; do wait "$$process"; done; \
+	if [ -x $(1)/tests/cpp/sfmcpp_fault_tests ]; then GTEST_BRIEF=1 $(1)/tests/cpp/sfmcpp_fault_tests; fi
 
 cpp-tests: cpp-build
 	$(call run_cpp_tests,$(PYTHON_BUILD))
