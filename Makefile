@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan tsan bench stubs clean
+.PHONY: help demo test install lint format asan tsan bench fuzz stubs clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -95,6 +95,10 @@ asan tsan: $(BUILD_PACKAGES_STAMP)
 	cmake --preset $@
 	cmake --build --preset $@
 	$(call run_cpp_tests,build/$@)
+
+FUZZ_INPUTS ?= 1000000
+fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED
+	$(VENV)/bin/python tools/mutate_inputs.py --inputs $(FUZZ_INPUTS) --seed $(or $(FUZZ_SEED),0)
 
 stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
 	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import REPOSITORY
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
@@ -119,7 +120,7 @@ def test_a_stop_while_arguments_are_read_is_said(tmp_path: Path, monkeypatch: py
 
 
 def test_solves_stopped_or_killed_at_random_moments_keep_what_they_say() -> None:
-    tool = Path(__file__).resolve().parents[3] / "tools" / "stop_at_random.py"
+    tool = REPOSITORY / "tools" / "stop_at_random.py"
     told = subprocess.run(
         [sys.executable, tool, "6", "1"], capture_output=True, text=True, timeout=TIMEOUT_S, check=False
     )
