@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan tsan bench stubs clean
+.PHONY: help demo test install lint format asan tsan bench fuzz stubs clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -70,7 +70,8 @@ cpp-build: install
 
 run_cpp_tests = processes=(); for shard in $$(seq 0 $$(($(TEST_PROCESSES) - 1))); do \
 	  GTEST_BRIEF=1 GTEST_TOTAL_SHARDS=$(TEST_PROCESSES) GTEST_SHARD_INDEX=$$shard $(1)/tests/cpp/sfmcpp_tests & processes+=($$!); \
-	done; for process in "$${processes[@]}"; do wait "$$process"; done
+	done; for process in "$${processes[@]}"; do wait "$$process"; done; \
+	if [ -x $(1)/tests/cpp/sfmcpp_fault_tests ]; then GTEST_BRIEF=1 $(1)/tests/cpp/sfmcpp_fault_tests; fi
 
 cpp-tests: cpp-build
 	$(call run_cpp_tests,$(PYTHON_BUILD))
@@ -94,6 +95,10 @@ asan tsan: $(BUILD_PACKAGES_STAMP)
 	cmake --preset $@
 	cmake --build --preset $@
 	$(call run_cpp_tests,build/$@)
+
+FUZZ_INPUTS ?= 1000000
+fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED
+	$(VENV)/bin/python tools/mutate_inputs.py --inputs $(FUZZ_INPUTS) --seed $(or $(FUZZ_SEED),0)
 
 stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
 	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi

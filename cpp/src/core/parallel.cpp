@@ -1,6 +1,7 @@
 #include "sfmcpp/core/parallel.hpp"
 
 #include <algorithm>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <utility>
@@ -27,8 +28,11 @@ inline void relax() {
 }  // namespace
 
 ThreadPool::ThreadPool(int num_threads) : ranges_(std::max(num_threads, 1)) {
-  for (int worker = 1; worker < num_threads; ++worker) {
-    workers_.emplace_back([this, worker] { worker_main(worker); });
+  try {
+    for (int worker = 1; worker < num_threads; ++worker)
+      workers_.emplace_back([this, worker] { worker_main(worker); });
+  } catch (const std::exception&) {
+    // The system has no more threads, or no memory for them: those there are do all the work.
   }
 }
 
@@ -40,11 +44,8 @@ ThreadPool::~ThreadPool() {
 }
 
 void ThreadPool::run(const Job& job) {
-  const auto first = [&job] {
-    if (job.first != nullptr) job.call_first(job.first, 0, 0);
-  };
   if (workers_.empty() || job.count + (job.first != nullptr) <= 1) {
-    first();
+    if (job.first != nullptr) job.call_first(job.first, 0, 0);
     for (int task = 0; task < job.count; ++task) job.call(job.function, task, 0);
     return;
   }
@@ -54,7 +55,6 @@ void ThreadPool::run(const Job& job) {
   open_ = true;
   ++generation_;
   generation_.notify_all();
-  first();
   work(0);
   open_ = false;
   // A worker that reads `open_` after this line does not touch the job; one that read it before has
@@ -63,6 +63,7 @@ void ThreadPool::run(const Job& job) {
     relax();
     if (spin % kSpinsBetweenLooks == 0) std::this_thread::yield();
   }
+  if (failed_.exchange(false)) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
 
 void ThreadPool::distribute() {
@@ -74,12 +75,27 @@ void ThreadPool::distribute() {
 }
 
 void ThreadPool::work(int worker) {
+  try {
+    if (worker == 0 && job_.first != nullptr) job_.call_first(job_.first, 0, 0);
+    take_tasks(worker);
+  } catch (...) {
+    give_up(std::current_exception());
+  }
+}
+
+void ThreadPool::take_tasks(int worker) {
   for (std::size_t k = 0; k < ranges_.size(); ++k) {
     Range& range = ranges_[(worker + k) % ranges_.size()];
     for (int task; (task = range.next.fetch_add(1, std::memory_order_relaxed)) < range.end;) {
       job_.call(job_.function, task, worker);
     }
   }
+}
+
+// Keeps the first failure for the caller, and leaves the tasks that no thread has begun.
+void ThreadPool::give_up(std::exception_ptr failure) {
+  if (!failed_.exchange(true)) failure_ = std::move(failure);
+  for (Range& range : ranges_) range.next = range.end;
 }
 
 // The number of the job that follows `seen`.

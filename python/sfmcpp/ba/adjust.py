@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
@@ -53,7 +55,7 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    least_bytes = sum(arrays[name].nbytes for name in ("cameras", "intrinsics", "points"))
+    least_bytes = sum(np.asarray(arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), least_bytes)
     taken, listener = checkpoints.taken, checkpoints.offer if checkpoints.are_saved else None
     core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem, camera_model
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.constraints import NO_CAMERA, checked_groups
@@ -27,6 +28,8 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 
     They say where the core reads and writes, while a callback or another thread may change the caller's.
     """
+    if not isinstance(problem, Problem):
+        raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
     model = camera_model(problem.camera_model).name
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}

@@ -46,6 +46,12 @@ def tell_error(message: object) -> ExitCode:
     return ExitCode.BAD_INPUT
 
 
+def tell_interrupted() -> ExitCode:
+    """Tell that Ctrl-C or SIGTERM came before there was anything to keep."""
+    tell("interrupted")
+    return ExitCode.INTERRUPTED
+
+
 def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
     """Turn whatever stops a command into a line on stderr and an exit code."""
 
@@ -56,8 +62,7 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
         except SfmcppError as error:
             return tell_error(error)
         except KeyboardInterrupt:
-            tell("interrupted")
-            return ExitCode.INTERRUPTED
+            return tell_interrupted()
         except MemoryError:
             return tell_error("not enough memory")
         except OSError as error:

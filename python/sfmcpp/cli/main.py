@@ -6,7 +6,7 @@ import io
 import sys
 from collections.abc import Sequence
 
-from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
+from sfmcpp.cli.exit_codes import ExitCode, tell_error, tell_interrupted
 from sfmcpp.cli.stopping import sigterm_as_ctrl_c
 
 
@@ -39,23 +39,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return tell_error(error)
     except KeyboardInterrupt:  # while modules are loaded
-        tell("interrupted")
-        return ExitCode.INTERRUPTED
+        return tell_interrupted()
 
 
 def _dispatch(arguments: list[str]) -> int:
     import typer
+    from typer.main import get_command
 
     from sfmcpp.cli.app import app
 
     # Typer may bring its own click; the base of all usage errors is reached without naming either.
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]
+    command = get_command(app)
     try:
-        result = app(arguments, prog_name="sfmcpp", standalone_mode=False)
+        result = command(arguments, prog_name="sfmcpp", standalone_mode=False)
     except usage_error as error:
         return tell_error(_usage_message(error))
     except typer.Abort:
-        return ExitCode.INTERRUPTED
+        return tell_interrupted()
+    # Typer ends without a word where arguments are read; a command has had its own.
+    if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
+        return tell_interrupted()
     return int(result or ExitCode.DONE)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
-_LARGEST_SEED = 2**63 - 1
+_LARGEST_SEED, _LARGEST_COUNT = 2**63 - 1, 2**31 - 1
 
 Known = TypeVar("Known")
 
@@ -20,48 +20,57 @@ Known = TypeVar("Known")
 ROTATION_TOLERANCE, PRINTED_ROTATION_TOLERANCE = 1e-6, 1e-3
 
 
+def _is_finite(name: str, value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidArgument(f"{name} = {value!r}: must be a number") from None
+
+
 def require_finite(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is finite."""
-    if not math.isfinite(value):
+    if not _is_finite(name, value):
         raise InvalidArgument(f"{name} = {value}: must be finite")
 
 
 def require_positive(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is finite and positive."""
-    if not (math.isfinite(value) and value > 0):
+    if not (_is_finite(name, value) and value > 0):
         raise InvalidArgument(f"{name} = {value}: must be finite and positive")
 
 
 def require_not_negative(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is finite and at least zero."""
-    if not (math.isfinite(value) and value >= 0):
+    if not (_is_finite(name, value) and value >= 0):
         raise InvalidArgument(f"{name} = {value}: must be finite and not negative")
 
 
 def require_above(name: str, value: float, limit: float, what: str) -> None:
     """Raise InvalidArgument unless `value` is finite and greater than `limit`, which is `what`."""
-    if not (math.isfinite(value) and value > limit):
+    if not (_is_finite(name, value) and value > limit):
         raise InvalidArgument(f"{name} = {value}: must be finite and above {limit:g}, {what}")
 
 
 def require_share(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is from zero to one."""
-    if not 0 <= value <= 1:
+    if not (_is_finite(name, value) and 0 <= value <= 1):
         raise InvalidArgument(f"{name} = {value}: must be between 0 and 1")
 
 
 def require_fraction(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` lies strictly between zero and one."""
-    if not 0 < value < 1:
+    if not (_is_finite(name, value) and 0 < value < 1):
         raise InvalidArgument(f"{name} = {value}: must lie between 0 and 1")
 
 
 def require_count(name: str, value: float, at_least: int = 1) -> None:
     """Raise InvalidArgument unless `value` is a whole number, at least `at_least`."""
-    if not isinstance(value, int | np.integer):
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InvalidArgument(f"{name} = {value!r}: must be a whole number")
     if not value >= at_least:
         raise InvalidArgument(f"{name} = {value}: must be at least {at_least}")
+    if value > _LARGEST_COUNT:
+        raise InvalidArgument(f"{name} = {value}: must be at most {_LARGEST_COUNT}")
 
 
 def require_seed(value: object) -> None:

@@ -7,13 +7,15 @@ import pty
 import re
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
+from conftest import REPOSITORY
 
 import sfmcpp
-from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, strict_json
+from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
@@ -106,3 +108,20 @@ def test_a_stop_while_modules_are_loaded_is_one_line(tmp_path: Path, monkeypatch
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     result = run("--version")
     assert (result.returncode, result.stderr) == (130, "sfmcpp: interrupted\n")
+
+
+def test_a_stop_while_arguments_are_read_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(self: object, *arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("typer.core.TyperGroup.make_context", stop)
+    result = run_here("solve", tmp_path / "in.npz")
+    assert (result.returncode, result.stderr.strip()) == (130, "sfmcpp: interrupted")
+
+
+def test_solves_stopped_or_killed_at_random_moments_keep_what_they_say() -> None:
+    tool = REPOSITORY / "tools" / "stop_at_random.py"
+    told = subprocess.run(
+        [sys.executable, tool, "6", "1"], capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
+    assert told.returncode == 0, told.stdout + told.stderr

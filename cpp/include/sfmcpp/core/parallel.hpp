@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <exception>
 #include <memory>
 #include <thread>
 #include <vector>
@@ -20,7 +21,7 @@ namespace sfmcpp {
 
 class ThreadPool {
  public:
-  // `num_threads` counts the calling thread.
+  // `num_threads` counts the calling thread. They are fewer where the system has no more.
   explicit ThreadPool(int num_threads);
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
@@ -28,7 +29,8 @@ class ThreadPool {
 
   int num_threads() const { return static_cast<int>(workers_.size()) + 1; }
 
-  // Calls f(task) for every task in [0, count), in any order, on any thread. f must not throw.
+  // Calls f(task) for every task in [0, count), in any order, on any thread. What one of them
+  // throws ends the region: it is thrown again here once no thread is at work.
   template <class F>
   void parallel_for(int count, const F& f) {
     parallel_for_worker(count, [&f](int task, int) { f(task); });
@@ -105,6 +107,8 @@ class ThreadPool {
   void run(const Job& job);
   void distribute();
   void work(int worker);
+  void take_tasks(int worker);
+  void give_up(std::exception_ptr failure);
   void worker_main(int worker);
   unsigned wait_for_job(unsigned seen) const;
 
@@ -120,6 +124,8 @@ class ThreadPool {
   std::atomic<unsigned> generation_{0};
   std::atomic<bool> open_{false};  // may workers join the job?
   std::atomic<int> joined_{0};     // workers that look at the job now
+  std::atomic<bool> failed_{false};
+  std::exception_ptr failure_;  // of the job, if it has failed
   std::atomic<bool> stopping_{false};
   std::vector<double> results_;
   std::vector<std::thread> workers_;

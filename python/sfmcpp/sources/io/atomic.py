@@ -59,8 +59,7 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
         if durable:
             _remember({path.parent for path in resolved})
     finally:
-        for temporary in temporaries:
-            temporary.unlink(missing_ok=True)
+        _remove(temporaries)
 
 
 @contextmanager
@@ -72,7 +71,8 @@ def atomic_folder(folder: Path, names: Sequence[str]) -> Iterator[tuple[IO[bytes
             yield files
     except BaseException:
         if made:
-            folder.rmdir()
+            with suppress(OSError):
+                folder.rmdir()
         raise
 
 
@@ -125,19 +125,25 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
                 temporary.replace(path)
             undo.callback(path.unlink, missing_ok=True)
         undo.pop_all()
-    for _, before in kept:
-        before.unlink()
+    _remove([before for _, before in kept])
+
+
+def _remove(leftovers: Sequence[Path]) -> None:
+    """Remove what has no use any more; what cannot be removed is swept by the next writer."""
+    for path in leftovers:
+        with suppress(OSError):
+            path.unlink()
 
 
 def _remember(folders: set[Path]) -> None:
-    """See to it that the names of files are on the disk as well."""
+    """See to it that the names of files are on the disk as well, where the file system can."""
     for folder in folders:
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            with suppress(OSError):  # not every file system can
+        with suppress(OSError):
+            number = os.open(folder, os.O_RDONLY)
+            try:
                 os.fsync(number)
-        finally:
-            os.close(number)
+            finally:
+                os.close(number)
 
 
 @cache

@@ -54,6 +54,14 @@ def group(**changes: Any) -> ConstraintGroup:
         ),
         (lambda: scene().with_observations([150]), "chosen: must be from 0 to 149"),
         (lambda: scene().with_observations([0.5]), "chosen: float64"),
+        (lambda: sfmcpp.check(3), "problem = 3: must be a Problem"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.solve(None), "problem = None: must be a Problem"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.cost("x"), "problem = 'x': must be a Problem"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.check_jacobians([]), r"problem = \[\]: must be a Problem"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.circle_scene(2**80), r"num_cameras = \d+: must be at most"),
+        (lambda: sfmcpp.circle_scene(True), "num_cameras = True: must be a whole number"),
+        (lambda: sfmcpp.circle_scene(radius_m=None), "radius_m = None: must be a number"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.circle_scene(cube_m=10**400), "cube_m = 10+: must be a number"),
         (lambda: solved(camera_model=None), "camera_model = None: must be one of"),
         (lambda: solved(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: solved(points=None), "points: must be a C-contiguous array"),
