@@ -279,6 +279,11 @@ def dead_reckoning(drive: Drive) -> Trajectory:
     return Trajectory(times[known], mounting_of(drive).camera_poses(body[known]))
 
 
+def has_odometer(drive: Drive) -> bool:
+    """Whether anything measures its way."""
+    return isinstance(drive, KittiDrive) or drive.odometer is not None
+
+
 def _velocity(drive: Drive) -> SensorStream:
     stream = drive.velocity if isinstance(drive, KittiDrive) else drive.odometer
     assert stream is not None
