@@ -16,6 +16,7 @@ from experiments.inputs import (
     Input,
     Lie,
     dead_reckoning,
+    has_odometer,
     mounting_of,
     on_all_inputs,
     rotation_stream,
@@ -97,7 +98,7 @@ def runs_of(experiment: Experiment) -> list[Run]:
 
 def _runs_on(item: Input, settings: Row) -> list[Run]:
     drive = item.make()
-    lines = [_line(line, settings, item.loop_seed) for line in settings["runs"]]
+    lines = [_line(line, settings, item.loop_seed) for line in settings["runs"] if _can(drive, line)]
     alone = run_setting(drive, lines[0])
     runs = [_run(drive, line, alone) for line in lines]
     rows = {run.row["label"]: run.row for run in runs}
@@ -108,6 +109,12 @@ def _runs_on(item: Input, settings: Row) -> list[Run]:
         row["over_reference"] = _ratio(row, reference, "error_m")
         row["whole_over_alone"] = _ratio(row, rows[ALONE], "whole_m")
     return runs
+
+
+def _can(drive: Drive, line: Row) -> bool:
+    """Whether the drive has what a line asks for: a walk has no odometer."""
+    needs_odometer = "dead_reckoning" in line or "odometer" in line.get("sensors", [])
+    return has_odometer(drive) or not needs_odometer
 
 
 def _line(line: Row, settings: Row, seed: int) -> Row:

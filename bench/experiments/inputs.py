@@ -61,16 +61,59 @@ class Input:
 
 @dataclass(frozen=True, eq=False)
 class Lie:
-    """What is wrong with a sensor for a while: speeds times `factor`, yaw rates plus `bias_deg_s`."""
+    """What is wrong with sensors: for a while, or all the time.
+
+    Attributes
+    ----------
+    start_s, seconds : float
+        When it is, from the first sample on, and how long [s].
+    factor : float
+        Speeds are multiplied by it then …
+    smooth : bool
+        … all at once, or little by little, up to it in the middle and back.
+    bias_deg_s : float
+        Added to yaw rates then [deg/s].
+    clock_s : float
+        Stamps are late by so much all the time [s].
+    mounting_deg : float
+        The camera is turned about the body's z axis by so much from what is declared, all the time [deg].
+    """
 
     start_s: float
     seconds: float
     factor: float = 1.0
+    smooth: bool = False
     bias_deg_s: float = 0.0
+    clock_s: float = 0.0
+    mounting_deg: float = 0.0
 
     def during(self, t_s: np.ndarray, first_s: float) -> np.ndarray:
         """Which of the stamps it covers."""
         return np.asarray((t_s - first_s >= self.start_s) & (t_s - first_s < self.start_s + self.seconds))
+
+    def strength(self, t_s: np.ndarray) -> np.ndarray:
+        """From 0 to 1 at each of the stamps of a stream."""
+        during = self.during(t_s, t_s[0])
+        if not self.smooth:
+            return during.astype(float)
+        return during * np.sin(np.pi * (t_s - t_s[0] - self.start_s) / self.seconds) ** 2
+
+    def spoil(self, stream: SensorStream) -> SensorStream:
+        """The stream of speeds or rates as it is given."""
+        values, strength = stream.values.copy(), self.strength(stream.t_s)
+        if stream.kind == "angular_rate":
+            values[:, 2] += np.radians(self.bias_deg_s) * strength
+        else:
+            values *= 1 + (self.factor - 1) * strength[:, None]
+        return SensorStream(stream.t_s + self.clock_s, values, stream.kind, stream.name)
+
+    def misplace(self, mounting: Mounting) -> Mounting:
+        """The mounting as it is declared."""
+        turned = so3.exp(np.radians(self.mounting_deg) * np.array([0.0, 0.0, 1.0]))
+        return Mounting(mounting.camera_from_body @ turned, mounting.lever_arm_m)
+
+
+_HONEST = Lie(0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,14 +226,17 @@ def mounting_of(drive: Drive) -> Mounting:
 
 
 def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSensor:
-    """Make the sensor ``odometer``, ``imu``, ``rotation`` (:class:`TurnSensor`), ``gps`` or ``ins``.
+    """Make ``odometer``, ``velocity``, ``imu``, ``rotation`` (:class:`TurnSensor`), ``gps`` or ``ins``.
 
+    The first tells distances alone, as in the thesis; the second directions, too, where the drive has them.
     The last two are simulated from the truth, at every image, with white noise.
     """
-    if name == "odometer":
-        return Odometer(_lying(_velocity(drive), lie, factor=True), mounting=mounting_of(drive))
+    told = lie or _HONEST
+    if name in ("odometer", "velocity"):
+        mounting, directions = told.misplace(mounting_of(drive)), name == "velocity"
+        return Odometer(told.spoil(_velocity(drive)), mounting=mounting, directions=directions)
     if name == "imu":
-        return Gyroscope(_lying(drive.angular_rate, lie, factor=False), mounting_of(drive))
+        return Gyroscope(told.spoil(drive.angular_rate), told.misplace(mounting_of(drive)))
     if name in ("gps", "ins"):
         return _absolute(drive, name)
     return TurnSensor(rotation_stream(drive), mounting_of(drive))
@@ -212,18 +258,6 @@ def rotation_stream(drive: Drive) -> SensorStream:
     return drive.orientation if isinstance(drive, SyntheticDrive) else drive.angular_rate
 
 
-def _lying(stream: SensorStream, lie: Lie | None, *, factor: bool) -> SensorStream:
-    if lie is None:
-        return stream
-    values = stream.values.copy()
-    during = lie.during(stream.t_s, stream.t_s[0])
-    if factor:
-        values[during] *= lie.factor
-    else:
-        values[during, 2] += np.radians(lie.bias_deg_s)
-    return SensorStream(stream.t_s, values, stream.kind, stream.name)
-
-
 def moved(drive: KittiDrive, seed: int) -> KittiDrive:
     """The drive itself for seed 0, else with its pixels moved by next to nothing."""
     if not seed:
@@ -243,6 +277,11 @@ def dead_reckoning(drive: Drive) -> Trajectory:
     body = np.concatenate([rotations, centres[:, :, None]], axis=2)
     known = np.isfinite(body).all(axis=(1, 2))
     return Trajectory(times[known], mounting_of(drive).camera_poses(body[known]))
+
+
+def has_odometer(drive: Drive) -> bool:
+    """Whether anything measures its way."""
+    return isinstance(drive, KittiDrive) or drive.odometer is not None
 
 
 def _velocity(drive: Drive) -> SensorStream:

@@ -36,8 +36,10 @@ def summaries(rows: Sequence[Row], measures: Sequence[str], ratios: Sequence[str
 def _summed_up(
     name: str, rows: Sequence[Row], labels: Sequence[str], measures: Sequence[str], ratios: Sequence[str]
 ) -> Iterator[Row]:
-    for label in labels:
-        of_label = [row for row in rows if row["label"] == label]
+    of_labels = {label: [row for row in rows if row["label"] == label] for label in labels}
+    for label, of_label in of_labels.items():
+        if not of_label:
+            continue
         tables = {measure: _table(of_label, measure) for measure in measures}
         intervals = {f"[{ratio}]": interval(tables[ratio]) for ratio in ratios if ratio in tables}
         found = {measure: _plain(median_of_drives(table)) for measure, table in tables.items()}

@@ -6,7 +6,7 @@ from sfmcpp.sensors.gps import earth_centred, east_north_up, local_positions, po
 from sfmcpp.sensors.imu import orientations, rotation_increment
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.odometer import camera_distance, doubtful_stretches, travelled_distance
+from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
 from sfmcpp.sensors.prediction import (
     interpolate_poses,
     interpolate_rotations,
@@ -29,7 +29,8 @@ __all__ = [
     "RotationCheck",
     "SensorStream",
     "Trajectory",
-    "camera_distance",
+    "camera_displacement",
+    "carried_over",
     "check_rotations",
     "describe_gaps",
     "doubtful_stretches",

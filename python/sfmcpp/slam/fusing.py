@@ -156,9 +156,13 @@ def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
         constraint.weight * (constraint.measurement.sigma or 1.0)
         for keyframe in world.keyframes
         for constraint in keyframe.constraints
-        if constraint.measurement.sensor == measurement.sensor and not constraint.measurement.doubtful
+        if _alike(constraint.measurement, measurement) and not constraint.measurement.doubtful
     ]
     return float(np.median(weights[-_LATELY:])) / (measurement.sigma or 1.0) if weights else 1.0
+
+
+def _alike(one: Measurement, other: Measurement) -> bool:
+    return (one.sensor, one.kind) == (other.sensor, other.kind)
 
 
 def pose_constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
@@ -176,6 +180,6 @@ def pose_constraint(measurement: Measurement, previous: FloatArray) -> PoseConst
         return make(distance=float(value))
     if measurement.kind == "position":
         return make(translation=value)
-    if measurement.kind == "pose":
+    if measurement.kind in ("pose", "displacement-pose"):
         return make(rotation=value[:, :3], translation=value[:, 3])
     return make(rotation=value)

@@ -78,7 +78,8 @@ class SensorSuite:
     def remarks(self) -> list[str]:
         """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
         doubts = [
-            f"stream {sensor.stream.name!r}: the speed leaps as no vehicle's can; {stretch} it gets no weight"
+            f"stream {sensor.stream.name!r}: the speed leaps as no vehicle's can; {stretch} "
+            + ("inertia carries it" if stretch in sensor.carried_stretches else "it gets no weight")
             for sensor in self.sensors
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches

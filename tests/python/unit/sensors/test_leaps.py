@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sfmcpp import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import doubtful_stretches
+from sfmcpp.sensors import carried_over, doubtful_stretches, travelled_distance
 
 
 def speeds(t_s: np.ndarray) -> np.ndarray:
@@ -25,7 +26,7 @@ def test_an_honest_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
     assert doubtful_stretches(stream_of(t_s, speeds(t_s) + noise)) == ()
 
 
-@pytest.mark.parametrize("factor", [1.3, 0.7, 2.0])
+@pytest.mark.parametrize("factor", [1.1, 0.9, 1.3, 0.7, 2.0])
 @pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
 def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, kind: str) -> None:
     t_s = np.arange(0, 60, 0.1)
@@ -58,3 +59,20 @@ def test_two_lies_are_two_stretches() -> None:
 
 def test_two_samples_tell_nothing() -> None:
     assert doubtful_stretches(stream_of(np.array([0.0, 0.1]), np.array([1.0, 30.0]))) == ()
+
+
+def test_inertia_carries_a_speed_over_what_is_doubted() -> None:
+    t_s = np.arange(0, 60, 0.1)
+    lying = (t_s >= 20) & (t_s < 22)
+    stream = stream_of(t_s, speeds(t_s) * np.where(lying, 0.6, 1.0))
+    carried = carried_over(stream, doubtful_stretches(stream))
+    honest = stream_of(t_s, speeds(t_s))
+    np.testing.assert_array_equal(carried.values[~lying], stream.values[~lying])
+    found, true, told = (travelled_distance(s, 20.0, 22.0) for s in (carried, honest, stream))
+    assert found == pytest.approx(true, rel=0.06)
+    assert told != pytest.approx(true, rel=0.3)
+
+
+def test_distances_are_not_carried() -> None:
+    with pytest.raises(InvalidArgument, match="distance"):
+        carried_over(stream_of(np.arange(3.0), np.arange(3.0), "distance"), [])

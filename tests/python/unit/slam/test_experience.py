@@ -56,11 +56,22 @@ def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
     known = Experience()
     for k in range(40):
         lies = k in (3, 4, 5, 7, 9) or 20 <= k < 20 + in_a_row
-        known.add(report(9.0 if lies else 0.5, sensor_sigma=0.02))
+        known.add(report(3.5 if lies else 0.5, sensor_sigma=0.02))
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
-        assert "disagrees with the images" in told[0]
+        assert "disagrees with the images at 6 keyframes in a row" in told[0]
+
+
+@pytest.mark.parametrize(("others", "named"), [(0.5, True), (2.9, False)])
+def test_one_strong_conflict_is_named_where_it_is_not_usual(others: float, named: bool) -> None:
+    known = Experience()
+    for k in range(20):
+        known.add(report(9.0 if k == 7 else others, sensor_sigma=0.02))
+    told = known.describe("odometer")
+    assert bool(told) == named
+    if named:
+        assert "disagrees with the images at a keyframe, by up to 9 σ" in told[0]
 
 
 def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:

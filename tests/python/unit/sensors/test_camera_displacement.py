@@ -1,4 +1,4 @@
-"""The distance of a camera on a body that turns, beside the circle it is on."""
+"""The step of a camera on a body that turns, beside the circle it is on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import Mounting, camera_distance, travelled_distance
+from sfmcpp.sensors import Mounting, camera_displacement, travelled_distance
 from sfmcpp.slam import Gyroscope, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 
@@ -36,16 +36,25 @@ def turn_of_camera() -> np.ndarray:
     return AHEAD.camera_rotation(Rotation.from_rotvec([0.0, 0.0, YAW_RAD_S * END_S]).as_matrix())
 
 
+def displacement() -> np.ndarray:
+    """The camera goes on a circle about the point that the body turns about; its axes: right, down, ahead."""
+    about = np.array([0.0, SPEED_M_S / YAW_RAD_S, 0.0])
+    from_it = AHEAD.lever_arm_m - about
+    moved = Rotation.from_rotvec([0.0, 0.0, YAW_RAD_S * END_S]).apply(from_it) - from_it
+    return np.array([-moved[1], -moved[2], moved[0]])
+
+
 @pytest.mark.parametrize("stream", streams(), ids=lambda stream: stream.kind)
 def test_a_camera_on_a_circle_goes_along_its_chord(stream: SensorStream) -> None:
-    found = camera_distance(stream, 0.0, END_S, AHEAD, turn_of_camera())
-    assert found == pytest.approx(chord(), rel=1e-9)
+    found = camera_displacement(stream, 0.0, END_S, AHEAD, turn_of_camera())
+    assert found == pytest.approx(displacement(), rel=1e-9)
+    assert np.linalg.norm(displacement()) == pytest.approx(chord(), rel=1e-9)
     assert travelled_distance(stream, 0.0, END_S) != pytest.approx(chord(), rel=0.005)
 
 
 def test_a_camera_at_the_origin_goes_straight_as_far_as_the_body() -> None:
-    found = camera_distance(streams()[0], 0.0, END_S, Mounting.forward_looking(), np.eye(3))
-    assert found == pytest.approx(SPEED_M_S * END_S)
+    found = camera_displacement(streams()[0], 0.0, END_S, Mounting.forward_looking(), np.eye(3))
+    assert found == pytest.approx([0.0, 0.0, SPEED_M_S * END_S])
 
 
 @pytest.mark.parametrize("with_gyro", [True, False])
@@ -54,8 +63,27 @@ def test_the_turn_is_that_of_the_gyroscope_or_of_the_keyframes(with_gyro: bool) 
     suite = SensorSuite([odometer, gyro] if with_gyro else [odometer])
     seen = np.eye(3) if with_gyro else turn_of_camera()
     measured = suite.measure(0.0, END_S, seen, metric=True, previous=np.eye(3))
-    assert measured[0].value == pytest.approx(chord(), rel=1e-9)
+    expected = np.column_stack([turn_of_camera(), displacement()])
+    assert measured[0].kind == "displacement-pose"
+    assert measured[0].value == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "odometer",
+    [
+        Odometer(streams()[0], mounting=AHEAD, directions=False),
+        Odometer(streams()[0], mounting=AHEAD, sigma_m=None),
+        Odometer(streams()[1], mounting=AHEAD),
+    ],
+    ids=["not asked for", "of unknown accuracy", "speeds have none"],
+)
+def test_without_directions_an_odometer_tells_the_distance_of_the_camera(odometer: Odometer) -> None:
+    measured = odometer.measure(0.0, END_S, np.eye(3), turn_of_camera())
+    assert measured is not None
+    assert measured.kind == "scale"
+    assert measured.value == pytest.approx(chord(), rel=1e-9)
 
 
 def test_nothing_is_told_where_nothing_is_measured() -> None:
-    assert camera_distance(streams()[0], 5.0, 6.0, AHEAD, np.eye(3)) is None
+    assert camera_displacement(streams()[0], 5.0, 6.0, AHEAD, np.eye(3)) is None
+    assert Odometer(streams()[0], mounting=AHEAD).measure(5.0, 6.0, np.eye(3), np.eye(3)) is None

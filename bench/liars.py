@@ -1,0 +1,106 @@
+"""Sensors that lie, over the camera alone: bias, slip, clock and mounting, whether it harms and is named.
+
+    python bench/liars.py [--drives 0001 0036:1/2 …] [--lies "bias 5" …] [--seeds N] [--slam …] [--out FILE]
+
+A part of a drive is `number:k/n`; by default these are eight parts of the drives for tuning, of some hundred
+frames each. A line for each lie: median and worst of `over none` of bench/drives.py, where the worst was, and
+in how many runs a warning named a sensor. Honest sensors come first: what is named there is a false alarm.
+Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run; a smooth slip grows to
+its factor and goes again; stamps late by as many seconds and a mounting turned about the vertical by 5° are
+wrong all the time, and the same for both sensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from experiments.drives import median
+from experiments.text_table import text_table
+
+from drives import PROCESSES, assignment, over_none, run
+
+PARTS = ("0001", "0027:1/2", "0027:2/2", "0036:1/2", "0036:2/2", "0039:1/3", "0039:2/3", "0039:3/3")
+SENSORS = ("imu", "odometer", "both")
+LIES: dict[str, dict[str, float]] = {
+    "none": {},
+    "bias 5": {"bias": 5.0},
+    "bias 2.9": {"bias": 2.865},
+    **{f"slip {factor}": {"slip": factor} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
+    **{f"smooth slip {factor}": {"slip": factor, "smooth": True} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
+    **{f"clock {late_s}": {"clock": late_s} for late_s in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)},
+    **{f"mounting {angle_deg}": {"mounting": angle_deg} for angle_deg in (-5.0, 5.0)},
+}
+# Of what is not here all sensors are wrong.
+_OF_ONE = {"bias": "odometer", "slip": "imu"}
+Row = dict[str, Any]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run and print."""
+    args = _parser().parse_args(arguments)
+    asked = [("none", drive, "none", seed) for drive in args.drives for seed in range(args.seeds)]
+    asked += [
+        (lie, drive, sensors, seed)
+        for lie in args.lies
+        for sensors in SENSORS
+        if sensors != next((_OF_ONE[wrong] for wrong in LIES[lie] if wrong in _OF_ONE), None)
+        for drive in args.drives
+        for seed in range(args.seeds)
+    ]
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        found = list(pool.map(partial(_run, slam=dict(args.slam)), asked))
+    print(text_table(["lie", *(f"{s} {what}" for s in SENSORS for what in WHAT)], table(found, args.lies)))
+    if args.out:
+        rows = [{key: value for key, value in row.items() if key != "trajectory"} for row in found]
+        args.out.write_text(json.dumps(rows))
+
+
+WHAT = ("median", "worst", "at", "named")
+
+
+def table(found: Sequence[Row], lies: Sequence[str]) -> list[Row]:
+    """A line for each lie; `over_none` is put into each row."""
+    alone = {(row["drive"], row["seed"]): row for row in found if row["sensors"] == "none"}
+    for row in found:
+        none = alone[row["drive"], row["seed"]]
+        row["over_none"] = over_none(row, none) if row["posed"] and none["posed"] else None
+    return [_line(lie, [row for row in found if row["lie"] == lie]) for lie in lies]
+
+
+def _line(lie: str, found: Sequence[Row]) -> Row:
+    line: Row = {"lie": lie}
+    for sensors in SENSORS:
+        rows = [row for row in found if row["sensors"] == sensors and row["over_none"] is not None]
+        if rows:
+            worst = max(rows, key=lambda row: row["over_none"])
+            named = sum(bool(row["warnings"]) for row in rows)
+            cells = (median([r["over_none"] for r in rows]), worst["over_none"], worst["drive"])
+            line |= {f"{sensors} {what}": cell for what, cell in zip(WHAT, cells, strict=False)}
+            line[f"{sensors} named"] = f"{named} of {len(rows)}"
+    return line
+
+
+def _run(asked: tuple[str, str, str, int], slam: Row) -> Row:
+    lie, drive, sensors, seed = asked
+    return run((drive, sensors, seed), {"slam": slam, "lie": LIES[lie], "blackout": 0.0}) | {"lie": lie}
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--drives", nargs="+", default=list(PARTS))
+    parser.add_argument("--lies", nargs="+", default=list(LIES), choices=list(LIES))
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
+    parser.add_argument("--slam", nargs="*", default=[], type=assignment, metavar="NAME=VALUE")
+    parser.add_argument("--out", type=Path, help="JSON file of all runs")
+    return parser
+
+
+if __name__ == "__main__":
+    main()
