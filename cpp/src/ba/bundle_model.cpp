@@ -52,6 +52,7 @@ BundleModel::BundleModel(const Problem& problem,
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
       held_(images_, map),
+      refits_(images_, map),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_),
@@ -72,6 +73,10 @@ double BundleModel::growth() const { return held_.growth(); }
 
 long BundleModel::hold_back(const State& start, State& candidate) {
   return held_.hold_back(start, candidate);
+}
+
+long BundleModel::refit(const linear::Step& step, double cost, State& candidate) {
+  return refits_.refit(normal_, step, cost, candidate);
 }
 
 double BundleModel::linearize(const State& state) {

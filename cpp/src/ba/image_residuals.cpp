@@ -70,6 +70,19 @@ const double* ImageResiduals::inverse_sigma(const Chunk& chunk) const {
   return given.empty() ? kOnes.data() : given.data() + chunk.begin;
 }
 
+double ImageResiduals::mean_inverse_variance() const {
+  const double count = graph_.num_observations();
+  double sum = count;
+  if (!whiteners_.inverse_sigma.empty()) {
+    sum = 0.0;
+    for (int k = 0; k < graph_.num_observations(); ++k)
+      sum += whiteners_.inverse_sigma[k] * whiteners_.inverse_sigma[k];
+  }
+  std::array<double, 2> sums{sum, count};
+  exchange_.sum(sums);
+  return sums[1] > 0.0 ? sums[0] / sums[1] : 1.0;
+}
+
 residuals::ObservationBatch ImageResiduals::batch(const State& state, const Chunk& chunk) const {
   return {.camera = state.cameras.data() + problem_.camera_offset(chunk.camera),
           .intrinsics = state.intrinsics.data() + problem_.intrinsics_offset(chunk.camera),

@@ -29,12 +29,14 @@ void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
   }
 }
 
-void refuse_held_points(const optim::MinimizerOptions& minimizer) {
-  if (minimizer.point_steps != optim::PointSteps::kHeldBack) return;
+void refuse_point_steps(const optim::MinimizerOptions& minimizer) {
+  const optim::PointSteps wanted = minimizer.point_steps;
+  if (wanted == optim::PointSteps::kAuto || wanted == optim::PointSteps::kWhole) return;
+  const std::string option = "point_steps = '" + std::string(enum_name(wanted)) + "'";
   if (!facts_of(minimizer.method).can_hold_back())
-    refuse("point_steps = 'held-back'", minimizer.method, "it does not try another step");
+    refuse(option, minimizer.method, "it does not try another step");
   if (minimizer.line_search.kind != optim::LineSearchKind::kNone) {
-    throw InvalidArgument("point_steps = 'held-back' with line_search = '" +
+    throw InvalidArgument(option + " with line_search = '" +
                           std::string(enum_name(minimizer.line_search.kind)) +
                           "': the search decides how far points go");
   }
@@ -50,7 +52,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
   if (minimizer.initial_radius && !facts_of(method).has_radius)
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
   refuse_acceleration(minimizer);
-  refuse_held_points(minimizer);
+  refuse_point_steps(minimizer);
   if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
   if (!facts_of(method).solves_linear_system &&

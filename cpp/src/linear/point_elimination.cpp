@@ -16,22 +16,7 @@ double inverse_root(double pivot, double diagonal) {
 
 }  // namespace
 
-PointElimination::PointElimination(const NormalEquations& normal) : normal_(normal) {
-  const ObservationGraph& graph = normal.graph();
-  factors_.resize(static_cast<std::size_t>(graph.num_points));
-  steps_.resize(static_cast<std::size_t>(graph.num_cameras) * normal.map().camera_size);
-  sums_.resize(3 * static_cast<std::size_t>(graph.num_points));
-}
-
-void PointElimination::factor(const Damping& damping) {
-  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    factors_[p] = factor_of(p, damping);
-  });
-}
-
-PointFactor PointElimination::factor_of(int p, const Damping& damping) const {
-  if (!normal_.map().free_point[p]) return {};
-  const PointBlock& v = normal_.point_block(p);
+PointFactor factor_of(const PointBlock& v, const Damping& damping) {
   const double* b = v.rhs;
   const double d0 = v.v00 + damping(v.v00);
   const double d1 = v.v11 + damping(v.v11);
@@ -52,6 +37,20 @@ PointFactor PointElimination::factor_of(int p, const Damping& damping) const {
           m21,
           m22,
           {m00 * b[0], m10 * b[0] + m11 * b[1], m20 * b[0] + m21 * b[1] + m22 * b[2]}};
+}
+
+PointElimination::PointElimination(const NormalEquations& normal) : normal_(normal) {
+  const ObservationGraph& graph = normal.graph();
+  factors_.resize(static_cast<std::size_t>(graph.num_points));
+  steps_.resize(static_cast<std::size_t>(graph.num_cameras) * normal.map().camera_size);
+  sums_.resize(3 * static_cast<std::size_t>(graph.num_points));
+}
+
+void PointElimination::factor(const Damping& damping) {
+  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
+    factors_[p] =
+        normal_.map().free_point[p] ? factor_of(normal_.point_block(p), damping) : PointFactor{};
+  });
 }
 
 const double* PointElimination::expanded(int i) const {

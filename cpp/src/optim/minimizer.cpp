@@ -39,7 +39,8 @@ class Minimizer {
         line_search_(make_line_search(options.line_search)),
         acceleration_(options),
         holds_back_(options.point_steps != PointSteps::kWhole &&
-                    facts_of(options.method).can_hold_back() && !line_search_) {
+                    facts_of(options.method).can_hold_back() && !line_search_),
+        refits_(holds_back_ && options.point_steps != PointSteps::kHeldBack) {
     if (line_search_ || acceleration_.is_possible()) trial_ = state;
   }
 
@@ -155,6 +156,7 @@ class Minimizer {
     now_.cost_evaluations = line.num_evaluations();
     if (holding_back_is_due()) hold_back();
     if (now_.held_points == 0 && acceleration_.is_due(solver_)) accelerate();
+    if (refits_) refit_points();
   }
 
   bool holding_back_is_due() const {
@@ -172,6 +174,13 @@ class Minimizer {
     if (!(cost_ - cost > least * cost_)) return;
     now_.held_points = held;
     candidate_cost_ = unit_cost_ = cost;
+  }
+
+  void refit_points() {
+    now_.refitted_points = model_.refit(step_, std::min(cost_, candidate_cost_), candidate_);
+    if (now_.refitted_points == 0) return;
+    candidate_cost_ = unit_cost_ = model_.cost(candidate_);
+    ++now_.cost_evaluations;
   }
 
   // The bent step where its cost is lower. Then it is the strategy's: λ that learned from straight
@@ -367,6 +376,7 @@ class Minimizer {
   std::unique_ptr<LineSearch> line_search_;
   GeodesicAcceleration acceleration_;
   bool holds_back_;
+  bool refits_;
 
   linear::Step step_;
   StepResult result_;

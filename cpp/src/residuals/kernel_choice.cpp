@@ -27,4 +27,8 @@ BendingKernel bending_kernel(CameraModelId model) {
   return SFMCPP_FOR_ACTIVE_ISA(bending_kernel_for(model));
 }
 
+PlaceKernel place_kernel(CameraModelId model) {
+  return SFMCPP_FOR_ACTIVE_ISA(place_kernel_for(model));
+}
+
 }  // namespace sfmcpp::residuals

@@ -27,34 +27,6 @@ int residuals(const ObservationBatch& batch, double* ru, double* rv) {
   return behind;
 }
 
-// Turns columns of packs into one row-major record per observation.
-template <int kMaxColumns>
-struct Transposer {
-  alignas(64) double columns[kMaxColumns][kLanes];
-
-  void set(int column, Real value) { store(columns[column], value); }
-
-  void write(int width, int lanes, double* records) const {
-    int first = 0;
-    if (lanes == kLanes) {
-      for (; first + kLanes <= width; first += kLanes) write_square(first, width, records + first);
-    }
-    for (int lane = 0; lane < lanes; ++lane) {
-      for (int c = first; c < width; ++c)
-        records[static_cast<long>(lane) * width + c] = columns[c][lane];
-    }
-  }
-
- private:
-  void write_square(int first, int width, double* records) const {
-    Real rows[kLanes];
-    for (int c = 0; c < kLanes; ++c) rows[c] = load<kLanes>(columns[first + c]);
-    transpose<kLanes>(rows);
-    for (int lane = 0; lane < kLanes; ++lane)
-      store(records + static_cast<long>(lane) * width, rows[lane]);
-  }
-};
-
 template <class Camera>
 int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   constexpr int kCamera = Camera::kTangent;

@@ -43,6 +43,8 @@ class Iteration:
         Whether the step was bent by an acceleration that lowered the cost.
     held_points : int
         Points that the step made worse and that were drawn back along it.
+    refitted_points : int
+        Points that the step had moved far and that were fitted to the cameras after it.
     cost_evaluations : int
         Evaluations of the cost for this step.
     """
@@ -60,6 +62,7 @@ class Iteration:
     line_searched: bool = False
     accelerated: bool = False
     held_points: int = 0
+    refitted_points: int = 0
     cost_evaluations: int = 1
 
     def __repr__(self) -> str:

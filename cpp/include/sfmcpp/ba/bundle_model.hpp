@@ -9,6 +9,7 @@
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/optim/model.hpp"
 
@@ -51,6 +52,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   double growth() const override;
   long hold_back(const optim::State& start, optim::State& candidate) override;
 
+  long refit(const linear::Step& step, double cost, optim::State& candidate) override;
+
   const ImageResiduals& images() const { return images_; }
   const ConstraintTerms& constraints() const { return constraints_; }
   // How well the state fitted the images where it was linearised last.
@@ -89,6 +92,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   Exchange& exchange_;
   ImageResiduals images_;
   HeldPoints held_;
+  PointRefits refits_;
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;

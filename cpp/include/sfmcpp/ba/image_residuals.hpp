@@ -77,6 +77,8 @@ class ImageResiduals {
   const AlignedVector<double>& v() const { return v_; }
   // Of the observations of a chunk.
   const double* inverse_sigma(const linear::Chunk& chunk) const;
+  // Of 1/σ_u², over all ranks.
+  double mean_inverse_variance() const;
 
   const Problem& problem() const { return problem_; }
   const linear::ObservationGraph& graph() const { return graph_; }

@@ -29,9 +29,9 @@ struct BalLens {
     v = scale * y;
   }
 
-  template <class Real>
-  static void linearize(const double* intrinsics, Real x, Real y, LinearizedLens<Real, 3>& out) {
-    const double f = intrinsics[0], k1 = intrinsics[1], k2 = intrinsics[2];
+  template <class Parameter, class Real>
+  static void linearize(const Parameter* intrinsics, Real x, Real y, LinearizedLens<Real, 3>& out) {
+    const Parameter f = intrinsics[0], k1 = intrinsics[1], k2 = intrinsics[2];
     const Real r2 = x * x + y * y;
     const Real distortion = Real(1.0) + r2 * (Real(k1) + r2 * k2);
     const Real slope = (Real(k1) + r2 * (2.0 * k2)) * (2.0 * f);  // f · d(distortion)/d(r²) · 2

@@ -25,8 +25,8 @@ struct CalibratedLens {
     v = y * (k[0] * k[1]) + k[3];
   }
 
-  template <class Real>
-  static void linearize(const double* k, Real x, Real y, LinearizedLens<Real, 0>& out) {
+  template <class Parameter, class Real>
+  static void linearize(const Parameter* k, Real x, Real y, LinearizedLens<Real, 0>& out) {
     distort(k, x, y, out.u, out.v);
     out.plane[0][0] = Real(k[0]);
     out.plane[0][1] = Real(k[4]);

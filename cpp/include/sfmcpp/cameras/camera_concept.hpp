@@ -121,9 +121,9 @@ struct MetricCamera {
 
   // Note eqs 5–10: with A = ∂(u, v)/∂x_cam, the derivatives are A [x_cam]× by δR, −A Rᵀ by δc and
   // A Rᵀ by δX.
-  template <class Real>
-  static void linearize(const double* camera,
-                        const double* intrinsics,
+  template <class Parameter, class Real>
+  static void linearize(const Parameter* camera,
+                        const Parameter* intrinsics,
                         const Real* point,
                         LinearizedImagePoint<Real, kTangent, kIntrinsics>& out) {
     Real x[3];
@@ -141,7 +141,7 @@ struct MetricCamera {
       out.camera[row][1] = az * x[0] - ax * x[2];
       out.camera[row][2] = ax * x[1] - ay * x[0];
       for (int k = 0; k < 3; ++k) {
-        const double* r = camera + 4 * k;  // row k of R: column k of Rᵀ
+        const Parameter* r = camera + 4 * k;  // row k of R: column k of Rᵀ
         out.point[row][k] = ax * r[0] + ay * r[1] + az * r[2];
         out.camera[row][3 + k] = -out.point[row][k];
       }
@@ -221,8 +221,8 @@ struct MetricCamera {
   }
 
   // x_cam = Rᵀ (X − c).
-  template <class Real>
-  static void to_camera(const double* camera, const Real* point, Real* x) {
+  template <class Parameter, class Real>
+  static void to_camera(const Parameter* camera, const Real* point, Real* x) {
     const Real dx = point[0] - camera[3], dy = point[1] - camera[7], dz = point[2] - camera[11];
     for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
   }

@@ -57,8 +57,8 @@ struct PerspectiveLens {
     to_pixels(k, d.x, d.y, u, v);
   }
 
-  template <class Real>
-  static void linearize(const double* k, Real x, Real y, LinearizedLens<Real, 12>& out) {
+  template <class Parameter, class Real>
+  static void linearize(const Parameter* k, Real x, Real y, LinearizedLens<Real, 12>& out) {
     const Distorted<Real> d = distorted(k, x, y);
     to_pixels(k, d.x, d.y, out.u, out.v);
     linearize_plane(k, x, y, d, out);
@@ -74,15 +74,15 @@ struct PerspectiveLens {
   }
 
   // Carries derivatives (dx, dy) of the distorted point to pixels.
-  template <class Real>
-  static void carry(const double* k, Real dx, Real dy, Real& du, Real& dv) {
+  template <class Parameter, class Real>
+  static void carry(const Parameter* k, Real dx, Real dy, Real& du, Real& dv) {
     du = dx * k[kF] + dy * k[kSkew];
     dv = dy * (k[kF] * k[kAspect]);
   }
 
-  template <class Real>
+  template <class Parameter, class Real>
   static void linearize_plane(
-      const double* k, Real x, Real y, const Distorted<Real>& d, LinearizedLens<Real, 12>& out) {
+      const Parameter* k, Real x, Real y, const Distorted<Real>& d, LinearizedLens<Real, 12>& out) {
     const Real slope2 = d.radial_slope * 2.0;
     const Real xx = d.radial + slope2 * x * x + y * (2.0 * k[kP1]) + x * (6.0 * k[kP2]);
     const Real xy = slope2 * x * y + x * (2.0 * k[kP1]) + y * (2.0 * k[kP2]);
@@ -91,8 +91,8 @@ struct PerspectiveLens {
     carry(k, xy, yy, out.plane[0][1], out.plane[1][1]);
   }
 
-  template <class Real>
-  static void linearize_matrix(const double* k,
+  template <class Parameter, class Real>
+  static void linearize_matrix(const Parameter* k,
                                const Distorted<Real>& d,
                                LinearizedLens<Real, 12>& out) {
     const Real zero(0.0), one(1.0);
@@ -104,9 +104,9 @@ struct PerspectiveLens {
     }
   }
 
-  template <class Real>
+  template <class Parameter, class Real>
   static void linearize_distortion(
-      const double* k, Real x, Real y, Real r2, LinearizedLens<Real, 12>& out) {
+      const Parameter* k, Real x, Real y, Real r2, LinearizedLens<Real, 12>& out) {
     Real power = r2;
     for (int i = 0; i < kRadial; ++i) {
       carry(k, power * x, power * y, out.intrinsics[0][kK1 + i], out.intrinsics[1][kK1 + i]);

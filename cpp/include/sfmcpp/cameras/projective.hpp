@@ -53,9 +53,9 @@ struct ProjectiveCamera {
   }
 
   // ∂u/∂P: scale/w (Q, 0, −(x/w) Q); ∂u/∂Q: scale/w (P₁ − (x/w) P₃), carried to the tangent of Q.
-  template <class Real>
-  static void linearize(const double* p,
-                        const double* frame,
+  template <class Parameter, class Real>
+  static void linearize(const Parameter* p,
+                        const Parameter* frame,
                         const Real* q,
                         LinearizedImagePoint<Real, kTangent, kIntrinsics>& out) {
     Real x[3], basis[4][3];

@@ -15,6 +15,9 @@ inline void multiply_by_transposed_factor(const PointFactor& m, const double* z,
   out[2] = m.m22 * z[2];
 }
 
+// M and y of a point.
+PointFactor factor_of(const PointBlock& v, const Damping& damping);
+
 // out = Mᵀ M x = (V + λD)⁻¹ x, which may be x.
 inline void solve_point(const PointFactor& m, const double* x, double* out) {
   const double z[3] = {
@@ -43,8 +46,6 @@ class PointElimination {
   void back_substitute(Step& step);
 
  private:
-  PointFactor factor_of(int p, const Damping& damping) const;
-
   const NormalEquations& normal_;
   AlignedVector<PointFactor> factors_;
   AlignedVector<double> steps_;  // x per camera

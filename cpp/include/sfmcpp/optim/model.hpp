@@ -43,6 +43,10 @@ class LeastSquaresModel {
   // Draws back such unknowns of the candidate of that cost() toward `start`, where the normal
   // equations were filled last, each until it costs no more than there; how many.
   virtual long hold_back(const State&, State&) { return 0; }
+  // Fits unknowns of the candidate that `step`, from where the normal equations were filled, has
+  // moved far and that know nothing of each other, given all others; how many. `cost`: of the
+  // candidate.
+  virtual long refit(const linear::Step&, double /*cost*/, State& /*candidate*/) { return 0; }
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.

@@ -9,7 +9,7 @@
 namespace sfmcpp {
 
 namespace optim {
-enum class PointSteps { kAuto, kWhole, kHeldBack };
+enum class PointSteps { kAuto, kWhole, kHeldBack, kRefitted };
 }
 
 template <>
@@ -17,9 +17,12 @@ struct EnumTraits<optim::PointSteps> {
   using P = optim::PointSteps;
   static constexpr std::string_view kWhat = "point_steps";
   static constexpr auto kTable = std::to_array<EnumRow<P>>(
-      {{P::kAuto, "auto", "held-back where the method can and no line is searched, else whole"},
+      {{P::kAuto, "auto", "refitted where the method can and no line is searched, else whole"},
        {P::kWhole, "whole", "all points as far as the step says"},
-       {P::kHeldBack, "held-back", "points that spoil a step are drawn back along it"}});
+       {P::kHeldBack, "held-back", "points that spoil a step are drawn back along it"},
+       {P::kRefitted,
+        "refitted",
+        "held-back, and points beyond the model of a step are fitted to the moved cameras"}});
 };
 
 }  // namespace sfmcpp

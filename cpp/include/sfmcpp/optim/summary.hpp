@@ -56,6 +56,7 @@ struct Iteration {
   bool line_searched = false;
   bool accelerated = false;  // by a geodesic acceleration that lowered the cost
   long held_points = 0;      // drawn back along the step, which made them worse
+  long refitted_points = 0;  // far moved by the step, and fitted to the cameras after it
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 

@@ -3,6 +3,7 @@
 
 #include "sfmcpp/residuals/algebraic.hpp"
 #include "sfmcpp/residuals/bending.hpp"
+#include "sfmcpp/residuals/places.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 #define SFMCPP_DECLARE_REPROJECTION(isa)                     \
@@ -11,6 +12,7 @@
   CostKernels cost_kernels_for(CameraModelId model);         \
   AlgebraicKernel algebraic_kernel_for(CameraModelId model); \
   BendingKernel bending_kernel_for(CameraModelId model);     \
+  PlaceKernel place_kernel_for(CameraModelId model);         \
   }
 
 SFMCPP_DECLARE_REPROJECTION(baseline)

@@ -1,0 +1,48 @@
+// Points that a step has taken beyond its linear model are fitted to the cameras where it has
+// brought them, before the step is judged: embedded point iterations (Jeong, Nistér, Steedly,
+// Szeliski & Kweon 2012, "Pushing the envelope of modern methods for bundle adjustment"), of these
+// points alone.
+//
+// The model fails first for points seen under a small angle: they are thrown along their rays, and
+// what they then cost holds back the cameras. Given the cameras each is a problem of three
+// unknowns. A step δ moves the images of a point by √(δᵀVδ) in all; of that, as much is of second
+// order as the point has moved beside its distance. With tr V = n f²/z² for n images at a distance
+// z that is |δ| √(tr V / 2n) / f, in radians. Weights of a robust loss change with every move.
+#pragma once
+
+#include <vector>
+
+#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
+#include "sfmcpp/residuals/places.hpp"
+
+namespace sfmcpp::ba {
+
+class PointRefits {
+ public:
+  // The references must outlive this object.
+  PointRefits(const ImageResiduals& images, const linear::ParameterMap& map);
+
+  // Fits such points of the candidate of `step`, a step from where `normal` was filled; none costs
+  // more than before. How many there are, over all ranks: those for which the second order matters
+  // beside what one point has of `cost`.
+  long refit(const linear::NormalEquations& normal,
+             const linear::Step& step,
+             double cost,
+             optim::State& candidate) const;
+
+ private:
+  std::vector<int> beyond_model(const linear::NormalEquations& normal,
+                                const linear::Step& step,
+                                double least,
+                                double focal2) const;
+  double mean_squared_focal(const optim::State& state) const;
+
+  const ImageResiduals& images_;
+  const linear::ParameterMap& map_;
+  residuals::PlaceKernel kernel_;
+  double inverse_variance_;  // mean of 1/σ²
+};
+
+}  // namespace sfmcpp::ba
