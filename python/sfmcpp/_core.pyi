@@ -317,6 +317,9 @@ class CoreIteration:
     def proposed_lengths(self) -> list[tuple[float, float]]:
         ...
     @property
+    def refitted_points(self) -> int:
+        ...
+    @property
     def seconds(self) -> float:
         ...
     @property

@@ -16,12 +16,12 @@ using linear::PointBlock;
 using optim::State;
 using residuals::kReadAhead;
 
-// The second order of a point matters from this share of its cost on.
+// The second order of a point matters from this share of what a point costs in the mean on.
 constexpr double kShareThatMatters = 1e-4;
-constexpr int kPasses = 2;
-// Of the normal equations of a point; times the other where a pass has failed.
+constexpr int kMostPasses = 6;
+// Of the normal equations of a point; times the other for each step that has failed.
 constexpr double kDamping = 1e-4, kRaised = 100.0;
-constexpr int kPointsPerTask = 32;
+constexpr int kPointsPerTask = 64;
 constexpr int kRecord = 8;  // numbers; see residuals::JacobianOutput
 constexpr int kRow = kRecord / 2;
 
@@ -52,6 +52,22 @@ void add_row(const double* row, double weight, PointBlock& v) {
   v.v21 += a2 * row[1];
   v.v22 += a2 * row[2];
   for (int k = 0; k < 3; ++k) v.rhs[k] += weight * row[k] * row[kRow - 1];
+}
+
+// δ = (V + λD)⁻¹ b, and what it promises to lower Σ ρ by: bᵀδ, with little damping.
+double gauss_newton(const PointBlock& block, double damping, double* delta) {
+  const linear::PointFactor factor =
+      linear::factor_of(block, {damping, linear::DampingMatrix::kDiagonal});
+  linear::multiply_by_transposed_factor(factor, factor.y, delta);
+  return block.rhs[0] * delta[0] + block.rhs[1] * delta[1] + block.rhs[2] * delta[2];
+}
+
+std::vector<int> marked(const std::vector<char>& marks) {
+  std::vector<int> points;
+  for (std::size_t p = 0; p < marks.size(); ++p) {
+    if (marks[p]) points.push_back(static_cast<int>(p));
+  }
+  return points;
 }
 
 // Some points, as the cameras of a state see them.
@@ -134,55 +150,49 @@ class Views {
   residuals::WhitenerShapes shapes_;
 };
 
-// Gauss–Newton steps of some points, each of which keeps the best place it has met.
-class Fitting {
+// A Gauss–Newton step of some points, of each by itself.
+class Pass {
  public:
-  Fitting(const residuals::PlaceKernel& kernel,
-          const ImageResiduals& images,
-          std::span<const int> points,
-          State& state)
+  Pass(const residuals::PlaceKernel& kernel,
+       const ImageResiduals& images,
+       std::span<const int> points,
+       State& state)
       : kernel_(kernel),
         model_(images.problem().camera_model),
         size_(images.problem().point_storage()),
         points_(points),
         state_(state),
-        views_(images, state, points),
-        damping_(points.size(), kDamping) {
+        views_(images, state, points) {
     for (int p : points) places_.insert(places_.end(), place_of(p), place_of(p) + size_);
-    tried_ = places_;
+  }
+
+  // `tries`, by point: how often in a row it has failed, plus one; 0 where the next step promises
+  // less than `least`.
+  void run(double least, char* tries) {
     views_.fit(kernel_, places_, here_);
-  }
-
-  void pass() {
-    for (std::size_t i = 0; i < points_.size(); ++i) propose(i);
-    views_.fit(kernel_, tried_, there_);
-    for (std::size_t i = 0; i < points_.size(); ++i) judge(i);
-  }
-
-  void finish() {
-    for (std::size_t i = 0; i < points_.size(); ++i)
-      std::copy_n(places_.data() + size_ * i, size_, place_of(points_[i]));
+    for (std::size_t i = 0; i < points_.size(); ++i) propose(i, tries[points_[i]]);
+    views_.fit(kernel_, places_, there_);
+    for (std::size_t i = 0; i < points_.size(); ++i) judge(i, least, tries[points_[i]]);
   }
 
  private:
   double* place_of(int p) { return state_.points.data() + static_cast<long>(size_) * p; }
 
-  void propose(std::size_t i) {
-    const linear::PointFactor factor =
-        linear::factor_of(here_[i].block, {damping_[i], linear::DampingMatrix::kDiagonal});
+  void propose(std::size_t i, int tries) {
     double delta[kPointTangent];
-    linear::multiply_by_transposed_factor(factor, factor.y, delta);
-    plus_point(model_, places_.data() + size_ * i, delta, tried_.data() + size_ * i);
+    gauss_newton(here_[i].block, kDamping * std::pow(kRaised, tries - 1), delta);
+    plus_point(model_, place_of(points_[i]), delta, places_.data() + size_ * i);
   }
 
   // A cost that is no number is worse than any.
-  void judge(std::size_t i) {
-    if (there_[i].cost < here_[i].cost) {
-      here_[i] = there_[i];
-      std::copy_n(tried_.data() + size_ * i, size_, places_.data() + size_ * i);
-    } else {
-      damping_[i] *= kRaised;
+  void judge(std::size_t i, double least, char& tries) {
+    if (!(there_[i].cost < here_[i].cost)) {
+      ++tries;
+      return;
     }
+    double delta[kPointTangent];
+    std::copy_n(places_.data() + size_ * i, size_, place_of(points_[i]));
+    tries = gauss_newton(there_[i].block, kDamping, delta) > least;
   }
 
   const residuals::PlaceKernel& kernel_;
@@ -191,7 +201,7 @@ class Fitting {
   std::span<const int> points_;
   State& state_;
   Views views_;
-  std::vector<double> damping_, places_, tried_;
+  std::vector<double> places_;
   std::vector<Fit> here_, there_;
 };
 
@@ -209,37 +219,35 @@ long PointRefits::refit(const linear::NormalEquations& normal,
                         State& candidate) const {
   const double least =
       kShareThatMatters * 2.0 * cost / images_.exchange().sum(images_.graph().num_points);
-  const std::vector<int> points =
-      beyond_model(normal, step, least, inverse_variance_ * mean_squared_focal(candidate));
-  const auto count = static_cast<long>(points.size());
-  images_.pool().parallel_for_parts(count, kPointsPerTask, [&](long begin, long end) {
-    Fitting fitting(kernel_, images_, std::span(points).subspan(begin, end - begin), candidate);
-    for (int pass = 0; pass < kPasses; ++pass) fitting.pass();
-    fitting.finish();
-  });
-  return std::lround(images_.exchange().sum(static_cast<double>(count)));
+  std::vector<char> tries(static_cast<std::size_t>(images_.graph().num_points));
+  mark_beyond_model(
+      normal, step, least, inverse_variance_ * mean_squared_focal(candidate), tries.data());
+  std::vector<int> points = marked(tries);
+  const double count = images_.exchange().sum(static_cast<double>(points.size()));
+  for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
+    images_.pool().parallel_for_parts(
+        static_cast<long>(points.size()), kPointsPerTask, [&](long begin, long end) {
+          const std::span<const int> mine = std::span(points).subspan(begin, end - begin);
+          Pass(kernel_, images_, mine, candidate).run(least, tries.data());
+        });
+  }
+  return std::lround(count);
 }
 
-std::vector<int> PointRefits::beyond_model(const linear::NormalEquations& normal,
-                                           const linear::Step& step,
-                                           double least,
-                                           double focal2) const {
+void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,
+                                    const linear::Step& step,
+                                    double least,
+                                    double focal2,
+                                    char* beyond) const {
   const linear::ObservationGraph& graph = images_.graph();
-  std::vector<char> beyond(static_cast<std::size_t>(graph.num_points), 0);
   linear::for_each_point(images_.pool(), graph.num_points, [&](int p) {
-    if (!map_.free_point[p]) return;
     const PointBlock& v = normal.point_block(p);
     const double* move = step.point.data() + long{kPointTangent} * p;
     const int images = graph.observations_of_point(p);
     const double share =
         images_.is_robust() ? 1.0 : std::min(squared_turn(v, move, images, focal2), 1.0);
-    beyond[p] = squared_move(v, move) * share > least;
+    beyond[p] = map_.free_point[p] && squared_move(v, move) * share > least;
   });
-  std::vector<int> points;
-  for (int p = 0; p < graph.num_points; ++p) {
-    if (beyond[p]) points.push_back(p);
-  }
-  return points;
 }
 
 // Every camera model has its focal length first; that without one has the scale of its images.

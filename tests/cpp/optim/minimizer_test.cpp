@@ -42,6 +42,7 @@ class MinimizeFarStart : public Minimize {
   MinimizeFarStart() {
     for (double& x : state.points) x *= 2.5;
     options.initial_damping = 1e-12;
+    options.point_steps = PointSteps::kWhole;
     options.termination.max_iterations = 200;
   }
 };

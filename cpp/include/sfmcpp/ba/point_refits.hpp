@@ -33,10 +33,11 @@ class PointRefits {
              optim::State& candidate) const;
 
  private:
-  std::vector<int> beyond_model(const linear::NormalEquations& normal,
-                                const linear::Step& step,
-                                double least,
-                                double focal2) const;
+  void mark_beyond_model(const linear::NormalEquations& normal,
+                         const linear::Step& step,
+                         double least,
+                         double focal2,
+                         char* beyond) const;
   double mean_squared_focal(const optim::State& state) const;
 
   const ImageResiduals& images_;

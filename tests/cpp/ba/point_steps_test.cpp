@@ -1,14 +1,16 @@
-// Points that a step makes worse are drawn back, and nothing else changes.
-#include "sfmcpp/ba/held_points.hpp"
-
+// Points that a step makes worse are drawn back, those that it takes beyond its linear model are
+// fitted to the cameras, and nothing else changes.
 #include <gtest/gtest.h>
 
+#include "sfmcpp/ba/held_points.hpp"
+#include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/ba/solve.hpp"
 #include "support/linearized_problem.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
+using optim::Iteration;
 using optim::State;
 
 class PointsOfAllModels : public testing::TestWithParam<CameraModelId> {
@@ -21,6 +23,9 @@ class PointsOfAllModels : public testing::TestWithParam<CameraModelId> {
   // A step from the start that is as good as any.
   static State stepped(support::LinearizedProblem& work) {
     linear::Step step;
+    return stepped(work, step);
+  }
+  static State stepped(support::LinearizedProblem& work, linear::Step& step) {
     EXPECT_TRUE(work.solve({linear::LinearSolverKind::kDense},
                            {1e-3, linear::DampingMatrix::kDiagonal},
                            step)
@@ -104,6 +109,55 @@ TEST_P(PointsOfAllModels, TheGrowthIsThatOfPartsThatGrewAlone) {
   EXPECT_NEAR(work.model.growth(), grown, 1e-9 * grown);
 }
 
+// A share of nothing: all points that have moved.
+TEST_P(PointsOfAllModels, RefittedPointsAreWhereFixedCamerasWantThem) {
+  support::LinearizedProblem work(scene());
+  linear::Step step;
+  State candidate = stepped(work, step);
+  const State before = candidate;
+  EXPECT_EQ(work.model.refit(step, 0.0, candidate), work.problem.num_points());
+  EXPECT_EQ(candidate.cameras, before.cameras);
+  EXPECT_EQ(candidate.intrinsics, before.intrinsics);
+  for (int p = 0; p < work.problem.num_points(); p += 7)
+    EXPECT_LE(cost_of_point(work, candidate, p), cost_of_point(work, before, p));
+
+  support::OwnedProblem fixed = work.owned;
+  fixed.cameras = before.cameras;
+  fixed.intrinsics = before.intrinsics;
+  fixed.points = before.points;
+  fixed.fixed_cameras.assign(fixed.fixed_cameras.size(), 1);
+  fixed.fixed_intrinsics.assign(fixed.intrinsics.size(), 1);
+  State optimum = state_of(fixed.view());
+  const double least = solve(fixed.view(), {}, {}, optimum).minimizer.final_cost;
+  const double start = work.model.cost(before), end = work.model.cost(candidate);
+  EXPECT_GT(start, 1.02 * least) << "there is nothing to gain";
+  EXPECT_LT(end, least + 0.01 * (start - least));
+}
+
+TEST_P(PointsOfAllModels, OnlyAPointThatLeavesTheModelIsRefitted) {
+  support::OwnedProblem owned = scene();
+  constexpr int kFar = 17, kFixed = 18;
+  owned.fixed_points[kFixed] = 1;
+  support::LinearizedProblem work(owned);
+  linear::Step step;
+  stepped(work, step);
+  for (double& number : step.camera) number = 0.0;
+  for (std::size_t k = 0; k < step.point.size(); ++k)
+    step.point[k] = k / 3 == kFar || k / 3 == kFixed ? 0.3 : 1e-9;
+  State candidate = work.state;
+  work.model.plus(work.state, step, {}, candidate);
+  const State before = candidate;
+  const double cost = work.model.cost(candidate);
+  EXPECT_EQ(work.model.refit(step, cost, candidate), 1);
+  EXPECT_LT(cost_of_point(work, candidate, kFar), cost_of_point(work, before, kFar));
+  const int size = work.problem.point_storage();
+  for (int k = 0; k < static_cast<int>(before.points.size()); ++k) {
+    if (k / size != kFar) {
+      ASSERT_EQ(candidate.points[k], before.points[k]);
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(All,
                          PointsOfAllModels,
                          testing::Values(CameraModelId::kCalibrated,
@@ -132,9 +186,10 @@ class OneSickPoint : public testing::Test {
     for (int c = 0; c < 3; ++c) x[c] = centre[c] + kShare * (x[c] - centre[c]) + 0.02 * (c + 1);
     return owned;
   }
-  static SolveSummary solved(int threads, State& state) {
+  static SolveSummary solved(optim::PointSteps steps, int threads, State& state) {
     const support::OwnedProblem owned = scene();
     SolveOptions options;
+    options.minimizer.point_steps = steps;
     options.num_threads = threads;
     state = state_of(owned.view());
     return solve(owned.view(), options, {}, state);
@@ -142,18 +197,33 @@ class OneSickPoint : public testing::Test {
   static constexpr double kShare = 0.01;
 };
 
-TEST_F(OneSickPoint, IsHeldBackToTheSameBitsForAnyNumberOfThreads) {
-  State one, other;
-  const auto summary = solved(1, one);
-  long held = 0;
-  for (const optim::Iteration& iteration : summary.minimizer.iterations)
-    held += iteration.held_points;
-  EXPECT_GT(held, 0);
-  for (int threads : {2, 3, 5}) {
-    solved(threads, other);
-    EXPECT_EQ(one.cameras, other.cameras) << threads << " threads";
-    EXPECT_EQ(one.points, other.points) << threads << " threads";
+TEST_F(OneSickPoint, IsMendedToTheSameBitsForAnyNumberOfThreads) {
+  for (const auto& [steps, mended] :
+       {std::pair{optim::PointSteps::kHeldBack, &Iteration::held_points},
+        std::pair{optim::PointSteps::kRefitted, &Iteration::refitted_points}}) {
+    State one, other;
+    const auto summary = solved(steps, 1, one);
+    long count = 0;
+    for (const Iteration& iteration : summary.minimizer.iterations) count += iteration.*mended;
+    EXPECT_GT(count, 0);
+    for (int threads : {2, 3, 5}) {
+      solved(steps, threads, other);
+      EXPECT_EQ(one.cameras, other.cameras) << threads << " threads";
+      EXPECT_EQ(one.points, other.points) << threads << " threads";
+    }
   }
+}
+
+// From a start whose points are as far off as their cameras.
+TEST_F(OneSickPoint, TakesFewerStepsWherePointsAreRefitted) {
+  std::size_t steps[2];
+  for (const auto kind : {optim::PointSteps::kHeldBack, optim::PointSteps::kRefitted}) {
+    State state;
+    const auto summary = solved(kind, 2, state).minimizer;
+    EXPECT_EQ(summary.termination, optim::Termination::kConverged);
+    steps[kind == optim::PointSteps::kRefitted] = summary.iterations.size();
+  }
+  EXPECT_LT(steps[1], steps[0]);
 }
 
 }  // namespace
