@@ -72,6 +72,11 @@ Step negative_gradient(const NormalEquations& normal) {
           of_points(normal, [](const PointBlock& block, int k) { return block.rhs[k]; })};
 }
 
+double decrease_by_each_alone(const NormalEquations& normal) {
+  const Step g = negative_gradient(normal);
+  return 0.5 * dot(normal, g, divide(normal, g, damping_entries(normal, DampingMatrix::kDiagonal)));
+}
+
 Step damping_entries(const NormalEquations& normal, DampingMatrix matrix) {
   const Damping unit{1.0, matrix};
   return {normal.camera_damping(unit), of_points(normal, [&](const PointBlock& block, int k) {

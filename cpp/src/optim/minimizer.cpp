@@ -271,7 +271,7 @@ class Minimizer {
 
   // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
   void finish_negligible() {
-    if (promised_decrease() <= negligible_decrease() ||
+    if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible_decrease() ||
         (!progressed() && largest_prediction_ <= negligible_decrease())) {
       finish(Termination::kConverged,
              "the step is negligible: within parameter_tolerance of the unknowns");
@@ -288,14 +288,6 @@ class Minimizer {
   double negligible_decrease() const {
     const double share = std::max(kRounding, options_.termination.function_tolerance);
     return std::max(share * cost_, kNegligibleCost);
-  }
-
-  // What steps of each parameter by itself would gain, ½ gᵀD⁻¹g: no damping and no unit enters.
-  double promised_decrease() const {
-    const linear::NormalEquations& normal = model_.normal_equations();
-    const linear::Step g = linear::negative_gradient(normal);
-    const linear::Step d = linear::damping_entries(normal, linear::DampingMatrix::kDiagonal);
-    return 0.5 * linear::dot(normal, g, linear::divide(normal, g, d));
   }
 
   // A rejected step whose predicted and whose true effect are both below the tolerance: rounding

@@ -14,6 +14,8 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 
 MAX_ITERATIONS = 30
+# Errors are told long before the digits of the cost that send badly determined intrinsics on their way.
+TOLERANCE = 1e-4
 # The median of ‖r‖ of two normal coordinates, in standard deviations: √(2 ln 2).
 _MEDIAN_OF_NORM = np.sqrt(2 * np.log(2))
 
@@ -57,7 +59,9 @@ def adjusted(
 ) -> Trial | str:
     """Adjust a copy of `problem`, or say why that cannot be done."""
     moved = problem.copy()
-    options = SolveOptions(loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS)
+    options = SolveOptions(
+        loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS, function_tolerance=TOLERANCE
+    )
     try:
         adjust_or_stop(moved, constraints, options)
     except InvalidArgument as error:

@@ -17,6 +17,9 @@ from sfmcpp.weighting import solve
 
 # Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
 _LOSS_PX = 1.0
+# A part of the map that only positions hold may roll about a straight way: no image tells, and digits of the
+# cost would be bought with it.
+_TOLERANCE = 1e-5
 
 
 def finish_map(result: SlamResult, settings: SlamSettings) -> None:
@@ -46,6 +49,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         constraints=[*groups, *both.rigid],
         loss="cauchy",
         loss_scale_px=_LOSS_PX,
+        function_tolerance=_TOLERANCE,
         max_iterations=50,
     ).require_uninterrupted()
     done = _judged(summary)

@@ -15,6 +15,8 @@ void add_scaled(const NormalEquations& normal, double s, const Step& x, Step& y)
 
 // b = Jᵀ r.
 Step negative_gradient(const NormalEquations& normal);
+// What steps of each parameter by itself would gain, ½ bᵀD⁻¹b: no damping and no unit enters.
+double decrease_by_each_alone(const NormalEquations& normal);
 // The entries of D, in the shape of a step.
 Step damping_entries(const NormalEquations& normal, DampingMatrix matrix);
 

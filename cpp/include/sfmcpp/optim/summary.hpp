@@ -68,6 +68,7 @@ struct Iteration {
     memory.keep(lengths);
     memory.keep(proposed_lengths);
     memory.keep(held_points);
+    memory.keep(refitted_points);
   }
 };
 

@@ -1,4 +1,4 @@
-"""Points that a step makes worse are drawn back along it."""
+"""Points that a step makes worse are drawn back along it; those beyond its linear model are fitted anew."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_few_points_do_not_delay_all_others(num_cameras: int, seed: int) -> No
     start = poor_start(num_cameras, seed)
     options = {"max_iterations": MAX_STEPS, "function_tolerance": 1e-5}
     whole = sfmcpp.solve(start.copy(), point_steps="whole", **options)
-    held = sfmcpp.solve(start.copy(), **options)
+    held = sfmcpp.solve(start.copy(), point_steps="held-back", **options)
     goal = 1.001 * min(whole.final_cost, held.final_cost)
     assert 2 * steps_to(goal, held) <= steps_to(goal, whole)
     assert not any(i.held_points for i in whole.iterations)
@@ -37,7 +37,7 @@ def test_held_points_have_the_same_bits_for_any_number_of_threads(loss: str) -> 
     solved = []
     for threads in (1, 2, 3):
         problem = poor_start(60, 18)
-        summary = sfmcpp.solve(problem, threads=threads, loss=loss, max_iterations=8)
+        summary = sfmcpp.solve(problem, threads=threads, loss=loss, max_iterations=8, point_steps="held-back")
         assert loss != "squared" or any(i.held_points for i in summary.iterations)
         solved.append(problem)
     for other in solved[1:]:
@@ -64,3 +64,30 @@ def test_what_cannot_hold_points_back_refuses_by_name(options: dict[str, str]) -
     problem = sfmcpp.circle_scene(4, 30, seed=1)
     with pytest.raises(sfmcpp.InvalidArgument, match="point_steps = 'held-back'"):
         sfmcpp.solve(problem, point_steps="held-back", **options)
+
+
+@pytest.mark.parametrize(("num_cameras", "seed"), [(30, 8), (30, 9), (60, 10), (60, 12)])
+def test_refitted_points_save_steps(num_cameras: int, seed: int) -> None:
+    start = poor_start(num_cameras, seed)
+    options = {"max_iterations": MAX_STEPS, "function_tolerance": 1e-5}
+    held = sfmcpp.solve(start.copy(), point_steps="held-back", **options)
+    refitted = sfmcpp.solve(start.copy(), **options)
+    goal = 1.001 * min(held.final_cost, refitted.final_cost)
+    assert steps_to(goal, refitted) < steps_to(goal, held)
+    assert any(i.refitted_points for i in refitted.iterations)
+    assert not any(i.refitted_points for i in held.iterations)
+
+
+def test_a_minimum_is_the_same_however_points_get_there() -> None:
+    start = sfmcpp.perturb(
+        sfmcpp.circle_scene(8, 200, pixel_sigma_px=0.5, seed=1),
+        point_sigma_m=0.1,
+        position_sigma_m=0.1,
+        seed=1,
+    )
+    ends = [
+        sfmcpp.solve(start.copy(), point_steps=kind, function_tolerance=1e-14, gradient_tolerance=1e-9)
+        for kind in ("whole", "held-back", "refitted")
+    ]
+    for end in ends[1:]:
+        assert end.final_cost == pytest.approx(ends[0].final_cost, rel=1e-10)
