@@ -13,10 +13,10 @@ import numpy as np
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.sensors import Mounting, local_positions
+from sfmcpp.slam.frame_run import run_slam
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.slam import run_slam
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.clock import Clock
@@ -18,12 +16,11 @@ from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import constrain_past, correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
-from sfmcpp.slam.saving import SlamCheckpoints, State
+from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
-from sfmcpp.sources.frames import FrameSource
 
 
 class Slam:
@@ -228,65 +225,3 @@ class Slam:
     def _world(self) -> WorldMap:
         assert self.result.world is not None
         return self.result.world
-
-
-def run_slam(
-    source: FrameSource,
-    settings: SlamSettings | None = None,
-    sensors: Sequence[MotionSensor] = (),
-    callback: Callable[[int, SlamResult], object] | None = None,
-    checkpoint: CheckpointStore | None = None,
-    resume: CheckpointStore | None = None,
-) -> SlamResult:
-    """Run over all frames of a source.
-
-    Parameters
-    ----------
-    source : FrameSource
-        What the camera sees; each frame is asked for once, when the one before is done.
-    settings : SlamSettings, optional
-        What decides about keyframes, poses and points.
-    sensors : sequence of MotionSensor
-        What measures the motion beside the camera.
-    callback : callable, optional
-        Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True.
-    checkpoint : CheckpointFolder, optional
-        Where to save, from time to time and where the callback ends the run, what a later call needs to go
-        on. If that fails once the run goes, it goes on, and a warning of the result names the file.
-    resume : CheckpointFolder, optional
-        Where an earlier call with the same arguments saved checkpoints: this one goes on behind the last
-        frame that it took, and the result has the bits of one call, times aside. Images up to there are
-        followed anew; the callback hears of the frames after it.
-
-    Returns
-    -------
-    SlamResult
-        The map and the poses; `message` says why if there is no map.
-
-    Raises
-    ------
-    DatasetError
-        If `checkpoint` cannot be written or holds checkpoints of an earlier run; if `resume` has no whole
-        checkpoint, or one of other frames, sensors, settings, of another version or instruction set.
-    """
-    slam = Slam(source.intrinsics, settings, sensors)
-    checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors)
-    state = checkpoints.resumed()
-    if state is not None:
-        slam.restore(state)
-    begin_s = time.perf_counter() - slam.result.seconds
-    for frame in source:
-        if checkpoints.has_passed(frame):
-            continue
-        slam.step(frame)
-        slam.result.seconds = time.perf_counter() - begin_s
-        ended = callback is not None and callback(frame.number, slam.result) is True
-        checkpoints.offer(frame, slam.state(), ended)
-        if ended:
-            break
-    else:
-        slam.finish()
-    slam.result.seconds = time.perf_counter() - begin_s
-    slam.result.warnings += checkpoints.warnings
-    return slam.result
