@@ -6,7 +6,7 @@
 // The model fails first for points seen under a small angle: they are thrown along their rays, and
 // what they then cost holds back the cameras. Given the cameras each is a problem of three
 // unknowns. A step δ moves the images of a point by √(δᵀVδ) in all; of that, as much is of second
-// order as the point has moved beside its distance. With tr V = n f²/z² for n images at a distance
+// order as the point has moved beside its distance. With tr V = 2n f²/z² for n images at a distance
 // z that is |δ| √(tr V / 2n) / f, in radians. Weights of a robust loss change with every move.
 #pragma once
 
