@@ -208,8 +208,10 @@ void check_group(const ConstraintGroup& group) {
   if (group.name.empty()) refuse("constraints", "a group has an empty name");
   check_weight("constraints['" + group.name + "'].weight", group.weight);
   if (!is_loss_scale(group.loss.scale)) {
+    std::string rule = "must be ";
+    rule += kLossScaleRule;
     refuse("constraints['" + group.name + "'].loss_scale = " + std::to_string(group.loss.scale),
-           std::string("must be ") + kLossScaleRule);
+           rule);
   }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
