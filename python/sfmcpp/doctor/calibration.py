@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.case import Case, without_single_views
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.outliers import fits_poorly, gross_errors
 from sfmcpp.doctor.trial import Trial, adjusted
@@ -74,9 +74,7 @@ def _without_gross_errors(case: Case, trial: Trial) -> Problem:
     """
     if fits_poorly(case, trial):
         return case.part
-    good = trial.problem.with_observations(~gross_errors(case, trial))
-    views = np.bincount(good.point_index, minlength=good.num_points)
-    return good.with_observations((views > 1)[good.point_index])
+    return without_single_views(trial.problem.with_observations(~gross_errors(case, trial)))
 
 
 def _may_be_tested(problem: Problem) -> bool:

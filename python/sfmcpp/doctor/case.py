@@ -121,8 +121,7 @@ class Case:
                 f"residuals and variances: {np.count_nonzero(cameras):,} neighbouring cameras "
                 f"of {len(cameras):,}"
             )
-        views = np.bincount(problem.point_index, minlength=problem.num_points)
-        return problem.with_observations((views > 1)[problem.point_index])
+        return without_single_views(problem)
 
     def _cameras_nearby(self) -> NDArray[np.bool_]:
         from scipy.sparse.csgraph import breadth_first_order
@@ -149,3 +148,9 @@ class Case:
 def extent_px(problem: Problem) -> float:
     """Larger side of the box around most pixels, wrong ones left out [px]."""
     return float(np.ptp(np.quantile(problem.pixels, (0.01, 0.99), axis=0), axis=0).max())
+
+
+def without_single_views(problem: Problem) -> Problem:
+    """The problem without observations of points that nothing else observes."""
+    views = np.bincount(problem.point_index, minlength=problem.num_points)
+    return problem.with_observations((views > 1)[problem.point_index])

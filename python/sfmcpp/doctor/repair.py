@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.case import Case, without_single_views
 from sfmcpp.doctor.connections import parts
 from sfmcpp.doctor.conventions import mirrored_y
 from sfmcpp.doctor.diagnose import diagnose
@@ -107,9 +107,7 @@ def _without_gross_errors(problem: Problem, _: Finding, groups: list[ConstraintG
         return problem
     wrong = gross_errors(case, case.trial)
     key = _keys(problem)
-    kept = problem.with_observations(~np.isin(key, _keys(case.trial.problem)[wrong]))
-    views = np.bincount(kept.point_index, minlength=kept.num_points)
-    return kept.with_observations((views > 1)[kept.point_index])
+    return without_single_views(problem.with_observations(~np.isin(key, _keys(case.trial.problem)[wrong])))
 
 
 def _keys(problem: Problem) -> NDArray[np.int64]:

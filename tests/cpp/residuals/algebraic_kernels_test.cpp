@@ -3,14 +3,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <ostream>
 #include <random>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include "sfmcpp/residuals/algebraic.hpp"
-#include "support/instruction_sets.hpp"
+#include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
 namespace sfmcpp {
@@ -141,21 +140,7 @@ void expect_close(const Biquadratic& sums, const Biquadratic& expected) {
   EXPECT_NEAR(sums.cc, cc, kTolerance * cc);
 }
 
-struct Case {
-  CameraModelId model;
-  support::InstructionSet isa;
-};
-void PrintTo(const Case& c, std::ostream* out) { *out << enum_name(c.model) << " " << c.isa.name; }
-
-std::vector<Case> all_cases() {
-  std::vector<Case> cases;
-  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
-    for (const auto& isa : support::instruction_sets()) cases.push_back({model, isa});
-  }
-  return cases;
-}
-
-class AlgebraicKernelOf : public testing::TestWithParam<Case> {
+class AlgebraicKernelOf : public testing::TestWithParam<support::KernelCase> {
  protected:
   Biquadratic sums(const AlgebraicBatch& batch) const {
     return GetParam().isa.algebraic(GetParam().model).sums(batch);
@@ -214,7 +199,9 @@ TEST_P(AlgebraicKernelOf, AStepOfNothingLeavesOnlyTheErrorItself) {
     EXPECT_EQ(sum, 0.0);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernels, AlgebraicKernelOf, testing::ValuesIn(all_cases()));
+INSTANTIATE_TEST_SUITE_P(Kernels,
+                         AlgebraicKernelOf,
+                         testing::ValuesIn(support::all_kernel_cases()));
 
 }  // namespace
 }  // namespace sfmcpp

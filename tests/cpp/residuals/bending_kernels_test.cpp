@@ -1,14 +1,13 @@
 // The second derivative along a step, of every camera model and instruction set, against numeric
 // second differences of the projection of retracted cameras and points.
 #include <cmath>
-#include <ostream>
 #include <random>
 
 #include <Eigen/Core>
 #include <gtest/gtest.h>
 
 #include "sfmcpp/residuals/bending.hpp"
-#include "support/instruction_sets.hpp"
+#include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
 namespace sfmcpp {
@@ -18,21 +17,7 @@ using Eigen::Vector2d;
 using residuals::kReadAhead;
 using support::RandomBatch;
 
-struct Case {
-  CameraModelId model;
-  support::InstructionSet isa;
-};
-void PrintTo(const Case& c, std::ostream* out) { *out << enum_name(c.model) << " " << c.isa.name; }
-
-std::vector<Case> all_cases() {
-  std::vector<Case> cases;
-  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
-    for (const auto& isa : support::instruction_sets()) cases.push_back({model, isa});
-  }
-  return cases;
-}
-
-class BendingKernelCase : public testing::TestWithParam<Case> {
+class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {
  protected:
   static constexpr int kCount = 19;
 
@@ -95,10 +80,10 @@ TEST_P(BendingKernelCase, IsTheWeightedSecondDifferenceOfTheProjection) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    All, BendingKernelCase, testing::ValuesIn(all_cases()), [](const auto& test) {
-      return std::string(enum_name(test.param.model)) + "_" + std::string(test.param.isa.name);
-    });
+INSTANTIATE_TEST_SUITE_P(All,
+                         BendingKernelCase,
+                         testing::ValuesIn(support::all_kernel_cases()),
+                         &support::name_of_kernel_case);
 
 }  // namespace
 }  // namespace sfmcpp

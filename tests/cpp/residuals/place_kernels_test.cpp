@@ -1,13 +1,11 @@
 // Points at places of their own against the kernels for one camera, which other tests compare with
 // the camera templates.
 #include <cmath>
-#include <ostream>
-#include <string>
 
 #include <gtest/gtest.h>
 
 #include "sfmcpp/residuals/places.hpp"
-#include "support/instruction_sets.hpp"
+#include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
 namespace sfmcpp {
@@ -18,21 +16,7 @@ using support::RandomBatch;
 
 constexpr int kRecord = 8;
 
-struct Case {
-  CameraModelId model;
-  support::InstructionSet isa;
-};
-void PrintTo(const Case& c, std::ostream* out) { *out << enum_name(c.model) << " " << c.isa.name; }
-
-std::vector<Case> all_cases() {
-  std::vector<Case> cases;
-  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
-    for (const auto& isa : support::instruction_sets()) cases.push_back({model, isa});
-  }
-  return cases;
-}
-
-class PlaceKernelCase : public testing::TestWithParam<Case> {
+class PlaceKernelCase : public testing::TestWithParam<support::KernelCase> {
  protected:
   std::vector<double> of_one_camera(const RandomBatch& batch) const {
     constexpr int kWidest = 2 * kMaxCameraTangent;
@@ -83,10 +67,10 @@ TEST_P(PlaceKernelCase, RecordsAreThoseOfEachCameraByItself) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    All, PlaceKernelCase, testing::ValuesIn(all_cases()), [](const auto& test) {
-      return std::string(enum_name(test.param.model)) + "_" + std::string(test.param.isa.name);
-    });
+INSTANTIATE_TEST_SUITE_P(All,
+                         PlaceKernelCase,
+                         testing::ValuesIn(support::all_kernel_cases()),
+                         &support::name_of_kernel_case);
 
 }  // namespace
 }  // namespace sfmcpp

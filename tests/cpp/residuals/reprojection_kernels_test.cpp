@@ -4,14 +4,13 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <ostream>
 
 #include <Eigen/Core>
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/parameter_map.hpp"
 #include "support/camera_dispatch.hpp"
-#include "support/instruction_sets.hpp"
+#include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
 namespace sfmcpp {
@@ -27,28 +26,13 @@ using support::RandomBatch;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-struct Case {
-  CameraModelId model;
-  support::InstructionSet isa;
-  ReprojectionKernels kernels() const { return isa.reprojection(model); }
-};
-void PrintTo(const Case& c, std::ostream* out) { *out << enum_name(c.model) << " " << c.isa.name; }
-
-std::vector<Case> all_cases() {
-  std::vector<Case> cases;
-  for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
-    for (const auto& isa : support::instruction_sets()) cases.push_back({model, isa});
-  }
-  return cases;
-}
-
-class ReprojectionKernel : public testing::TestWithParam<Case> {};
+class ReprojectionKernel : public testing::TestWithParam<support::KernelCase> {};
 
 TEST_P(ReprojectionKernel, ResidualsAreObservedMinusProjectedOverSigma) {
   for (int count = 1; count <= 20; ++count) {
     const RandomBatch batch(GetParam().model, count);
     std::vector<double> ru(count + kReadAhead, kNaN), rv(count + kReadAhead, kNaN);
-    GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
+    GetParam().isa.reprojection(GetParam().model).residuals(batch.view(), ru.data(), rv.data());
     for (int k = 0; k < count; ++k) {
       const ImagePoint<double> image = batch.image(k);
       const double scale = 1e-12 * batch.inverse_sigma[k];
@@ -68,7 +52,9 @@ TEST_P(ReprojectionKernel, CountsThePointsNotInFrontOfTheCamera) {
     int behind = 0;
     for (int k = 0; k < count; ++k) behind += batch.image(k).depth <= 0.0;
     std::vector<double> ru(count + kReadAhead), rv(count + kReadAhead);
-    EXPECT_EQ(GetParam().kernels().residuals(batch.view(), ru.data(), rv.data()), behind);
+    EXPECT_EQ(
+        GetParam().isa.reprojection(GetParam().model).residuals(batch.view(), ru.data(), rv.data()),
+        behind);
   }
 }
 
@@ -104,12 +90,14 @@ TEST_P(ReprojectionKernel, SquaresOfRecordsInPartsHaveTheBitsOfTheCost) {
     const RandomBatch batch(GetParam().model, count);
     const int size = linear::padded_camera_size(camera_tangent(GetParam().model));
     std::vector<double> camera(2UL * size * count), records(8UL * count);
-    GetParam().kernels().linearize(batch.view(),
-                                   {.free_intrinsics = nullptr,
-                                    .num_free_intrinsics = 0,
-                                    .camera_size = size,
-                                    .camera = camera.data(),
-                                    .point = records.data()});
+    GetParam()
+        .isa.reprojection(GetParam().model)
+        .linearize(batch.view(),
+                   {.free_intrinsics = nullptr,
+                    .num_free_intrinsics = 0,
+                    .camera_size = size,
+                    .camera = camera.data(),
+                    .point = records.data()});
     double lanes[residuals::kCostLanes] = {};
     for (int first = 0; first < count; first += 16)
       kernels.add_squares(std::min(16, count - first), records.data() + 8L * first, lanes);
@@ -165,8 +153,10 @@ TEST_P(ReprojectionKernel, JacobiansAreThoseOfTheCameraModelOverSigma) {
       const int size = layout.camera_size;
       std::vector<double> camera(2L * count * size, kNaN), point(8L * count, kNaN);
       const int num_free = static_cast<int>(layout.free.size());
-      GetParam().kernels().linearize(
-          batch.view(), {layout.free.data(), num_free, size, camera.data(), point.data()});
+      GetParam()
+          .isa.reprojection(GetParam().model)
+          .linearize(batch.view(),
+                     {layout.free.data(), num_free, size, camera.data(), point.data()});
       for (int k = 0; k < count; ++k) {
         const auto [camera_expected, point_expected] = visit_camera(
             batch.model, [&](auto type) { return expected_of<decltype(type)>(batch, layout, k); });
@@ -186,12 +176,14 @@ TEST_P(ReprojectionKernel, WritesNothingBeyondTheRecordsOfTheBatch) {
       const long size = 2L * count * layout.camera_size;
       constexpr int kGuard = 64;
       std::vector<double> camera(size + 2 * kGuard, 42.0), point(8L * count + 2 * kGuard, 42.0);
-      GetParam().kernels().linearize(batch.view(),
-                                     {layout.free.data(),
-                                      static_cast<int>(layout.free.size()),
-                                      layout.camera_size,
-                                      camera.data() + kGuard,
-                                      point.data() + kGuard});
+      GetParam()
+          .isa.reprojection(GetParam().model)
+          .linearize(batch.view(),
+                     {layout.free.data(),
+                      static_cast<int>(layout.free.size()),
+                      layout.camera_size,
+                      camera.data() + kGuard,
+                      point.data() + kGuard});
       for (int k = 0; k < kGuard; ++k) {
         ASSERT_EQ(camera[k] + point[k], 84.0) << "before the records, " << count << " observations";
         ASSERT_EQ(camera[camera.size() - 1 - k] + point[point.size() - 1 - k], 84.0)
@@ -205,7 +197,7 @@ TEST_P(ReprojectionKernel, ResidualsGoAtMostReadAheadBeyondTheBatch) {
   for (int count = 1; count <= 20; ++count) {
     const RandomBatch batch(GetParam().model, count);
     std::vector<double> ru(count + kReadAhead + 8, 42.0), rv = ru;
-    GetParam().kernels().residuals(batch.view(), ru.data(), rv.data());
+    GetParam().isa.reprojection(GetParam().model).residuals(batch.view(), ru.data(), rv.data());
     for (std::size_t k = count + kReadAhead; k < ru.size(); ++k) ASSERT_EQ(ru[k] + rv[k], 84.0);
   }
 }
@@ -215,7 +207,7 @@ TEST_P(ReprojectionKernel, AnObservationHasTheSameBitsInEveryBatch) {
   const RandomBatch whole(GetParam().model, 20);
   std::vector<double> ru(20 + kReadAhead), rv(20 + kReadAhead), one_u(1 + kReadAhead),
       one_v(1 + kReadAhead);
-  GetParam().kernels().residuals(whole.view(), ru.data(), rv.data());
+  GetParam().isa.reprojection(GetParam().model).residuals(whole.view(), ru.data(), rv.data());
   for (int k = 0; k < 12; ++k) {
     ObservationBatch one = whole.view();
     one.point += k;
@@ -223,13 +215,15 @@ TEST_P(ReprojectionKernel, AnObservationHasTheSameBitsInEveryBatch) {
     one.v += k;
     one.inverse_sigma += k;
     one.count = 1;
-    GetParam().kernels().residuals(one, one_u.data(), one_v.data());
+    GetParam().isa.reprojection(GetParam().model).residuals(one, one_u.data(), one_v.data());
     EXPECT_EQ(one_u[0], ru[k]);
     EXPECT_EQ(one_v[0], rv[k]);
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernels, ReprojectionKernel, testing::ValuesIn(all_cases()));
+INSTANTIATE_TEST_SUITE_P(Kernels,
+                         ReprojectionKernel,
+                         testing::ValuesIn(support::all_kernel_cases()));
 
 }  // namespace
 }  // namespace sfmcpp
