@@ -45,7 +45,7 @@ struct LinearSolverOptions {
   // forcing sequence (inexact Newton).
   std::optional<double> pcg_tolerance = std::nullopt;
   int pcg_max_iterations = 500;
-  double pcg_forcing = 1e-3;  // conjugate_gradient.hpp
+  double pcg_forcing = 5e-3;  // conjugate_gradient.hpp
   PreconditionerKind preconditioner = PreconditionerKind::kAuto;
   // That a solve may take beside the problem itself; none: a share of the machine's for matrices.
   std::optional<double> max_memory_bytes{};
