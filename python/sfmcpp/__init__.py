@@ -19,7 +19,7 @@ from sfmcpp.ba import (
 from sfmcpp.doctor import Diagnosis, Finding, diagnose
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
 from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
-from sfmcpp.sources.io import CheckpointFolder, convert, formats, read, write
+from sfmcpp.sources.io import CheckpointFolder, convert, formats, from_pycolmap, read, to_pycolmap, write
 from sfmcpp.sources.synthetic import (
     SCENES,
     add_outliers,
@@ -66,6 +66,7 @@ __all__ = [
     "diagnose",
     "drive_with_loops_scene",
     "formats",
+    "from_pycolmap",
     "linearize",
     "perturb",
     "photo_collection_scene",
@@ -76,5 +77,6 @@ __all__ = [
     "solve",
     "sphere_scene",
     "street_loop_scene",
+    "to_pycolmap",
     "write",
 ]

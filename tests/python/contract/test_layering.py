@@ -53,7 +53,7 @@ PYTHON_FOREIGN = {
     "cli": {"rich", "typer", "matplotlib"},
     "study": {"matplotlib", "viser"},
     "geometry": {"poselib"},
-    "sources": {"cv2", "PIL", "yaml"},
+    "sources": {"cv2", "PIL", "pycolmap", "yaml"},
 }
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)[>"]', re.MULTILINE)

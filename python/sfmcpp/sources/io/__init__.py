@@ -2,7 +2,18 @@
 
 from sfmcpp.sources.io.api import convert, formats, read, write
 from sfmcpp.sources.io.checkpoints import CheckpointFolder
+from sfmcpp.sources.io.colmap import from_pycolmap, to_pycolmap
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.sba import read_sba
 
-__all__ = ["CheckpointFolder", "Format", "convert", "formats", "read", "read_sba", "write"]
+__all__ = [
+    "CheckpointFolder",
+    "Format",
+    "convert",
+    "formats",
+    "from_pycolmap",
+    "read",
+    "read_sba",
+    "to_pycolmap",
+    "write",
+]

@@ -1,0 +1,84 @@
+"""pycolmap's reconstructions to problems and back, by way of binary files: one code reads and checks both."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.colmap.formats import read_colmap_binary, write_colmap_binary
+
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
+
+
+def from_pycolmap(reconstruction: Reconstruction) -> Problem:
+    """Make a problem of a reconstruction of pycolmap.
+
+    Parameters
+    ----------
+    reconstruction : pycolmap.Reconstruction
+        It is not changed. Images without a pose are no part of a problem and are left out.
+
+    Returns
+    -------
+    Problem
+        Camera model ``"perspective"``; what it keeps, and in which order, is told at
+        ``sfmcpp.read`` for a binary COLMAP model. Names and identifiers are metadata.
+
+    Raises
+    ------
+    InvalidArgument
+        If it is no reconstruction, a rig has several sensors, or a camera model is none of SIMPLE_PINHOLE,
+        PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV.
+    """
+    if not callable(getattr(reconstruction, "write_binary", None)):
+        kind = type(reconstruction).__name__
+        raise InvalidArgument(f"reconstruction is a {kind}, must be a pycolmap.Reconstruction")
+    with _folder_of("reconstruction") as folder:
+        reconstruction.write_binary(str(folder))
+        return read_colmap_binary(folder)
+
+
+def to_pycolmap(problem: Problem) -> Reconstruction:
+    """Make a reconstruction for pycolmap, with a trivial rig for each camera.
+
+    Parameters
+    ----------
+    problem : Problem
+        It is not changed. Names and identifiers are those of its metadata, where it has them.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Errors of points are computed anew, of this state [px]. Masks, standard deviations and covariances
+        have no place there.
+
+    Raises
+    ------
+    ImportError
+        If pycolmap is not installed.
+    InvalidArgument
+        If no supported camera model of COLMAP holds the intrinsics.
+    """
+    import pycolmap
+
+    with _folder_of("problem") as folder:
+        write_colmap_binary(problem, folder)
+        return pycolmap.Reconstruction(str(folder))
+
+
+@contextmanager
+def _folder_of(argument: str) -> Iterator[Path]:
+    """A folder for a while; what is wrong with its files is wrong with the argument."""
+    with tempfile.TemporaryDirectory(prefix="sfmcpp-") as name:
+        folder = Path(name)
+        try:
+            yield folder
+        except DatasetError as error:
+            where = Path(error.path).stem if Path(error.path) != folder else "it"
+            raise InvalidArgument(f"{argument}: {where}: {error.reason}") from error
