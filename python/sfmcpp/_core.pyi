@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -386,6 +386,27 @@ class CoreSummary:
     @property
     def warnings(self) -> list[str]:
         ...
+class CommunicatorExchange:
+    """
+    What the ranks of a solve pass each other, over a communicator as mpi4py's.
+    """
+    def __init__(self, communicator: typing.Any) -> None:
+        ...
+    @property
+    def bytes_sent(self) -> float:
+        """
+        To other ranks.
+        """
+    @property
+    def messages(self) -> int:
+        """
+        Collective calls.
+        """
+    @property
+    def seconds_waited(self) -> float:
+        """
+        For the other ranks and for the network [s].
+        """
 class JacobianCheck:
     """
     Analytic against numeric derivatives; see sfmcpp.check_jacobians.
@@ -678,9 +699,9 @@ def sample_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typin
     """
     Patches (n, 2 radius + 1, 2 radius + 1) of an image; not a number where they are not all within it.
     """
-def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None, checkpoint: typing.Any = None, resumed: dict | None = None) -> CoreSummary:
+def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None, checkpoint: typing.Any = None, resumed: dict | None = None, exchange: typing.Any = None) -> CoreSummary:
     """
-    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays that another call takes as `resumed`.
+    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays that another call takes as `resumed`. With `exchange`, this is one rank's part of a problem.
     """
 def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
     """

@@ -51,14 +51,18 @@ Loss make_loss(const SolveOptions& options,
 template <class F>
 void check_on_all_ranks(Exchange& exchange, const F& check) {
   std::exception_ptr refusal;
+  std::string reason;
   try {
     check();
-  } catch (const InvalidArgument&) {
+  } catch (const InvalidArgument& error) {
     refusal = std::current_exception();
+    reason = "rank " + std::to_string(exchange.rank()) + ": " + error.what() + "\n";
   }
   if (!exchange.agree(refusal != nullptr)) return;
+  const std::vector<double> letters =
+      exchange.gather(std::vector<double>(reason.begin(), reason.end()));
   if (refusal) std::rethrow_exception(refusal);
-  throw InvalidArgument("problem: the part of another rank is refused there");
+  throw InvalidArgument(std::string(letters.begin(), std::ranges::find(letters, double{'\n'})));
 }
 
 // One where the options are refused, which checked_graph does.

@@ -1,5 +1,6 @@
 #include <pybind11/pybind11.h>
 
+#include "exchange.hpp"
 #include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
@@ -32,6 +33,7 @@ PYBIND11_MODULE(_core, m) {
   register_errors();
   sfmcpp::bindings::bind_options(m);
   sfmcpp::bindings::bind_summary(m);
+  sfmcpp::bindings::bind_exchange(m);
   sfmcpp::bindings::bind_solve(m);
   sfmcpp::bindings::bind_check(m);
   sfmcpp::bindings::bind_pose(m);

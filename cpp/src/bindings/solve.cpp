@@ -5,6 +5,7 @@
 
 #include "arrays.hpp"
 #include "constraints.hpp"
+#include "exchange.hpp"
 #include "gil.hpp"
 #include "options.hpp"
 #include "problem.hpp"
@@ -140,7 +141,8 @@ ba::SolveSummary solve(const py::dict& arrays,
                        const ba::SolveOptions& options,
                        const py::object& callback,
                        const py::object& checkpoint,
-                       const std::optional<py::dict>& resumed) {
+                       const std::optional<py::dict>& resumed,
+                       const py::object& ranks) {
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
@@ -148,12 +150,14 @@ ba::SolveSummary solve(const py::dict& arrays,
   optim::State state = ba::state_of(problem);
   const std::optional<optim::Resumption> before =
       resumed ? std::optional(resumption_of(*resumed)) : std::nullopt;
+  Exchange& exchange =
+      ranks.is_none() ? this_process() : ranks.cast<CommunicatorExchange&>().exchange();
   Listener listener(callback, checkpoint);
   ba::SolveSummary summary;
   {
     const ReleasedGil released;
     summary = ba::solve(
-        problem, options, listener.events(), state, this_process(), before ? &*before : nullptr);
+        problem, options, listener.events(), state, exchange, before ? &*before : nullptr);
   }
   unknowns.write(state);
   listener.rethrow();
@@ -205,9 +209,11 @@ void bind_solve(py::module_& m) {
         py::arg("callback") = py::none(),
         py::arg("checkpoint") = py::none(),
         py::arg("resumed") = py::none(),
+        py::arg("exchange") = py::none(),
         "Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best "
         "state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays "
-        "that another call takes as `resumed`.");
+        "that another call takes as `resumed`. With `exchange`, this is one rank's part of a "
+        "problem.");
 }
 
 }  // namespace sfmcpp::bindings

@@ -12,7 +12,9 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
+from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
+from sfmcpp.ba.ranks import Ranks
+from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.model import ConstraintGroup, Problem
 
 Callback = Callable[[Iteration], "bool | None"]
@@ -61,6 +63,90 @@ def adjust(
     core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))
     summary = _summary(core, options)
     return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
+
+
+def adjust_on_ranks(
+    parts: Scattered | OwnParts,
+    constraints: Sequence[ConstraintGroup],
+    options: SolveOptions,
+    callback: Callback | None,
+    ranks: Ranks,
+) -> Summary:
+    """Adjust a problem together with other processes; each calls this.
+
+    Parameters
+    ----------
+    parts : Scattered or OwnParts
+        Of which each rank has one.
+    constraints : sequence of ConstraintGroup
+        All groups, the same on every rank.
+    options : SolveOptions
+        All options, the same on every rank but for `threads`.
+    callback : callable, optional
+        As of :func:`adjust`, of this rank; what it raises is raised on all.
+    ranks : Ranks
+        The processes.
+
+    Returns
+    -------
+    Summary
+        What the minimiser did, the same on every rank but for seconds and threads.
+
+    Raises
+    ------
+    InvalidArgument
+        If a part, a group or an option breaks a rule, or what must be the same differs; on all ranks.
+    """
+    alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
+    require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in core_constraints(constraints)})
+    own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
+    arrays = ranks.agreed(lambda: {**core_arrays(parts.mine), "constraints": core_constraints(constraints)})
+    exchange = _core.CommunicatorExchange(ranks.communicator)
+    listener = _RankListener(callback, exchange)
+    core = _core.solve(arrays, own, listener, exchange=exchange)
+    parts.collect()
+    ranks.agreed(listener.reraise)
+    summary = _summary(core, options)
+    loads = ranks.everyones(_load(parts.mine, core, exchange))
+    return replace(summary, iterations=[*map(listener.with_bytes, summary.iterations)], ranks=loads)
+
+
+class _RankListener:
+    """Hears of the iterations on one rank. What a callback raises waits until all ranks have stopped."""
+
+    def __init__(self, callback: Callback | None, exchange: _core.CommunicatorExchange) -> None:
+        self._callback, self._exchange = callback, exchange
+        self._sent = [0.0]  # until before each iteration, and the last
+        self._failure: Exception | None = None
+
+    def with_bytes(self, iteration: Iteration) -> Iteration:
+        """An iteration that has been heard of, with what was sent for it."""
+        before, after = self._sent[iteration.iteration : iteration.iteration + 2]
+        return replace(iteration, bytes_sent=after - before)
+
+    def __call__(self, core: _core.CoreIteration) -> bool | None:
+        self._sent.append(self._exchange.bytes_sent)
+        try:
+            return None if self._callback is None else self._callback(self.with_bytes(_iteration(core)))
+        except Exception as error:
+            self._failure = error
+            return False
+
+    def reraise(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+
+def _load(part: Problem, core: _core.CoreSummary, exchange: _core.CommunicatorExchange) -> RankLoad:
+    return RankLoad(
+        points=part.num_points,
+        observations=part.num_observations,
+        threads=core.threads,
+        seconds_computing=core.seconds_total - exchange.seconds_waited,
+        seconds_waiting=exchange.seconds_waited,
+        messages=exchange.messages,
+        bytes_sent=exchange.bytes_sent,
+    )
 
 
 def _facts(arrays: dict[str, Any], options: SolveOptions) -> dict[str, Any]:

@@ -47,6 +47,8 @@ class Iteration:
         Points that the step had moved far and that were fitted to the cameras after it.
     cost_evaluations : int
         Evaluations of the cost for this step.
+    bytes_sent : float
+        To other ranks, by this one, since the iteration before; 0 for one process alone.
     """
 
     iteration: int
@@ -64,6 +66,7 @@ class Iteration:
     held_points: int = 0
     refitted_points: int = 0
     cost_evaluations: int = 1
+    bytes_sent: float = 0.0
 
     def __repr__(self) -> str:
         camera, point = self.step_lengths
@@ -124,6 +127,33 @@ class LinearSolverChange:
     reason: str
 
 
+@dataclass(frozen=True)
+class RankLoad:
+    """What one rank of several had to do.
+
+    Attributes
+    ----------
+    points, observations : int
+        Size of its part.
+    threads : int
+        Threads that it used.
+    seconds_computing, seconds_waiting : float
+        For itself; and for the other ranks and the network [s].
+    messages : int
+        Collective calls.
+    bytes_sent : float
+        To other ranks.
+    """
+
+    points: int
+    observations: int
+    threads: int
+    seconds_computing: float
+    seconds_waiting: float
+    messages: int
+    bytes_sent: float
+
+
 @dataclass(frozen=True, repr=False)
 class Summary:
     """Result of :func:`sfmcpp.solve`; print it for a table.
@@ -164,6 +194,8 @@ class Summary:
         The whole history; the first is the start.
     group_weights : list of WeightSelection
         Groups whose weight was chosen from the data.
+    ranks : list of RankLoad
+        What each rank had to do, in their order; none for one process alone.
     """
 
     initial_cost: float
@@ -188,6 +220,7 @@ class Summary:
     group_weights: list[WeightSelection] = field(default_factory=list)
     linear_solver_forecast: list[LinearSolverForecast] = field(default_factory=list)
     linear_solver_changes: list[LinearSolverChange] = field(default_factory=list)
+    ranks: list[RankLoad] = field(default_factory=list)
 
     @property
     def converged(self) -> bool:

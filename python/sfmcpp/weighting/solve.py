@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
 
-from sfmcpp.ba.adjust import Callback, adjust
+from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
+from sfmcpp.ba.check import check
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.options import SolveOptions, takes_options
+from sfmcpp.ba.parts import OwnParts, Scattered, is_whole_on_root
+from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.constraints import checked_groups
+from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
 
 if TYPE_CHECKING:
@@ -23,13 +27,14 @@ if TYPE_CHECKING:
 
 @takes_options
 def solve(
-    problem: Problem,
+    problem: Problem | None,
     *,
     constraints: Iterable[ConstraintGroup] = (),
     weight: str | Mapping[str, str] | None = None,
     callback: Callback | None = None,
     checkpoint: CheckpointStore | None = None,
     resume: CheckpointStore | None = None,
+    comm: Communicator | None = None,
     **options: Unpack[SolveKeywords],
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
@@ -80,6 +85,11 @@ def solve(
         call that was never stopped, times aside. `threads`, `max_iterations` and `max_seconds` may differ;
         the limits, the history and the seconds are those of both calls together. Weights are chosen anew,
         and come out the same. The callback hears of new iterations alone.
+    comm : mpi4py.MPI.Comm, optional
+        Processes that solve the problem together; each calls this, with the same arguments but for
+        `problem`, `callback` and `threads`. The same bits come out in every run with the same number of
+        them, costs within rounding for another number. Not with checkpoints. Run such a program by ``mpiexec
+        -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
     **options
 
     Returns
@@ -98,12 +108,75 @@ def solve(
         checkpoint, or one of another problem, other options, another version or instruction set. The problem
         is untouched then.
     """
+    if comm is not None:
+        ranks = Ranks(comm)
+        groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
+        for name, store in (("checkpoint", checkpoint), ("resume", resume)):
+            if store is not None:
+                raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+        return _solve_on_ranks(problem, groups, weight, settings, callback, ranks)
+    groups, settings = _checked(constraints, callback, options)
+    if problem is None:
+        raise InvalidArgument("problem = None: must be a Problem")
+    weights = _weigh(problem, groups, weight, settings)
+    return weights.describe(adjust(problem, groups, settings, callback, checkpoint, resume))
+
+
+def _checked(
+    constraints: Iterable[ConstraintGroup], callback: Callback | None, options: SolveKeywords
+) -> tuple[list[ConstraintGroup], SolveOptions]:
     settings = SolveOptions(**options)
     settings.validate()
     if callback is not None and not callable(callback):
         raise InvalidArgument(f"callback = {callback!r}: must be callable")
-    groups = checked_groups(constraints)
+    return checked_groups(constraints), settings
+
+
+@dataclass(frozen=True)
+class _Weights:
+    """The weights that groups are solved with, those of them that were chosen, and what is to be said."""
+
+    all: list[float]
+    chosen: list[WeightSelection]
+    warnings: list[str]
+
+    def describe(self, summary: Summary) -> Summary:
+        return replace(summary, group_weights=self.chosen, warnings=[*summary.warnings, *self.warnings])
+
+
+def _weigh(
+    problem: Problem,
+    groups: list[ConstraintGroup],
+    weight: str | Mapping[str, str] | None,
+    settings: SolveOptions,
+) -> _Weights:
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
     apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
-    summary = adjust(problem, groups, settings, callback, checkpoint, resume)
-    return replace(summary, group_weights=chosen, warnings=[*summary.warnings, *apart])
+    return _Weights([group.weight for group in groups], chosen, apart)
+
+
+def _solve_on_ranks(
+    problem: Problem | None,
+    groups: list[ConstraintGroup],
+    weight: str | Mapping[str, str] | None,
+    settings: SolveOptions,
+    callback: Callback | None,
+    ranks: Ranks,
+) -> Summary:
+    given = cast(Problem, problem)  # used where there is one
+
+    def weigh() -> _Weights:
+        check(given)
+        return _weigh(given, groups, weight, settings)
+
+    whole = is_whole_on_root(problem, ranks)
+    if weight is not None and not whole:
+        raise InvalidArgument(
+            f"weight = {weight!r}: weights are chosen from a whole problem; give rank 0 the whole, and the "
+            "others None"
+        )
+    weights = ranks.from_root(weigh) if whole else ranks.agreed(weigh)
+    for group, value in zip(groups, weights.all, strict=True):
+        group.weight = value
+    parts = Scattered(problem, ranks) if whole else OwnParts(given, ranks)
+    return weights.describe(adjust_on_ranks(parts, groups, settings, callback, ranks))

@@ -1,0 +1,186 @@
+"""Processes that solve one problem together: they decide together, and a failure of one is that of all."""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any, Protocol, TypeVar
+
+from sfmcpp.errors import InvalidArgument
+
+T = TypeVar("T")
+
+
+class Communicator(Protocol):
+    """What is asked of a communicator; those of mpi4py have it."""
+
+    def Get_rank(self) -> int:  # noqa: N802
+        """Number of this process, from 0 on."""
+
+    def Get_size(self) -> int:  # noqa: N802
+        """Number of processes."""
+
+    def Iallgather(self, mine: Any, everyones: Any) -> Any:  # noqa: N802
+        """Begin to fill a buffer with the buffers of all, in the order of their ranks."""
+
+    def Ialltoall(self, mine: Any, received: Any) -> Any:  # noqa: N802
+        """Begin to fill a buffer with what each has for this one."""
+
+    def Ibarrier(self) -> Any:  # noqa: N802
+        """Begin to wait until all have come here."""
+
+    def allgather(self, mine: Any) -> list[Any]:
+        """Objects of all, in the order of their ranks."""
+
+    def bcast(self, value: Any) -> Any:
+        """Give the object of rank 0."""
+
+    def send(self, value: Any, dest: int) -> None:
+        """Send an object to one of them."""
+
+    def recv(self, *, source: int) -> Any:
+        """Receive an object of one of them."""
+
+
+class Ranks:
+    """The processes of a communicator, of which this is one.
+
+    Parameters
+    ----------
+    communicator : Communicator
+        As mpi4py's.
+
+    Attributes
+    ----------
+    communicator : Communicator
+        The same.
+    rank, size : int
+        Number of this process, and how many there are.
+
+    Raises
+    ------
+    InvalidArgument
+        If it is no communicator.
+    """
+
+    def __init__(self, communicator: Communicator) -> None:
+        missing = [name for name in _CALLS if not callable(getattr(communicator, name, None))]
+        if missing:
+            raise InvalidArgument(
+                f"comm = {communicator!r}: must be a communicator as of mpi4py, has no {missing[0]}"
+            )
+        self.communicator = communicator
+        self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
+
+    @property
+    def is_root(self) -> bool:
+        """Whether this is rank 0."""
+        return self.rank == 0
+
+    def everyones(self, value: T) -> list[T]:
+        """Values of all ranks, in their order."""
+        with self._together():
+            return self.communicator.allgather(value)
+
+    def agreed(self, task: Callable[[], T]) -> T:
+        """Do what each rank does for itself; if any fails, all raise what the first of these has raised."""
+        result, failure = _outcome(task)
+        for rank, theirs in enumerate(self.everyones(failure)):
+            if theirs is not None:
+                raise _named(theirs, rank, self.size) if theirs is not failure else theirs
+        return result  # type: ignore[return-value]
+
+    def from_root(self, task: Callable[[], T]) -> T:
+        """Do on rank 0 what all need; if it fails, all raise what it has raised."""
+        outcome = _outcome(task) if self.is_root else None
+        with self._together():
+            result, failure = self.communicator.bcast(outcome)
+        if failure is not None:
+            raise failure
+        return result  # type: ignore[no-any-return]
+
+    def dealt(self, parts: Callable[[int], T]) -> T:
+        """Give each rank what rank 0 makes for it, one after the other; asked of rank 0 alone."""
+        with self._together():
+            if not self.is_root:
+                return self.communicator.recv(source=0)  # type: ignore[no-any-return]
+            for rank in range(1, self.size):
+                self.communicator.send(parts(rank), dest=rank)
+            return parts(0)
+
+    def collected(self, mine: T) -> list[T]:
+        """On rank 0 what each has, in their order; nothing elsewhere."""
+        with self._together():
+            if self.is_root:
+                return [mine, *(self.communicator.recv(source=rank) for rank in range(1, self.size))]
+            self.communicator.send(mine, dest=0)
+            return []
+
+    @contextmanager
+    def _together(self) -> Iterator[None]:
+        """Begin when all are here: one that waits for long leaves its core to the others."""
+        with interrupts_held():
+            all_are_here = self.communicator.Ibarrier()
+            while not all_are_here.Test():
+                time.sleep(_NAP_S)
+            yield
+
+    def cores_of_this(self) -> int:
+        """Cores for this rank: a fair share of those that it may use with others of its machine."""
+        mine = (platform.node(), _usable_cores())
+        sharing = sum(node == mine[0] and bool(cores & mine[1]) for node, cores in self.everyones(mine))
+        return max(1, len(mine[1]) // sharing)
+
+
+_NAP_S = 1e-4
+_CALLS = ("Get_rank", "Get_size", "Iallgather", "Ialltoall", "Ibarrier", "allgather", "bcast", "send", "recv")
+
+
+def _outcome(task: Callable[[], T]) -> tuple[T | None, BaseException | None]:
+    try:
+        return task(), None
+    except BaseException as error:
+        return None, error
+
+
+def _named(error: BaseException, rank: int, ranks: int) -> BaseException:
+    """The error of another rank, with its number where there is a text that can say it."""
+    if isinstance(error, InvalidArgument) and ranks > 1:
+        return InvalidArgument(f"rank {rank}: {error}")
+    return error
+
+
+def _usable_cores() -> frozenset[int]:
+    if hasattr(os, "sched_getaffinity"):
+        return frozenset(os.sched_getaffinity(0))
+    return frozenset(range(os.cpu_count() or 1))
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait while the ranks pass each other something: half of it would part them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+
+    before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    held = {n: handler for n, handler in before.items() if callable(handler)}
+    for number in held:
+        signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in held.items():
+            signal.signal(number, handler)
+        for number in asked:
+            signal.raise_signal(number)

@@ -1,0 +1,136 @@
+// Sums, maxima and lists over a transport: threads play the processes.
+#include "sfmcpp/core/message_exchange.hpp"
+
+#include <algorithm>
+#include <barrier>
+#include <cmath>
+#include <functional>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+namespace sfmcpp {
+namespace {
+
+// Where the ranks lay out what they bring.
+struct Table {
+  explicit Table(int num_ranks) : gate(num_ranks), brought(num_ranks) {}
+  std::barrier<> gate;
+  std::vector<std::span<const double>> brought;
+};
+
+class ThreadedTransport final : public Transport {
+ public:
+  ThreadedTransport(Table& table, int rank) : table_(table), rank_(rank) {}
+
+  int rank() const override { return rank_; }
+  int num_ranks() const override { return static_cast<int>(table_.brought.size()); }
+  void all_gather(std::span<const double> mine, std::span<double> all) override {
+    pass(mine, all, mine.size(), 0);
+  }
+  void all_to_all(std::span<const double> mine, std::span<double> received) override {
+    const std::size_t share = mine.size() / table_.brought.size();
+    pass(mine, received, share, share * static_cast<std::size_t>(rank_));
+  }
+
+ private:
+  // Of what each rank brings, `size` numbers from `begin` on.
+  void pass(std::span<const double> mine,
+            std::span<double> received,
+            std::size_t size,
+            std::size_t begin) {
+    table_.brought[rank_] = mine;
+    table_.gate.arrive_and_wait();
+    ASSERT_EQ(received.size(), size * table_.brought.size());
+    for (std::size_t r = 0; r < table_.brought.size(); ++r)
+      std::copy_n(table_.brought[r].begin() + begin, size, received.begin() + size * r);
+    table_.gate.arrive_and_wait();
+  }
+
+  Table& table_;
+  int rank_;
+};
+
+void on_ranks(int num_ranks, const std::function<void(MessageExchange&)>& f) {
+  Table table(num_ranks);
+  std::vector<std::jthread> threads;
+  for (int rank = 0; rank < num_ranks; ++rank) {
+    threads.emplace_back([&, rank] {
+      ThreadedTransport transport(table, rank);
+      MessageExchange exchange(transport);
+      f(exchange);
+    });
+  }
+}
+
+// Of many orders of magnitude: another order of the sum has other bits.
+double value_of(int rank, std::size_t k) {
+  return std::ldexp(1.0 + 0.1 * rank + 0.01 * static_cast<double>(k % 17), 11 * ((rank + k) % 5));
+}
+
+std::vector<double> values_of(int rank, std::size_t size) {
+  std::vector<double> values(size);
+  for (std::size_t k = 0; k < size; ++k) values[k] = value_of(rank, k);
+  return values;
+}
+
+class MessagesOf : public testing::TestWithParam<std::tuple<int, std::size_t>> {};
+
+TEST_P(MessagesOf, SumAndMaxGoInTheOrderOfTheRanks) {
+  const auto [ranks, size] = GetParam();
+  std::vector<double> sum = values_of(0, size), largest = sum;
+  for (int rank = 1; rank < ranks; ++rank) {
+    for (std::size_t k = 0; k < size; ++k) {
+      sum[k] += value_of(rank, k);
+      largest[k] = std::max(largest[k], value_of(rank, k));
+    }
+  }
+  on_ranks(ranks, [&, size = size](MessageExchange& exchange) {
+    std::vector<double> summed = values_of(exchange.rank(), size), found = summed;
+    exchange.sum(summed);
+    exchange.max(found);
+    EXPECT_EQ(summed, sum);
+    EXPECT_EQ(found, largest);
+  });
+}
+
+TEST_P(MessagesOf, ListsOfAnyLengthFollowOneAnother) {
+  const auto [ranks, size] = GetParam();
+  std::vector<double> all;
+  for (int rank = 0; rank < ranks; ++rank) {
+    const std::vector<double> list = values_of(rank, rank == 1 ? 0 : size + rank);
+    all.insert(all.end(), list.begin(), list.end());
+  }
+  on_ranks(ranks, [&, size = size](MessageExchange& exchange) {
+    const int rank = exchange.rank();
+    EXPECT_EQ(exchange.gather(values_of(rank, rank == 1 ? 0 : size + rank)), all);
+  });
+}
+
+// Around what passes at a time and what goes to all at once.
+INSTANTIATE_TEST_SUITE_P(All,
+                         MessagesOf,
+                         testing::Combine(testing::Values(1, 2, 3),
+                                          testing::Values(0, 1, 256, 257, 1000, 262144, 262147)));
+
+TEST(MessageExchange, OneSaysItForAll) {
+  for (int saying : {0, 1, 2}) {
+    on_ranks(3, [&](MessageExchange& exchange) {
+      EXPECT_TRUE(exchange.agree(exchange.rank() == saying));
+      EXPECT_FALSE(exchange.agree(false));
+    });
+  }
+}
+
+// A long sum sends each number twice, but for what a rank adds up itself.
+TEST(MessageExchange, CountsWhatItSends) {
+  on_ranks(4, [&](MessageExchange& exchange) {
+    std::vector<double> values(4000);
+    exchange.sum(values);
+    EXPECT_EQ(exchange.traffic().bytes_sent, sizeof(double) * 2 * 3000);
+    EXPECT_EQ(exchange.traffic().messages, 2);
+  });
+}
+
+}  // namespace
+}  // namespace sfmcpp

@@ -1,0 +1,141 @@
+"""What processes of MPI do in the tests of ranks: ``python -m mpi4py rank_cases.py CASE [ARGUMENT …]``."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import sfmcpp
+from sfmcpp.ba.parts import part_of, partition_points
+from sfmcpp.errors import InvalidArgument
+
+COMM = MPI.COMM_WORLD
+
+
+def scene() -> sfmcpp.Problem:
+    """A circle, away from its minimum."""
+    truth = sfmcpp.circle_scene(8, 401, camera_model="bal", pixel_sigma_px=1.0, seed=1)
+    return sfmcpp.perturb(truth, point_sigma_m=0.5, position_sigma_m=0.5, rotation_sigma_deg=5.0, seed=2)
+
+
+def own_part(whole: sfmcpp.Problem) -> sfmcpp.Problem:
+    """The part of this rank."""
+    return part_of(whole, np.flatnonzero(partition_points(whole, COMM.size) == COMM.rank))
+
+
+OPTIONS: dict[str, Any] = {"function_tolerance": 0.0, "max_iterations": 10, "threads": 1}
+
+
+def steps_of_the_whole(camera_model: str, method: str) -> None:
+    """Ten steps cost what those of one process do; cut by the solve or before it, with the same bits."""
+    start = sfmcpp.as_projective(scene()) if camera_model == "projective" else scene()
+    alone, given, brought = start.copy(), start.copy(), own_part(start)
+    expected = sfmcpp.solve(alone, method=method, **OPTIONS)
+    found = sfmcpp.solve(given if COMM.rank == 0 else None, method=method, comm=COMM, **OPTIONS)
+    repeated = sfmcpp.solve(brought, method=method, comm=COMM, **OPTIONS)
+    of_whole, of_given, of_brought = ([i.cost for i in s.iterations] for s in (expected, found, repeated))
+    assert len(of_whole) > 6
+    np.testing.assert_allclose(of_given, of_whole, rtol=1e-9)
+    assert of_given == of_brought
+    if COMM.rank == 0:
+        np.testing.assert_allclose(given.points, alone.points, rtol=1e-6, atol=1e-6)
+        assert np.array_equal(given.cameras, brought.cameras)
+
+
+def refused(message: str, problem: sfmcpp.Problem | None, **arguments: Any) -> None:
+    """All ranks refuse a call, with the same reason."""
+    with pytest.raises(InvalidArgument, match=re.escape(message)):
+        sfmcpp.solve(problem, comm=COMM, **arguments)
+
+
+def refusals() -> None:
+    """What one rank alone gets wrong is refused by all, and they can go on."""
+    part, last = own_part(scene()), COMM.rank == COMM.size - 1
+    refused("max_iterations: differs between ranks 0 and ", part, max_iterations=3 + last)
+    refused("max_iterations = -1", part, max_iterations=-1 if last else 3)
+    refused("problem = None on rank 0", None if COMM.rank == 0 else part)
+    refused("problem = 3: must be a Problem", 3 if last else part)  # type: ignore[arg-type]
+    broken = own_part(scene())
+    broken.points[2, 0] = np.nan if last else 0.0
+    refused("points[2] = nan: must be finite", broken)
+    moved = own_part(scene())
+    moved.cameras[0, 0, 3] += last
+    refused(f"cameras: differs between ranks 0 and {COMM.size - 1}", moved)
+    whole = scene() if COMM.rank == 0 else None
+    if whole is not None:
+        whole.point_index[7] = 5000
+    refused("point_index[7] = 5000: must be in [0, 401)", whole)
+    group = sfmcpp.ConstraintGroup("position", [0, 1], np.zeros((2, 3)))
+    refused(
+        "weight = 'auto': weights are chosen from a whole problem", part, constraints=[group], weight="auto"
+    )
+    assert sfmcpp.solve(part, comm=COMM).converged
+
+
+def callback_that_fails(rank: int) -> None:
+    """What the callback of one rank raises, all raise, after the best state has been written."""
+
+    def callback(iteration: sfmcpp.Iteration) -> None:
+        if iteration.iteration == 2:
+            raise ZeroDivisionError("in the callback")
+
+    whole = scene() if COMM.rank == 0 else None
+    start = None if whole is None else whole.copy()
+    with pytest.raises(ZeroDivisionError, match="in the callback"):
+        sfmcpp.solve(whole, comm=COMM, callback=callback if COMM.rank == rank else None)
+    if whole is not None and start is not None:
+        assert sfmcpp.cost(whole) < 0.5 * sfmcpp.cost(start)
+
+
+def interrupt(rank: int) -> None:
+    """Ctrl-C that one rank meets ends the solve of all, with the best state."""
+
+    def callback(iteration: sfmcpp.Iteration) -> None:
+        if COMM.rank == rank and iteration.iteration == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    summary = sfmcpp.solve(scene() if COMM.rank == 0 else None, comm=COMM, callback=callback)
+    assert summary.termination == "interrupted"
+    assert [i.iteration for i in summary.iterations] == [0, 1, 2]
+
+
+class Failing:
+    """A communicator whose collectives fail from one on."""
+
+    def __init__(self, successes: int, failure: BaseException | None) -> None:
+        self.left, self.failure = successes, failure
+
+    def __getattr__(self, name: str) -> Any:
+        call = getattr(COMM, name)
+        if name not in ("Iallgather", "Ialltoall", "allgather", "bcast", "send", "recv"):
+            return call
+
+        def counted(*arguments: Any, **named: Any) -> Any:
+            self.left -= 1
+            if self.left >= 0:
+                return call(*arguments, **named)
+            if self.failure is not None:
+                raise self.failure
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        return counted
+
+
+def fault(kind: str, rank: int, successes: int) -> None:
+    """One rank fails at a collective, and no other may wait for it for ever."""
+    failure = {"memory": MemoryError("no room"), "death": None}[kind]
+    comm = Failing(successes, failure) if COMM.rank == rank else COMM
+    sfmcpp.solve(scene() if COMM.rank == 0 else None, comm=comm, **OPTIONS)  # type: ignore[arg-type]
+    print("not reached")
+
+
+if __name__ == "__main__":
+    case, *arguments = sys.argv[1:]
+    globals()[case](*(int(a) if a.isdigit() else a for a in arguments))
