@@ -68,9 +68,7 @@ def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings
     if settings.weight_bounds != "declared" or selection_method(settings.weights).grid is not None:
         return
     for before, keyframe in pairwise(world.keyframes):
-        measured = sensors.measure(
-            before.t_s, keyframe.t_s, keyframe.pose[:, :3], metric=True, previous=before.pose[:, :3]
-        )
+        measured = sensors.since(before, keyframe.t_s, keyframe.pose, metric=True)
         in_metres = [m for m in measured if m.kind in METRIC_KINDS]
         keyframe.constraints += presumed_weights(world, keyframe, before, in_metres)
 

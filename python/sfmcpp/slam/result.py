@@ -12,7 +12,9 @@ from sfmcpp.geometry import so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import predict_pose
+from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
 
@@ -55,6 +57,12 @@ class Path:
         """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
         for number in [k for k in self.between if k >= first]:
             self.between[number] = similarity.apply_to_poses(self.between[number])
+
+    def settle(self, number: int, pose: FloatArray) -> None:
+        """Put a frame between keyframes elsewhere; what the images alone say of its rotation stays."""
+        seen = self.between[number][:, :3] @ self.seen_from.get(number, np.eye(3))
+        self.between[number] = pose
+        self.seen_from[number] = pose[:, :3].T @ seen
 
     def follow(self, before: FloatArray) -> None:
         """Let the frames between keyframes go where an adjustment has moved these.
@@ -169,6 +177,16 @@ class KeyframeRecord:
     weights: dict[str, float] = field(default_factory=dict)
     conflicts: dict[str, float] = field(default_factory=dict)
     selections: list[WeightSelection] = field(default_factory=list, repr=False)
+
+    @classmethod
+    def of(
+        cls, frame: Frame, fused: Fused, inliers: int, new_points: int, milliseconds: dict[str, float]
+    ) -> KeyframeRecord:
+        """Make it of a frame that has become a keyframe."""
+        weights = {c.measurement.sensor: c.weight for c in fused.constraints}
+        conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
+        told = (weights, conflicts, list(fused.selections))
+        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *told)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from sfmcpp.sensors import check_rotations, describe_gaps
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
 
@@ -64,6 +65,11 @@ class SensorSuite:
             for m in found
             if m is not None and (metric or m.kind not in METRIC_KINDS)
         ]
+
+    def since(self, last: Keyframe, time_s: float, pose: FloatArray, *, metric: bool) -> list[Measurement]:
+        """All that can constrain a camera of about that pose beside the keyframe before it."""
+        rotation, previous = pose[:, :3], last.pose[:, :3]
+        return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
 
     def learn(self, fused: Fused) -> None:
         """Remember how the sensors compared with the images; doubtful ones are named already."""
