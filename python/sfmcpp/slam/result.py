@@ -288,12 +288,15 @@ class SlamResult:
         times = np.array([self.path.times[k] for k in frames])
         return Trajectory(times, np.stack([poses[k] for k in frames]))
 
-    def seen_trajectory(self) -> Trajectory:
-        """All frames with a pose, turned as the images alone say: what a gyroscope can be compared with."""
-        whole = self.trajectory()
-        for row, frame in enumerate(sorted(self.poses)):
-            whole.poses[row, :, :3] @= self.path.seen_from.get(frame, np.eye(3))
-        return whole
+    def seen_trajectory(self, first: int = 0) -> Trajectory:
+        """All frames from number `first` on with a pose, turned as the images alone say.
+
+        It is what a gyroscope can be compared with.
+        """
+        poses = {k: np.array(pose) for k, pose in sorted(self.poses.items()) if k >= first}
+        for frame, pose in poses.items():
+            pose[:, :3] = pose[:, :3] @ self.path.seen_from.get(frame, np.eye(3))
+        return Trajectory(np.array([self.path.times[k] for k in poses]), np.stack(list(poses.values())))
 
     def keyframe_trajectory(self) -> Trajectory:
         """Keyframes alone."""

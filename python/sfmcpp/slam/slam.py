@@ -20,6 +20,7 @@ from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.synchronising import synchronise
 from sfmcpp.slam.world_map import WorldMap
 
 
@@ -214,8 +215,8 @@ class Slam:
         else:
             self._register()
         self._sensors.learn(fused)
-        record = KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps))
-        self.result.records.append(record)
+        synchronise(self.result, self._sensors, self.settings)
+        self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 
     def _measure(self, frame: Frame, pose: FloatArray) -> list[Measurement]:
         return self._sensors.since(self._world.keyframes[-1], frame.t_s, pose, metric=self.result.metric)
