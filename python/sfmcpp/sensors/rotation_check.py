@@ -67,6 +67,22 @@ class RotationCheck:
         """Whether the offset of the clock is known."""
         return self.sigma_s <= LARGEST_SIGMA_S
 
+    @property
+    def is_off(self) -> bool:
+        """Whether the clock is known to be off by more than is tolerated."""
+        return self.is_determined and abs(self.offset_s) > TOLERATED_OFFSET_S + 2 * self.sigma_s
+
+    @property
+    def agrees(self) -> bool:
+        """Whether at that offset the sensor's rotations explain those of the camera, as they are given."""
+        return self.unit_factor == 1 and self.error_rad < _RIGHT * self.turned_rad
+
+    @property
+    def clock(self) -> str:
+        """What the clock is, beside the camera's."""
+        side = "behind" if self.offset_s > 0 else "ahead of"
+        return f"its clock is {abs(self.offset_s):.2f} ± {self.sigma_s:.2f} s {side} the camera's"
+
     def complaint(self, name: str) -> str:
         """What is wrong with the sensor of that name, and what to do about it; empty if nothing shows."""
         if self.unit_factor != 1:
@@ -81,13 +97,7 @@ class RotationCheck:
                 f"seen by the camera, which are {np.degrees(self.turned_rad):.2g}°: are its axes, its "
                 "mounting or its unit others than declared?"
             )
-        if self.is_determined and abs(self.offset_s) > TOLERATED_OFFSET_S + 2 * self.sigma_s:
-            side = "behind" if self.offset_s > 0 else "ahead of"
-            return (
-                f"{name}: its clock is {abs(self.offset_s):.2f} ± {self.sigma_s:.2f} s {side} the camera's: "
-                f"add {self.offset_s:.2f} s to its stamps"
-            )
-        return ""
+        return f"{name}: {self.clock}: add {self.offset_s:.2f} s to its stamps" if self.is_off else ""
 
 
 def check_rotations(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -16,7 +17,14 @@ from sfmcpp.model.frames import View
 from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
-from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, declared_weight, select_weights
+from sfmcpp.weighting import (
+    PoseConstraint,
+    PoseView,
+    WeightSelection,
+    declared_weight,
+    refine_pose,
+    select_weights,
+)
 
 # What a track is off by where its images have not told it yet [px].
 _SIGMA_PX = 0.5
@@ -67,6 +75,23 @@ def fuse(
     used = any(constraint.weight > 0 for constraint in weighted)
     fitted = selections[0].pose
     return Fused(fitted if used and fitted is not None else pose, weighted, selections)
+
+
+def settled(
+    world: WorldMap,
+    view: View,
+    pose: FloatArray,
+    measurements: Sequence[Measurement],
+    settings: SlamSettings,
+) -> FloatArray:
+    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far."""
+    usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
+    images = pose_view(world, view, pose, settings)
+    if images is None or not usual or settings.weights == "none":
+        return pose
+    previous = world.keyframes[-1].pose
+    weighted = [(pose_constraint(c.measurement, previous), c.weight) for c in usual]
+    return refine_pose(images, weighted, pose).pose
 
 
 def presumed_weights(
@@ -152,13 +177,14 @@ def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
     """Median of what this sensor was left of its declared σ lately; 1 before there is any, 0 if doubtful."""
     if measurement.doubtful:
         return 0.0
-    weights = [
+    weights = (
         constraint.weight * (constraint.measurement.sigma or 1.0)
-        for keyframe in world.keyframes
-        for constraint in keyframe.constraints
+        for keyframe in reversed(world.keyframes)
+        for constraint in reversed(keyframe.constraints)
         if _alike(constraint.measurement, measurement) and not constraint.measurement.doubtful
-    ]
-    return float(np.median(weights[-_LATELY:])) / (measurement.sigma or 1.0) if weights else 1.0
+    )
+    lately = list(islice(weights, _LATELY))
+    return float(np.median(lately)) / (measurement.sigma or 1.0) if lately else 1.0
 
 
 def _alike(one: Measurement, other: Measurement) -> bool:

@@ -18,7 +18,6 @@ from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WorldMap
-from sfmcpp.weighting import selection_method
 
 # What the scale may be off before positions count: with less of a way the map would be stretched by noise.
 _RELATIVE_SIGMA = 0.03
@@ -65,12 +64,10 @@ def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings
 
     Only where what they declare counts: not beside constant weights, nor without bounds.
     """
-    if settings.weight_bounds != "declared" or selection_method(settings.weights).grid is not None:
+    if not settings.trusts_declared:
         return
     for before, keyframe in pairwise(world.keyframes):
-        measured = sensors.measure(
-            before.t_s, keyframe.t_s, keyframe.pose[:, :3], metric=True, previous=before.pose[:, :3]
-        )
+        measured = sensors.since(before, keyframe.t_s, keyframe.pose, metric=True)
         in_metres = [m for m in measured if m.kind in METRIC_KINDS]
         keyframe.constraints += presumed_weights(world, keyframe, before, in_metres)
 

@@ -12,7 +12,9 @@ from sfmcpp.geometry import so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import predict_pose
+from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
 
@@ -55,6 +57,12 @@ class Path:
         """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
         for number in [k for k in self.between if k >= first]:
             self.between[number] = similarity.apply_to_poses(self.between[number])
+
+    def settle(self, number: int, pose: FloatArray) -> None:
+        """Put a frame between keyframes elsewhere; what the images alone say of its rotation stays."""
+        seen = self.between[number][:, :3] @ self.seen_from.get(number, np.eye(3))
+        self.between[number] = pose
+        self.seen_from[number] = pose[:, :3].T @ seen
 
     def follow(self, before: FloatArray) -> None:
         """Let the frames between keyframes go where an adjustment has moved these.
@@ -170,6 +178,16 @@ class KeyframeRecord:
     conflicts: dict[str, float] = field(default_factory=dict)
     selections: list[WeightSelection] = field(default_factory=list, repr=False)
 
+    @classmethod
+    def of(
+        cls, frame: Frame, fused: Fused, inliers: int, new_points: int, milliseconds: dict[str, float]
+    ) -> KeyframeRecord:
+        """Make it of a frame that has become a keyframe."""
+        weights = {c.measurement.sensor: c.weight for c in fused.constraints}
+        conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
+        told = (weights, conflicts, list(fused.selections))
+        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *told)
+
 
 @dataclass(frozen=True)
 class FinalAdjustment:
@@ -270,12 +288,15 @@ class SlamResult:
         times = np.array([self.path.times[k] for k in frames])
         return Trajectory(times, np.stack([poses[k] for k in frames]))
 
-    def seen_trajectory(self) -> Trajectory:
-        """All frames with a pose, turned as the images alone say: what a gyroscope can be compared with."""
-        whole = self.trajectory()
-        for row, frame in enumerate(sorted(self.poses)):
-            whole.poses[row, :, :3] @= self.path.seen_from.get(frame, np.eye(3))
-        return whole
+    def seen_trajectory(self, first: int = 0) -> Trajectory:
+        """All frames from number `first` on with a pose, turned as the images alone say.
+
+        It is what a gyroscope can be compared with.
+        """
+        poses = {k: np.array(pose) for k, pose in sorted(self.poses.items()) if k >= first}
+        for frame, pose in poses.items():
+            pose[:, :3] = pose[:, :3] @ self.path.seen_from.get(frame, np.eye(3))
+        return Trajectory(np.array([self.path.times[k] for k in poses]), np.stack(list(poses.values())))
 
     def keyframe_trajectory(self) -> Trajectory:
         """Keyframes alone."""

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import check_rotations, describe_gaps
+from sfmcpp.sensors import RotationCheck, check_rotations, describe_gaps
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
+# Those whose stream can be replaced.
+_Stamped = (Odometer, Gyroscope, Gps, Ins)
 
 
 class SensorSuite:
@@ -26,18 +31,25 @@ class SensorSuite:
     """
 
     def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
-        self.sensors = tuple(sensors)
+        self._given = self.sensors = tuple(sensors)
         # Names of those that disagreed with the images the last time they were compared.
         self.in_conflict: frozenset[str] = frozenset()
         self._experience: dict[str, Experience] = {}
+        # Seconds by which the stamps of each have been moved.
+        self._moved_s: dict[str, float] = {}
+        # Whether no clock is in doubt any more.
+        self._in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.sensors)
 
     def state(self) -> dict[str, Any]:
         """What it has learned from the keyframes so far."""
-        return {"in_conflict": self.in_conflict, "experience": self._experience}
+        learnt = {"in_conflict": self.in_conflict, "experience": self._experience}
+        return learnt | {"moved_s": dict(self._moved_s), "in_time": self._in_time}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
+        """Go on from a state; the sensors are as they were given."""
+        self._move_stamps(state["moved_s"])
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
+        self._in_time = state["in_time"]
 
     def measure(
         self,
@@ -65,12 +77,67 @@ class SensorSuite:
             if m is not None and (metric or m.kind not in METRIC_KINDS)
         ]
 
+    def since(self, last: Keyframe, time_s: float, pose: FloatArray, *, metric: bool) -> list[Measurement]:
+        """All that can constrain a camera of about that pose beside the keyframe before it."""
+        rotation, previous = pose[:, :3], last.pose[:, :3]
+        return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
+
     def learn(self, fused: Fused) -> None:
         """Remember how the sensors compared with the images; doubtful ones are named already."""
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
                 self._of(selection.name).add(selection.conflict)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether every clock that can be compared with the camera's has been, and is right."""
+        return self._in_time
+
+    def set_clocks(self, vision: Trajectory, largest_offset_s: float) -> list[str]:
+        """Move the stamps of a gyroscope to where its rotations are the camera's, if these tell.
+
+        Streams of the same stamps come from the same clock, and are moved with it.
+
+        Parameters
+        ----------
+        vision : Trajectory
+            Rotations that the images alone say.
+        largest_offset_s : float
+            Offsets up to this are tried [s].
+
+        Returns
+        -------
+        list of str
+            What was moved, a sentence for each.
+        """
+        gyros = [sensor for sensor in self.sensors if isinstance(sensor, Gyroscope)]
+        checks = [check_rotations(s.stream, s.mounting, vision, largest_offset_s) for s in gyros]
+        found = [(s, c) for s, c in zip(gyros, checks, strict=True) if c.is_off and c.agrees]
+        self._in_time = all(c.is_determined and c.agrees and not c.is_off for c in checks)
+        return [self._set_clock(gyro, check) for gyro, check in found]
+
+    def _set_clock(self, gyro: Gyroscope, check: RotationCheck) -> str:
+        alike = [
+            sensor.name
+            for sensor in self.sensors
+            if isinstance(sensor, _Stamped) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
+        ]
+        self._move_stamps({name: self._moved_s.get(name, 0.0) + check.offset_s for name in alike})
+        for name in alike:
+            self._experience.pop(name, None)
+        self.in_conflict -= set(alike)
+        return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
+
+    def _move_stamps(self, seconds: Mapping[str, float]) -> None:
+        """Move those of each sensor of these names by so much from where they were given."""
+        self._moved_s.update(seconds)
+        self.sensors = tuple(
+            replace(sensor, stream=sensor.stream.shifted(self._moved_s[sensor.name]))
+            if isinstance(sensor, _Stamped) and sensor.name in self._moved_s
+            else sensor
+            for sensor in self._given
+        )
 
     def _of(self, name: str) -> Experience:
         return self._experience.setdefault(name, Experience())

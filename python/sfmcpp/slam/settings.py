@@ -99,3 +99,9 @@ class SlamSettings:
             selection_method(self.weights)
         require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)
         require_one_of("final_adjustment", self.final_adjustment, FINAL_ADJUSTMENTS)
+
+    @property
+    def trusts_declared(self) -> bool:
+        """Whether what sensors declare counts where no keyframe is there to choose by."""
+        chosen = self.weights != "none" and selection_method(self.weights).grid is None
+        return chosen and self.weight_bounds == "declared"

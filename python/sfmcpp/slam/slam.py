@@ -10,16 +10,17 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.clock import Clock
 from sfmcpp.slam.ending import finish_map
-from sfmcpp.slam.fusing import fuse
+from sfmcpp.slam.fusing import fuse, settled
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
 from sfmcpp.slam.registering import constrain_past, correction, registration
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.saving import State
-from sfmcpp.slam.sensing import MotionSensor
+from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.synchronising import synchronise
 from sfmcpp.slam.world_map import WorldMap
 
 
@@ -84,6 +85,9 @@ class Slam:
         self._place(frame, pose)
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)
+            return
+        told = settled(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
+        self.result.path.settle(frame.number, told)
 
     def finish(self) -> None:
         """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
@@ -195,11 +199,7 @@ class Slam:
     def _add_keyframe(self, frame: Frame, pose: FloatArray, clock: Clock) -> None:
         world = self._world
         inliers = int(np.count_nonzero(world.knows(frame.view.tracks)))
-        last, metric = world.keyframes[-1], self.result.metric
-        measurements = self._sensors.measure(
-            last.t_s, frame.t_s, pose[:, :3], metric=metric, previous=last.pose[:, :3]
-        )
-        fused = fuse(world, frame.view, pose, measurements, self.settings)
+        fused = fuse(world, frame.view, pose, self._measure(frame, pose), self.settings)
         world.add(frame, fused.pose, fused.constraints)
         self.result.path.between.pop(frame.number, None)
         self.result.path.seen_from.pop(frame.number, None)
@@ -214,12 +214,12 @@ class Slam:
             self._correct_drift()
         else:
             self._register()
-        record = KeyframeRecord(frame.number, frame.t_s, inliers, new_points, dict(clock.laps))
-        record.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
-        record.conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
-        record.selections = list(fused.selections)
         self._sensors.learn(fused)
-        self.result.records.append(record)
+        synchronise(self.result, self._sensors, self.settings)
+        self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
+
+    def _measure(self, frame: Frame, pose: FloatArray) -> list[Measurement]:
+        return self._sensors.since(self._world.keyframes[-1], frame.t_s, pose, metric=self.result.metric)
 
     @property
     def _world(self) -> WorldMap:

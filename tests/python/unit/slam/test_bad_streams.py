@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 
 from sfmcpp.sensors import Mounting, SensorStream, check_rotations
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.slam import (
+    Gyroscope,
+    MotionSensor,
+    Odometer,
+    SlamResult,
+    SlamSettings,
+    TrackSequence,
+    run_slam,
+)
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from winding import AT_CAMERA, FRAMES, length, winding, without
 
@@ -102,8 +110,6 @@ def test_a_sensor_that_covers_no_interval_changes_no_bit(seed: int) -> None:
         (lambda s: replace(s, values=np.rad2deg(s.values)), AT_CAMERA, "degrees declared as radians"),
         (lambda s: replace(s, values=np.deg2rad(s.values)), AT_CAMERA, "radians declared as degrees"),
         (lambda s: s, Mounting.forward_looking(), "its axes, its mounting or its unit"),
-        (lambda s: s.shifted(0.3), AT_CAMERA, r"its clock is 0\.\d\d ± 0\.0\d s ahead of the camera's"),
-        (lambda s: s.shifted(-0.3), AT_CAMERA, r"its clock is 0\.\d\d ± 0\.0\d s behind the camera's"),
     ],
 )
 @pytest.mark.parametrize("seed", SEEDS)
@@ -119,6 +125,31 @@ def test_a_gyro_that_is_wrong_all_along_is_in_conflict_and_told(
     complaint = check_rotations(stream, mounting, result.trajectory()).complaint("imu")
     assert re.match(rf"imu: .*{told}", complaint)
     assert drive.errors(result)[0] < 0.02 * length(drive.truth)
+
+
+@pytest.mark.parametrize(("late_s", "told"), [(0.3, "ahead of"), (-0.6, "behind")])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, told: str) -> None:
+    """The odometer, whose stamps are the gyroscope's, is moved with it; another one is not."""
+    drive = winding(seed=seed)
+    late = [Odometer(drive.odometer.shifted(late_s)), Gyroscope(drive.gyro.shifted(late_s), AT_CAMERA)]
+    own = replace(drive.odometer, t_s=drive.odometer.t_s + 1e-4)
+    honest, both, one = (
+        run_slam(drive.sequence, sensors=sensors)
+        for sensors in (
+            [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)],
+            late,
+            [Odometer(own), late[1]],
+        )
+    )
+    pattern = rf"its clock is 0\.\d\d ± 0\.0\d s {told} the camera's: -?0\.\d\d s are added"
+    assert re.match(rf"odometer and gyro: {pattern}", both.warnings[-1])
+    assert re.match(rf"gyro: {pattern}", one.warnings[-1])
+    for mended in (both, one):
+        require_all_frames(mended)
+        assert drive.errors(mended)[0] < 1.5 * drive.errors(honest)[0]
+    plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), late)
+    assert not any("are added" in warning for warning in plain.warnings)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -154,3 +185,4 @@ def test_the_clock_of_a_real_gyro_is_found_after_a_run_in_which_it_took_part(
         assert check.offset_s == pytest.approx(-0.05 - lag_s, abs=0.02)
         assert bool(check.complaint("imu")) == bool(side)
         assert side in check.complaint("imu")
+        assert any("are added to the stamps" in told for told in result.warnings) == bool(side)

@@ -1,4 +1,4 @@
-"""Frames between keyframes go where an adjustment has moved these."""
+"""Frames between keyframes: what sensors say of them, and where an adjustment moves them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.geometry import Similarity
-from sfmcpp.slam import Path
+from sfmcpp.slam import Odometer, Path, SlamSettings, run_slam
 from slam_helpers import STEP_S, small_map
+from winding import winding
 
 
 def path_between(shares: list[float]) -> Path:
@@ -52,3 +53,30 @@ def test_nothing_moves_before_the_first_keyframe_that_has_moved() -> None:
     before = path.world.poses.copy()
     path.follow(before)
     np.testing.assert_array_equal(path.between[5][:, 3], [0.25, 0.1, -0.2])
+
+
+def test_a_frame_that_settles_keeps_what_the_images_say_of_its_rotation() -> None:
+    path = path_between([0.5])
+    seen = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
+    path.seen_from[5] = seen
+    turned = np.column_stack([Rotation.from_rotvec([0.0, 0.3, 0.1]).as_matrix(), np.ones(3)])
+    path.settle(5, turned)
+    np.testing.assert_array_equal(path.between[5], turned)
+    np.testing.assert_allclose(path.between[5][:, :3] @ path.seen_from[5], seen, atol=1e-12)
+
+
+def test_sensors_have_their_say_between_keyframes() -> None:
+    """Steps are as even as an odometer's, not as uneven as those of the images."""
+    drive = winding()
+    off: list[float] = []
+    for sensors in ([], [Odometer(drive.odometer, sigma_m=0.002, relative_sigma=0.0)]):
+        result = run_slam(drive.sequence, SlamSettings(final_adjustment="off"), sensors)
+        poses = result.poses
+        steps = [
+            np.linalg.norm(poses[k + 1][:, 3] - poses[k][:, 3])
+            / np.linalg.norm(drive.truth[k + 1, :, 3] - drive.truth[k, :, 3])
+            for k in result.path.between
+            if k + 1 in result.path.between
+        ]
+        off.append(float(np.std(np.log(steps))))
+    assert off[1] < 0.6 * off[0]

@@ -43,9 +43,18 @@ def with_positions() -> Run:
     return sequence_of(scene), [absolute.gps_of(scene.cameras, 0.05)]
 
 
+def late() -> Run:
+    drive = winding(0)
+    return drive.sequence, [
+        Odometer(drive.odometer.shifted(0.3)),
+        Gyroscope(drive.gyro.shifted(0.3), AT_CAMERA),
+    ]
+
+
 RUNS: dict[str, Callable[[], Run]] = {
     "torn": lambda: (restart.cut_sequence(blind=3), [restart.odometer()]),
     "winding": winding_road,
+    "late": late,
     "positions": with_positions,
     "stereo": lambda: (stereo.sequence(), []),
 }
