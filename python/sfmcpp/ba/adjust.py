@@ -14,10 +14,12 @@ from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
 from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arguments import checked
 
 Callback = Callable[[Iteration], "bool | None"]
 
 
+@checked()
 def adjust(
     problem: Problem,
     constraints: Sequence[ConstraintGroup],

@@ -13,6 +13,7 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.imu import rotations_at_samples
@@ -90,6 +91,7 @@ class RotationCheck:
         return ""
 
 
+@checked()
 def check_rotations(
     stream: SensorStream, mounting: Mounting, vision: Trajectory, largest_offset_s: float = 0.5
 ) -> RotationCheck:
