@@ -16,10 +16,12 @@ from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arguments import checked
 
 Callback = Callable[[Iteration], "bool | None"]
 
 
+@checked()
 def adjust(
     problem: Problem,
     constraints: Sequence[ConstraintGroup],

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
 
 
@@ -56,6 +57,7 @@ def residuals(problem: Problem) -> NDArray[np.float64]:
     return _core.residuals(core_arrays(problem))
 
 
+@checked()
 def residuals_px(problem: Problem) -> NDArray[np.float64]:
     """Residuals observed − projected of every observation, whatever its standard deviation.
 

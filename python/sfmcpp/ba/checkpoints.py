@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.arguments import checked
 
 # They say how far a run goes and what it may use, and nothing of its steps.
 _MAY_CHANGE = ("threads", "max_iterations", "max_seconds")
@@ -45,6 +46,7 @@ class Checkpoint:
     remark: str = ""
 
 
+@runtime_checkable
 class CheckpointStore(Protocol):
     """Where checkpoints are kept; :class:`sfmcpp.CheckpointFolder` is one."""
 
@@ -88,6 +90,7 @@ class RunCheckpoints:
         If `resume` has no checkpoint of this run, or `save` cannot be written.
     """
 
+    @checked()
     def __init__(
         self,
         save: CheckpointStore | None,

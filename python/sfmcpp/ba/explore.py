@@ -13,6 +13,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 
 
@@ -44,6 +45,7 @@ class StepExploration:
     candidate: Problem
 
 
+@checked()
 def explore_step(problem: Problem, lengths: ArrayLike, **options: Any) -> StepExploration:
     """Compute one step and evaluate the geometric and the algebraic cost along it.
 

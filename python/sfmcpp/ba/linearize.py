@@ -14,6 +14,7 @@ from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ class LinearModel:
         If the problem, a group or an option breaks a rule.
     """
 
+    @checked()
     def __init__(
         self,
         problem: Problem,

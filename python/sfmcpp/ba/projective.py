@@ -10,9 +10,11 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.image_frames import image_frames, matrices_to_frames
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray, index_array
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray, index_array, shaped_array
 
 
+@checked(projections=(ANY, 3, 4), sigma_px=(ANY,), covariance_px2=(ANY, 2, 2))
 def projective_problem(
     projections: ArrayLike,
     points: ArrayLike,
@@ -56,12 +58,10 @@ def projective_problem(
         If a shape is wrong, an index is out of range, a matrix or a point is zero or not finite, or both
         `sigma_px` and `covariance_px2` are given.
     """
-    matrices = np.asarray(projections, dtype=np.float64)
-    if matrices.ndim != 3 or matrices.shape[1:] != (3, 4):
-        raise InvalidArgument(f"projections: shape {matrices.shape}, must be (any, 3, 4)")
+    matrices = np.asarray(projections)
     homogeneous = _homogeneous(np.asarray(points, dtype=np.float64))
     cameras = index_array("camera_index", camera_index)
-    seen = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    seen = shaped_array("pixels", np.zeros((0, 2)) if not np.size(pixels) else pixels, (ANY, 2))
     if len(seen) != len(cameras):
         raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
     if len(cameras) and not (cameras.min() >= 0 and cameras.max() < len(matrices)):
@@ -81,6 +81,7 @@ def projective_problem(
     )
 
 
+@checked()
 def as_projective(problem: Problem) -> Problem:
     """Forget the calibration: the same cameras, points and observations with projection matrices.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 _MAX_SAMPLES = 1000
@@ -20,6 +21,7 @@ _SIGMA_OF_MEDIAN, _INLIER_SIGMAS = 1.4826, 2.5
 _ROUNDING = 1e-9
 
 
+@checked(source=("n", 3), target=("n", 3))
 def agreeing_pairs(
     source: FloatArray, target: FloatArray, *, with_scale: bool = True, seed: int = 0
 ) -> BoolArray:

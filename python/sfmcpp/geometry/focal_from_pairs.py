@@ -13,6 +13,7 @@ from sfmcpp.geometry._poselib import RansacOptions, refined_fundamental, refined
 from sfmcpp.geometry.epipolar import camera_of_fundamental, fundamental_matrix, sampson_errors_px
 from sfmcpp.geometry.pinhole import to_normalised
 from sfmcpp.geometry.two_view_matrices import fundamental_linear
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_seed
 
@@ -39,6 +40,7 @@ class _Pair:
     scale_px: float
 
 
+@checked()
 def focal_from_pairs(
     pairs: Sequence[tuple[ArrayLike, ArrayLike]], size: tuple[int, int], *, seed: int = 0
 ) -> float | None:

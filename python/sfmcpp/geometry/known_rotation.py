@@ -14,6 +14,7 @@ from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
 from sfmcpp.geometry.relative_pose import RelativePose
 from sfmcpp.geometry.resection import pose_inliers
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_count, require_positive
 
@@ -24,6 +25,7 @@ _ROUNDS = 8
 _FAR = 3.0
 
 
+@checked()
 def relative_pose_of_rotation(
     pixels_1: ArrayLike,
     pixels_2: ArrayLike,
@@ -77,6 +79,7 @@ def relative_pose_of_rotation(
     return RelativePose(**vars(found), median_parallax_px=median_px)
 
 
+@checked()
 def resection_of_rotation(
     points: ArrayLike,
     pixels: ArrayLike,

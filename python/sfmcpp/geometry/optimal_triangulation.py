@@ -12,12 +12,14 @@ from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.triangulation import triangulate_linear
 from sfmcpp.geometry.two_rays import midpoints
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 
 # The error of the closed form's two steps is below 1e-6 px for all but absurd noise; more cost little.
 _NUM_STEPS = 5
 
 
+@checked()
 def triangulate_optimal(problem: Problem) -> FloatArray:
     """Triangulate by the least sum of squared reprojection errors, weighted by the standard deviations.
 

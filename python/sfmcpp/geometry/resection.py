@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from sfmcpp.geometry._poselib import RansacOptions, absolute_camera
 from sfmcpp.geometry.pinhole import intrinsics_row, to_pixels
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
-from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count, require_fraction
 
 _SAMPLE_SIZE = 3
@@ -91,6 +92,7 @@ def resection(
     return pose_with_inliers(camera, inliers, least)
 
 
+@checked(camera=(3, 4), points=("n", 3), pixels=("n", 2), intrinsics=(ANY,))
 def pose_inliers(
     camera: FloatArray, points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, threshold_px: float
 ) -> BoolArray:
@@ -113,6 +115,7 @@ def pose_inliers(
     -------
     (N,) bool
     """
+    intrinsics = intrinsics_row("intrinsics", intrinsics)
     x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
     in_front = depth > 0
     depth = np.where(in_front, depth, 1.0)

@@ -17,6 +17,7 @@ from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import reprojection_errors_px, triangulation_angles_deg
 from sfmcpp.geometry.two_rays import midpoints
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative, require_positive
 
@@ -30,6 +31,7 @@ _FIRST_THRESHOLD = 2.0
 _NUM_REFITS, _STEPS_EACH = 2, 3
 
 
+@checked()
 def robust_triangulation(
     problem: Problem, *, max_error_px: float = 4.0, min_angle_deg: float = 1.0, min_views: int = 2
 ) -> tuple[FloatArray, BoolArray]:

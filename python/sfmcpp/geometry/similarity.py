@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import is_rotation, require_positive
 
@@ -161,6 +162,7 @@ class PointMoments:
         return np.asarray(self.target_mean - scale * (rotation @ self.source_mean))
 
 
+@checked()
 def fit_similarity(
     source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None, with_scale: bool = True
 ) -> Similarity:
@@ -194,6 +196,7 @@ def fit_similarity(
     return _with_rotation(moments, nearest_rotation(moments.covariance), with_scale)
 
 
+@checked()
 def fit_pose_similarity(
     source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None, with_scale: bool = True
 ) -> Similarity:

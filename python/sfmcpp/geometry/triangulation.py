@@ -18,6 +18,7 @@ from sfmcpp.geometry._tracks import (
     sum_outer_by_point,
 )
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 # Rays are parallel where what holds a point along them is this part of what holds it across: their angle
@@ -27,6 +28,7 @@ _PARALLEL_RATIO = 1e-12
 _SAME_PLACE_RATIO = 1e-14
 
 
+@checked()
 def triangulate_linear(problem: Problem) -> FloatArray:
     """Triangulate by homogeneous linear least squares over all views (DLT; Hartley & Sturm 1997, §5.1).
 
@@ -58,6 +60,7 @@ def triangulate_linear(problem: Problem) -> FloatArray:
     return _nan_unless(determined, origin + length[:, None] * local)
 
 
+@checked()
 def triangulate_midpoint(problem: Problem) -> FloatArray:
     """Triangulate by the point nearest to all its rays, in the sum of squared distances.
 

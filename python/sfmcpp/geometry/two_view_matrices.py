@@ -18,6 +18,7 @@ from sfmcpp.geometry._significance import (
 from sfmcpp.geometry.epipolar import sampson_errors_px
 from sfmcpp.geometry.homography import homography_errors_px
 from sfmcpp.geometry.pinhole import homogeneous
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count
 
@@ -150,6 +151,7 @@ def homography_from_matches(
     return significant_homography(first, second, options, min_inliers)
 
 
+@checked(pixels_1=("n", 2), pixels_2=("n", 2))
 def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray:
     """Fundamental matrix by linear least squares over all matches: the normalised eight-point algorithm.
 

@@ -9,11 +9,13 @@ import numpy as np
 from sfmcpp.map.map import Map
 from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
 
+@checked()
 def map_of_problem(problem: Problem) -> Map:
     """Make the map of a problem: its cameras become images, its rows of intrinsics cameras.
 
@@ -71,6 +73,7 @@ def _covariances(problem: Problem) -> FloatArray:
     return np.asarray(sigma[:, None] ** 2 * [1.0, 0.0, 1.0])
 
 
+@checked()
 def problem_of_map(world: Map) -> Problem:
     """Make the problem of a map for a file: with all that its metadata can hold, and nothing fixed.
 
@@ -127,6 +130,7 @@ def problem_of_map(world: Map) -> Problem:
     )
 
 
+@checked()
 def read_map(path: str | os.PathLike[str], format: str | None = None) -> Map:
     """Read a map, as :func:`sfmcpp.read` reads a problem.
 
@@ -149,6 +153,7 @@ def read_map(path: str | os.PathLike[str], format: str | None = None) -> Map:
     return map_of_problem(read(path, format=format))
 
 
+@checked()
 def write_map(world: Map, path: str | os.PathLike[str], format: str | None = None) -> None:
     """Write a map, as :func:`sfmcpp.write` writes a problem: images with a pose, points with a position.
 

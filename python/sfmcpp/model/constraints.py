@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.checks import looked_up
 
@@ -93,10 +94,8 @@ class ConstraintGroup:
             If a field breaks a rule.
         """
         kind = constraint_kind(self.kind)
+        check_fields(self, "name", "loss")
         self.name = self.name or self.kind
-        for text in ("name", "loss"):
-            if not isinstance(getattr(self, text), str):
-                raise InvalidArgument(f"{self._label(text)} = {getattr(self, text)!r}: must be text")
         self.cameras = _cameras(self._label("cameras"), self.cameras, kind)
         count = len(self.cameras)
         self.values = self._values(kind, count)

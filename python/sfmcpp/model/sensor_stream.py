@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing, shaped_array
+from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.sensor_kinds import Limit, SensorKind, sensor_kind
 
 # A gap of up to this many usual periods is bridged unless the stream says otherwise.
@@ -87,6 +89,7 @@ class SensorStream:
 
     def __post_init__(self) -> None:
         kind = sensor_kind(self.kind)
+        check_fields(self, "name")
         object.__setattr__(self, "name", self.name or self.kind)
         try:
             self._check(kind)
@@ -106,8 +109,7 @@ class SensorStream:
             _require_plausible(limit, stamps, self.values)
         if self.max_gap_s is None:
             object.__setattr__(self, "max_gap_s", BRIDGED_PERIODS * self.period_s)
-        elif not (np.isfinite(self.max_gap_s) and self.max_gap_s >= 0):
-            raise InvalidArgument(f"max_gap_s = {self.max_gap_s}: must be finite and not negative")
+        require_not_negative("max_gap_s", self.max_gap_s)
 
     def __len__(self) -> int:
         return len(self.t_s)

@@ -14,6 +14,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
+from sfmcpp.model.arguments import checked
 from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
@@ -31,6 +32,7 @@ _FEWEST_STRETCHES, _MOST_STRETCHES = 3, 200
 Measure = Callable[[SensorStream, float, float], float]
 
 
+@checked()
 def require_agreement(streams: Collection[SensorStream]) -> None:
     """Refuse streams of one body that cannot all be in the units they are declared in.
 
@@ -58,6 +60,7 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
                 _require_drivable(stream, turning)
 
 
+@checked()
 def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None:
     """Refuse a stream that covers none of the time of the images: its stamps are on another clock.
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.sensors.stream import measured_at, require_kind
 
@@ -19,6 +20,7 @@ FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 
 
+@checked()
 def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     """Position at a time: linear between fixes, at constant velocity after the last one.
 
@@ -45,6 +47,7 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     return np.asarray(measured_at(stream, np.array([time_s]))[0])
 
 
+@checked()
 def local_positions(stream: SensorStream, origin: ArrayLike | None = None) -> SensorStream:
     """Turn latitude, longitude and height into metres east, north and up of an origin.
 

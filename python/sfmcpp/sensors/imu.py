@@ -7,10 +7,12 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
 
 
+@checked()
 def rotation_increment(stream: SensorStream, start_s: float, end_s: float) -> FloatArray | None:
     """Rotation of the body between two times: thesis eq. 5.21, over all samples between keyframes.
 
@@ -42,6 +44,7 @@ def rotation_increment(stream: SensorStream, start_s: float, end_s: float) -> Fl
     return np.asarray(start.T @ end)
 
 
+@checked(times_s=(ANY,))
 def orientations(stream: SensorStream, times_s: ArrayLike) -> FloatArray:
     """Orientation of the body at each of several times, seen from the first.
 

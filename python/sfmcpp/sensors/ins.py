@@ -6,10 +6,12 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 
+@checked()
 def pose_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     """Pose of the body at a time: thesis eqs 5.22 and 5.23.
 
@@ -40,6 +42,7 @@ def pose_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     return np.column_stack([so3.exp(value[3:]), value[:3]])
 
 
+@checked(poses=(ANY, 3, 4))
 def pose_stream_values(poses: FloatArray) -> FloatArray:
     """Poses (n, 3, 4) world_from_body as the values (n, 6) of a stream of kind ``"pose"``.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.prediction import interpolate_vectors
@@ -28,6 +29,7 @@ _SAME = 0.15
 _STANDING_M_S = 0.3
 
 
+@checked()
 def travelled_distance(stream: SensorStream, start_s: float, end_s: float) -> float | None:
     """Distance along the path between two times, backwards negative.
 
@@ -63,6 +65,7 @@ def travelled_distance(stream: SensorStream, start_s: float, end_s: float) -> fl
     return float((values[:, 0] * lengths_s).sum())
 
 
+@checked(turn=(3, 3))
 def camera_displacement(
     stream: SensorStream, start_s: float, end_s: float, mounting: Mounting, turn: FloatArray
 ) -> FloatArray | None:
@@ -114,6 +117,7 @@ def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray
     return np.asarray(mean / length) if length > 0 else ahead
 
 
+@checked()
 def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     """Stretches between a leap of the speed and the leap that takes it back, or the next stop, or the end.
 
@@ -151,6 +155,7 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     return tuple(found)
 
 
+@checked()
 def carried_over(stream: SensorStream, stretches: Sequence[Gap]) -> SensorStream:
     """The stream with what inertia makes of it in stretches where it cannot be right.
 

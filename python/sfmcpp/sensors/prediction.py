@@ -6,9 +6,11 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
 
 
+@checked(pose=(3, 4), angular_rate_rad_s=(3,), velocity_m_s=(3,))
 def predict_pose(
     pose: FloatArray, angular_rate_rad_s: FloatArray, velocity_m_s: FloatArray, seconds: float
 ) -> FloatArray:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import THINNEST_EXTENT, PointMoments, Similarity, fit_pose_similarity
 from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 
 # N_recal of the thesis.
@@ -61,6 +62,7 @@ class Registration:
         return float(np.sqrt(np.mean(self.residuals_m**2)))
 
 
+@checked()
 def register_by_poses(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS) -> Registration:
     """Register by poses: an INS, or an odometer and a gyroscope integrated.
 
@@ -93,6 +95,7 @@ def register_by_poses(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS
     return Registration(similarity, residuals, _relative_sigma(moments, similarity.scale, noise))
 
 
+@checked()
 def register_by_positions(
     vision: ArrayLike,
     measured: ArrayLike,
@@ -145,6 +148,7 @@ def register_by_positions(
     return _registered(moments, rotation, source, target, upright=True)
 
 
+@checked()
 def register_by_distances(vision: ArrayLike, distances_m: ArrayLike, pairs: int = PAIRS) -> Registration:
     """Make a map metric by the distances of an odometer: the ratio of the mean steps, thesis eq. 5.19.
 

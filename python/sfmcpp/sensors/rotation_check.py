@@ -13,6 +13,7 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.imu import rotations_at_samples
@@ -100,6 +101,7 @@ class RotationCheck:
         return f"{name}: {self.clock}: add {self.offset_s:.2f} s to its stamps" if self.is_off else ""
 
 
+@checked()
 def check_rotations(
     stream: SensorStream, mounting: Mounting, vision: Trajectory, largest_offset_s: float = 0.5
 ) -> RotationCheck:

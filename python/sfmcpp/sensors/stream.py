@@ -14,7 +14,8 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.sensors.prediction import interpolate_rotations, interpolate_vectors
 
 _RATES = ("speed", "velocity", "angular_rate")
@@ -34,6 +35,7 @@ def require_interval(start_s: float, end_s: float) -> None:
         raise InvalidArgument(f"start_s = {start_s}, end_s = {end_s}: must be finite and in this order")
 
 
+@checked(times_s=(ANY,))
 def measured_at(stream: SensorStream, times_s: FloatArray) -> FloatArray:
     """Values at any time, whether the stream covers it or not.
 
@@ -88,6 +90,7 @@ def segments(start_s: float, end_s: float, *streams: SensorStream) -> tuple[Floa
     return 0.5 * (cuts[:-1] + cuts[1:]), np.diff(cuts)
 
 
+@checked()
 def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
     """Tell of each gap too long to be bridged, naming the stream and the times.
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
@@ -17,6 +18,7 @@ from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
 ImagePair = tuple[int, int]
 
 
+@checked()
 def match_graph_of_arrays(
     keypoints: Sequence[ArrayLike],
     matches: Mapping[ImagePair, ArrayLike],

@@ -12,6 +12,7 @@ import numpy as np
 
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.slam.frame_run import run_slam
 from sfmcpp.slam.result import SlamResult
@@ -163,6 +164,7 @@ def run(
     return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
 
 
+@checked()
 def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
     """Make sensors of the streams of a drive, on its mounting.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class Measurement:
     yields: bool = True
 
 
+@runtime_checkable
 class MotionSensor(Protocol):
     """A sensor: anything with a name that can be asked about a keyframe.
 

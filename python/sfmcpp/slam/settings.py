@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.checks import require_count, require_one_of
+from sfmcpp.model.arguments import check_fields
+from sfmcpp.model.checks import require_count, require_fraction, require_one_of, require_positive
 from sfmcpp.weighting import WEIGHT_BOUNDS, selection_method
 
 FINAL_ADJUSTMENTS = ("auto", "on", "off")
@@ -90,11 +90,10 @@ class SlamSettings:
         for name in ("window", "min_views", "registration_keyframes"):
             require_count(name, getattr(self, name), at_least=2)
         require_count("min_inliers", self.min_inliers, at_least=6)
-        if not 0 < self.keyframe_overlap < 1:
-            raise InvalidArgument(f"keyframe_overlap = {self.keyframe_overlap}: must be in (0, 1)")
+        require_fraction("keyframe_overlap", self.keyframe_overlap)
         for name in ("start_parallax_px", "resection_threshold_px", "outlier_px", "keyframe_parallax_px"):
-            if not getattr(self, name) > 0:
-                raise InvalidArgument(f"{name} = {getattr(self, name)}: must be positive")
+            require_positive(name, getattr(self, name))
+        check_fields(self, "weights")
         if self.weights != "none":
             selection_method(self.weights)
         require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.clock import Clock
 from sfmcpp.slam.ending import finish_map
@@ -37,6 +38,7 @@ class Slam:
         What measures the motion beside the camera.
     """
 
+    @checked(intrinsics=(ANY,))
     def __init__(
         self,
         intrinsics: FloatArray,

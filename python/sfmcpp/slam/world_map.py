@@ -12,7 +12,8 @@ from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.map.table import Table
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.sensing import Measurement
 
@@ -81,6 +82,7 @@ class WorldMap(Map):
         How far the right camera is beside the left one [m]; None where there is none.
     """
 
+    @checked(intrinsics=(ANY,))
     def __init__(self, intrinsics: FloatArray) -> None:
         super().__init__("calibrated" if len(intrinsics) == PINHOLE else "perspective")
         self.add_cameras(intrinsics[None], fixed=np.ones((1, len(intrinsics)), dtype=np.bool_))

@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
 from sfmcpp.model import Trajectory, camera_model
-from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, index_array, require_increasing
+from sfmcpp.model.arrays import (
+    ANY,
+    FloatArray,
+    IndexArray,
+    finite_array,
+    index_array,
+    require_increasing,
+    shaped_array,
+)
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside, read_intrinsics
@@ -110,8 +118,9 @@ class TrackSequence(FrameSource):
     ) -> None:
         self.t_s = finite_array("t_s", t_s, (-1,))
         require_increasing("t_s", self.t_s)
-        width = _DISTORTED if np.shape(intrinsics) == (_DISTORTED,) else PINHOLE
-        self.intrinsics = pinhole_rows(finite_array("intrinsics", intrinsics, (width,)))
+        given = finite_array("intrinsics", intrinsics, (ANY,))
+        width = _DISTORTED if len(given) == _DISTORTED else PINHOLE
+        self.intrinsics = pinhole_rows(finite_array("intrinsics", given, (width,)))
         frames = index_array("frame_index", frame_index)
         tracks = index_array("track_index", track_index)
         seen = finite_array("pixels", pixels, (len(frames), 2))
@@ -159,9 +168,7 @@ class TrackSequence(FrameSource):
 
 
 def _right_view(right_px: ArrayLike, baseline_m: float | None, count: int) -> RightView:
-    pixels = np.asarray(right_px, dtype=np.float64)
-    if pixels.shape != (count, 2):
-        raise InvalidArgument(f"right_px: shape {pixels.shape}, must be ({count}, 2)")
+    pixels = shaped_array("right_px", right_px, (count, 2))
     if baseline_m is None:
         raise InvalidArgument("baseline_m: missing, right_px needs it")
     require_positive("baseline_m", baseline_m)

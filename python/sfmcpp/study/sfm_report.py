@@ -43,7 +43,7 @@ class SfmReport(ReportTable):
 
     def __init__(self, run: SfmRun, thumbnail: Thumbnail | None = None) -> None:
         self.run = run
-        self.thumbnail = thumbnail or thumbnail_of_file
+        self.thumbnail = thumbnail_of_file if thumbnail is None else thumbnail
 
     @cached_property
     def measures(self) -> list[ModelMeasures]:

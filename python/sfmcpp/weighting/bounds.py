@@ -13,7 +13,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.checks import require_count
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.criteria import MEDIAN_WIDTH
 from sfmcpp.weighting.pose_constraint import PoseConstraint
@@ -56,6 +58,7 @@ class WeightBounds:
         return (weights * rounding >= self.smallest) & (weights <= rounding * self.largest)
 
 
+@checked()
 def declared_weight(constraint: PoseConstraint, count: int, pixel_sigma: float) -> float:
     """Weight λ that the declared standard deviation of a sensor amounts to: ``σ_px √(spread / n) / σ``.
 
@@ -82,6 +85,7 @@ def declared_weight(constraint: PoseConstraint, count: int, pixel_sigma: float) 
     InvalidArgument
         If the constraint declares none.
     """
+    require_count("count", count)
     if constraint.sensor_sigma is None:
         raise InvalidArgument(
             f"{constraint.name}: sensor_sigma = None: bounds = 'declared' needs a standard deviation"
@@ -89,6 +93,7 @@ def declared_weight(constraint: PoseConstraint, count: int, pixel_sigma: float) 
     return pixel_sigma * math.sqrt(constraint.unit.spread / count) / constraint.sensor_sigma
 
 
+@checked()
 def declared_bounds(
     constraint: PoseConstraint, count: int, pixel_sigma: float, report: ConflictReport
 ) -> WeightBounds:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.pose_constraint import PoseConstraint
@@ -29,6 +30,7 @@ _MEDIAN_SPREAD = 1.17
 _LEAST_PROBABILITY = 1e-300
 
 
+@checked()
 def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike) -> ConflictReport:
     """Compare a sensor with the pose fitted to the images alone.
 

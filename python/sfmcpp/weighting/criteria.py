@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
 
 MEDIAN_WIDTH = 11
@@ -25,6 +26,7 @@ INLIER_SHARE = 0.9
 _TIE = 1e-12
 
 
+@checked(weights=(ANY,), rest=(ANY,), constraint=(ANY,), slope=(ANY,))
 def l_curve_scores(
     weights: FloatArray, rest: FloatArray, constraint: FloatArray, slope: FloatArray | None = None
 ) -> FloatArray:
@@ -49,6 +51,7 @@ def l_curve_scores(
     return scores
 
 
+@checked(weights=(ANY,), rest=(ANY,), constraint=(ANY,), slope=(ANY,))
 def scaled_l_curve_scores(
     weights: FloatArray, rest: FloatArray, constraint: FloatArray, slope: FloatArray | None = None
 ) -> FloatArray:
@@ -76,6 +79,7 @@ def scaled_l_curve_scores(
     return scores
 
 
+@checked(weights=(ANY,), rest=(ANY,), constraint=(ANY,), slope=(ANY,))
 def ltn_scores(
     weights: FloatArray, rest: FloatArray, constraint: FloatArray, slope: FloatArray | None = None
 ) -> FloatArray:
@@ -96,6 +100,7 @@ def ltn_scores(
     return np.where(weights > 0, scores, np.inf)
 
 
+@checked(scores=(ANY,))
 def running_median(scores: FloatArray, width: int = MEDIAN_WIDTH) -> FloatArray:
     """Median of each score and its neighbours (thesis eqs 5.10–5.11).
 
@@ -127,6 +132,7 @@ def running_median(scores: FloatArray, width: int = MEDIAN_WIDTH) -> FloatArray:
     return smooth
 
 
+@checked()
 def admissible_weights(inliers: IndexArray, initial_inliers: int, share: float = INLIER_SHARE) -> BoolArray:
     """Which weights keep enough inliers (thesis §5.2.3.2, the check of stability).
 
@@ -147,6 +153,7 @@ def admissible_weights(inliers: IndexArray, initial_inliers: int, share: float =
     return np.asarray(inliers >= share * initial_inliers)
 
 
+@checked(scores=("n",), admissible=("n",))
 def lowest(scores: FloatArray, admissible: BoolArray) -> int:
     """Index of the smallest score of an admissible weight; of equal scores the first; 0 if there is none.
 
@@ -162,13 +169,14 @@ def lowest(scores: FloatArray, admissible: BoolArray) -> int:
     int
         The index.
     """
-    candidates = np.where(admissible & np.isfinite(scores), scores, np.inf)
+    candidates = np.where((admissible != 0) & np.isfinite(scores), scores, np.inf)
     best = candidates.min()
     if not np.isfinite(best):
         return 0
     return int(np.flatnonzero(candidates <= best + _TIE * abs(best))[0])
 
 
+@checked(scores=("n",), admissible=("n",))
 def lowest_valley(scores: FloatArray, admissible: BoolArray) -> int:
     """Index of the smallest score between higher ones; the smallest of all if no valley is there.
 
@@ -190,7 +198,7 @@ def lowest_valley(scores: FloatArray, admissible: BoolArray) -> int:
     usable = np.isfinite(scores)
     left = np.maximum.accumulate(np.where(usable, scores, -np.inf))
     right = np.maximum.accumulate(np.where(usable, scores, -np.inf)[::-1])[::-1]
-    valley = usable & admissible & _is_local_minimum(scores) & (scores < left) & (scores < right)
+    valley = usable & (admissible != 0) & _is_local_minimum(scores) & (scores < left) & (scores < right)
     return lowest(scores, valley if valley.any() else admissible)
 
 
@@ -204,7 +212,7 @@ def _curve(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """ρ, ν and dν / d log λ, checked."""
     count = len(finite_array("weights", weights, (ANY,)))
-    if weights[0] < 0 or not (np.diff(weights) > 0).all():
+    if not count or weights[0] < 0 or not (np.diff(weights) > 0).all():
         raise InvalidArgument("weights: must be not negative and increase strictly")
     rho = finite_array("rest", rest, (count,))
     nu = finite_array("constraint", constraint, (count,))

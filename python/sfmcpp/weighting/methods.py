@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.weighting import criteria
 
@@ -80,6 +81,7 @@ POSE_METHODS = _names("pose")
 PROBLEM_METHODS = _names("problem")
 
 
+@checked()
 def selection_method(text: str, scope: Scope = "pose", argument: str = "method") -> WeightMethod:
     """Look a method up by what the user wrote.
 

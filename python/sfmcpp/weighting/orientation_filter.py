@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.sensors import Mounting, orientations, rotation_increment
 
@@ -88,6 +89,7 @@ def filter_orientations(
     return FilteredOrientations(rotations, covariances)
 
 
+@checked(rotations=(ANY, 3, 3))
 def with_orientations(trajectory: Trajectory, rotations: ArrayLike) -> Trajectory:
     """Give a trajectory other orientations, and the positions that follow from them.
 
@@ -118,6 +120,7 @@ def with_orientations(trajectory: Trajectory, rotations: ArrayLike) -> Trajector
     return trajectory.with_poses(np.concatenate([rotations, centres[:, :, None]], axis=2))
 
 
+@checked()
 def filter_trajectory(
     trajectory: Trajectory,
     stream: SensorStream,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.weight_selection import WeightSelection
@@ -28,6 +29,7 @@ ROUNDS = 2
 _FIRST_ROUND = {"loo": "loo-approx"}
 
 
+@checked()
 def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixel_sigma: float) -> float:
     """Standard deviation of a sensor that a weight λ amounts to: ``σ_px √(spread / n) / λ``.
 
@@ -50,6 +52,7 @@ def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixe
     return sigma_of_weight(constraint.unit, count * weight**2, pixel_sigma)
 
 
+@checked()
 def select_weight(
     view: PoseView,
     constraint: PoseConstraint,
@@ -101,6 +104,7 @@ def select_weight(
     return _select(images, constraint, selection_method(method), weights, held)
 
 
+@checked()
 def select_weights(
     view: PoseView,
     constraints: Sequence[PoseConstraint],

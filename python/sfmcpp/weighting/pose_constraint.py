@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CONSTRAINT_KINDS
+from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_one_of, require_positive
 from sfmcpp.weighting.units import ConstraintUnit, unit_of
 
 # Constraints on intrinsics are no constraints on one pose.
@@ -82,8 +83,8 @@ class PoseConstraint:
     name: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in POSE_KINDS:
-            raise InvalidArgument(f"kind = {self.kind!r}: must be one of {', '.join(POSE_KINDS)}")
+        require_one_of("kind", self.kind, POSE_KINDS)
+        check_fields(self, "name")
         if CONSTRAINT_KINDS[self.kind].cameras == (2,) and self.previous is None:
             raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
         if self.sensor_sigma is not None:

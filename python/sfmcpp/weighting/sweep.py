@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
+from sfmcpp.model.checks import require_count
 from sfmcpp.weighting.pose_constraint import PoseConstraint
 from sfmcpp.weighting.pose_view import PoseView
 
@@ -81,6 +83,7 @@ class PoseFit:
     converged: bool
 
 
+@checked()
 def sweep_weights(
     view: PoseView,
     constraint: PoseConstraint,
@@ -136,6 +139,7 @@ def sweep_weights(
     return WeightSweep(weights=grid, **found)
 
 
+@checked()
 def refine_pose(view: PoseView, constraints: Sequence[WeightedConstraint], start: ArrayLike) -> PoseFit:
     """Fit the pose with every constraint at its weight (thesis eq. 5.7).
 
@@ -163,6 +167,7 @@ def refine_pose(view: PoseView, constraints: Sequence[WeightedConstraint], start
     return PoseFit(**_core.refine_pose(view.arrays(), arrays, pose, _core.PoseSweepOptions()))
 
 
+@checked()
 def weight_grid(count: int = 100, smallest: float = 1e-3, largest: float = 1e3) -> FloatArray:
     """Zero and log-spaced weights (thesis eq. 5.6, with both ends included).
 
@@ -183,8 +188,7 @@ def weight_grid(count: int = 100, smallest: float = 1e-3, largest: float = 1e3) 
     InvalidArgument
         If `count` is too small or the ends are not positive, finite and in order.
     """
-    if count < 3:
-        raise InvalidArgument(f"count = {count}: must be at least 3")
+    require_count("count", count, at_least=3)
     if not 0 < smallest < largest < np.inf:
         raise InvalidArgument(f"smallest = {smallest}, largest = {largest}: must be positive and in order")
     return np.concatenate([[0.0], np.geomspace(smallest, largest, count - 1)])

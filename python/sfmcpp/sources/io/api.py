@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import looked_up
 from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba, strecha, transforms
 from sfmcpp.sources.io.files import failures_named
@@ -28,6 +29,7 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
+@checked()
 def read(path: AnyPath, *, format: str | None = None) -> Problem:
     """Read a problem.
 
@@ -63,6 +65,7 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
         return chosen.reader(source)
 
 
+@checked()
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
     """Write a problem; the file appears complete or not at all.
 
@@ -97,6 +100,7 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         chosen.writer(problem, target)
 
 
+@checked()
 def convert(
     source: AnyPath, target: AnyPath, *, source_format: str | None = None, target_format: str | None = None
 ) -> None:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.npz import METADATA, read_members, write_member
@@ -53,6 +54,7 @@ class CheckpointFolder:
         If `every_s` is negative or no number.
     """
 
+    @checked()
     def __init__(self, path: str | Path, every_s: float = 60.0) -> None:
         if not every_s >= 0.0:
             raise InvalidArgument(f"every_s = {every_s!r}: must be a number of seconds, not negative")

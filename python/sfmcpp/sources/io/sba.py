@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
 from sfmcpp.sources.io.atomic import atomic_files
@@ -48,6 +49,7 @@ _POINT_NUMBERS = 4
 _FIRST_LINE_BYTES = 4096
 
 
+@checked()
 def read_sba(
     cameras: str | PathLike[str],
     points: str | PathLike[str],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_positive
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
@@ -13,6 +14,7 @@ from sfmcpp.sources.synthetic.observation import observe
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
+@checked()
 def circle_scene(
     num_cameras: int = 30,
     num_points: int = 500,
@@ -80,6 +82,7 @@ def _circle(num_cameras: int, radius_m: float) -> FloatArray:
     return looking_at(centres, np.zeros(3), UP)
 
 
+@checked()
 def sphere_scene(
     num_cameras: int = 50,
     num_points: int = 500,

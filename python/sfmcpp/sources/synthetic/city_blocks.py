@@ -5,10 +5,12 @@ from __future__ import annotations
 from itertools import count
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion
 from sfmcpp.sources.synthetic.street_drive import street_drive
 
 
+@checked()
 def city_blocks_scene(
     num_cameras: int = 1000,
     num_points: int | None = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_positive
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
@@ -15,6 +16,7 @@ _FORWARD = np.array([1.0, 0.0, 0.0])
 _EYE_HEIGHT_SHARE = 0.6
 
 
+@checked()
 def corridor_scene(
     num_cameras: int = 60,
     num_points: int = 4000,

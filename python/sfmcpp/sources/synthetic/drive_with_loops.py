@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion
 from sfmcpp.sources.synthetic.street_drive import street_drive
 
@@ -22,6 +23,7 @@ _Block = NDArray[np.int64]
 _EAST, _NORTH, _WEST, _SOUTH = np.array([1, 0]), np.array([0, 1]), np.array([-1, 0]), np.array([0, -1])
 
 
+@checked()
 def drive_with_loops_scene(
     num_cameras: int = 1000,
     num_points: int | None = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray
 from sfmcpp.model.checks import require_one_of, require_share
 from sfmcpp.sources.synthetic.observation import keep_points_seen_twice
@@ -14,6 +15,7 @@ PATTERNS = ("scattered", "runs")
 _MISSING = (3,)
 
 
+@checked()
 def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", seed: int) -> Problem:
     """Copy `problem` without a share of the observations it would have if every camera saw every point.
 

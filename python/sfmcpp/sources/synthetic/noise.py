@@ -7,6 +7,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_not_negative, require_positive, require_share
 
@@ -14,6 +15,7 @@ from sfmcpp.model.checks import require_not_negative, require_positive, require_
 _PERTURBED, _OUTLIERS = (1,), (2,)
 
 
+@checked()
 def add_outliers(
     problem: Problem, share: float, *, sigma_px: float | None = None, seed: int
 ) -> tuple[Problem, BoolArray]:
@@ -72,6 +74,7 @@ def _anywhere_in_image(problem: Problem, rng: np.random.Generator) -> FloatArray
     return places
 
 
+@checked()
 def perturb(
     problem: Problem,
     *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_above, require_count, require_finite, require_positive
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
@@ -16,6 +17,7 @@ from sfmcpp.sources.synthetic.streets import FRONT_HEIGHT_M, Route, StreetGrid
 _CROSSINGS = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0), (1, 0))
 
 
+@checked()
 def street_loop_scene(
     num_cameras: int = 160,
     num_points: int = 8000,

@@ -11,6 +11,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
 from sfmcpp.model import Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.study.evaluation.associate import Matched
@@ -122,6 +123,7 @@ class Alignment:
         }
 
 
+@checked()
 def align(
     pairs: Matched, rule: AlignmentRule, with_scale: bool = True, by: str = "positions"
 ) -> tuple[Trajectory, Alignment]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.sensors import interpolate_poses
@@ -38,6 +39,7 @@ class Matched:
         return len(self.estimate)
 
 
+@checked()
 def associate(
     estimate: Trajectory, truth: Trajectory, match: str = "nearest", max_difference_s: float | None = None
 ) -> Matched:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from sfmcpp.model import Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, align
 from sfmcpp.study.evaluation.associate import associate
@@ -61,6 +62,7 @@ class Evaluation:
         }
 
 
+@checked()
 def evaluate(
     estimate: Trajectory,
     truth: Trajectory,

@@ -12,7 +12,8 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import check_fields, checked
+from sfmcpp.model.arrays import FloatArray, shaped_array
 from sfmcpp.model.checks import is_rotation
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
@@ -45,8 +46,8 @@ class ImagePoses:
     poses: FloatArray
 
     def __post_init__(self) -> None:
-        if self.poses.shape != (len(self.names), 3, 4):
-            raise InvalidArgument(f"poses: shape {self.poses.shape}, must be ({len(self.names)}, 3, 4)")
+        check_fields(self, "names")
+        object.__setattr__(self, "poses", shaped_array("poses", self.poses, (len(self.names), 3, 4)))
         if len(set(self.names)) != len(self.names):
             twice = next(name for name in self.names if self.names.count(name) > 1)
             raise InvalidArgument(f"names: {twice!r} occurs twice, must be different")
@@ -105,6 +106,7 @@ def model_path(path: Path) -> Path:
     return inside if not _has_model(path) and _has_model(inside) else path
 
 
+@checked()
 def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
     """Read the poses of named images.
 

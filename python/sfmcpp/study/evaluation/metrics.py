@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_one_of, require_positive
 
@@ -59,6 +60,7 @@ class Statistics:
         )
 
 
+@checked(estimate=("n", 3, 4), truth=("n", 3, 4))
 def mean_3d_error(estimate: FloatArray, truth: FloatArray) -> float:
     """Mean distance between estimated and true positions: thesis eq. 5.24.
 
@@ -75,6 +77,7 @@ def mean_3d_error(estimate: FloatArray, truth: FloatArray) -> float:
     return float(np.mean(_distances(estimate, truth)))
 
 
+@checked(estimate=("n", 3, 4), truth=("n", 3, 4))
 def scale_ratios(
     estimate: FloatArray, truth: FloatArray, shortest_step_m: float = SHORTEST_STEP_M
 ) -> FloatArray:
@@ -103,6 +106,7 @@ def scale_ratios(
     return np.asarray(estimated[moving] / true[moving])
 
 
+@checked(estimate=("n", 3, 4), truth=("n", 3, 4))
 def ape(estimate: FloatArray, truth: FloatArray) -> Errors:
     """Absolute pose error.
 
@@ -121,6 +125,7 @@ def ape(estimate: FloatArray, truth: FloatArray) -> Errors:
     return _parts(relative_poses(truth, estimate))
 
 
+@checked(estimate=("n", 3, 4), truth=("n", 3, 4))
 def rpe(
     estimate: FloatArray,
     truth: FloatArray,

@@ -14,6 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_not_negative, require_one_of
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -138,6 +139,7 @@ class ModelEvaluation:
         return {**plain, "outliers": list(self.outliers)}
 
 
+@checked()
 def evaluate_model(
     model: ImagePoses | Problem | Map | AnyPath,
     truth: ImagePoses | Problem | Map | Trajectory | AnyPath,
@@ -195,6 +197,7 @@ def evaluate_model(
     return _measured(ours, matched, AlignmentRule(align_to), with_scale, align_by)
 
 
+@checked()
 def read_truth(path: AnyPath, format: str | None = None) -> ImagePoses | Trajectory:
     """Read true poses: named ones as :func:`read_image_poses`, else as :func:`read_trajectory`.
 

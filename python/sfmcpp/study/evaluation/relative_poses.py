@@ -6,13 +6,15 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.so3 import rotation_angle
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_positive
 
 # Baselines below this share of the truth's extent have no direction.
 _NO_BASELINE = 1e-9
 
 
+@checked(estimate=("n", 3, 4), truth=("n", 3, 4))
 def relative_pose_errors_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     """Larger one of rotation and direction error of the relative pose of every pair of images.
 
@@ -33,6 +35,7 @@ def relative_pose_errors_deg(estimate: FloatArray, truth: FloatArray) -> FloatAr
     return np.concatenate([np.empty(0), *rows])
 
 
+@checked(errors_deg=(ANY,))
 def auc(errors_deg: FloatArray, threshold_deg: float) -> float:
     """Area under the recall curve up to a threshold, as a share of the largest possible.
 

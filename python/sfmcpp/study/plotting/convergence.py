@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import Iteration, Summary
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
 
 Run = Summary | Sequence[Iteration]
@@ -33,6 +34,7 @@ class _Curve:
     accepted: NDArray[np.bool_]
 
 
+@checked()
 def plot_convergence(runs: Run | Mapping[str, Run], *, best_cost: float | None = None) -> Figure:
     """Plot cost against iterations and against seconds, on a logarithmic scale.
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.atomic import atomic_files
 
 # Okabe and Ito, "Color universal design" (2008): told apart by colour-blind readers too.
@@ -39,6 +40,7 @@ def style_axes(axes: Axes) -> None:
     axes.tick_params(which="both", color=MUTED, labelsize=9)
 
 
+@checked()
 def figure_format(path: str | PathLike[str]) -> str:
     """Tell the format of a figure file from its suffix.
 
@@ -64,6 +66,7 @@ def figure_format(path: str | PathLike[str]) -> str:
     return suffix.removeprefix(".")
 
 
+@checked()
 def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
     """Write a figure; the file appears complete or not at all, and the same figure gives the same bytes.
 

@@ -1,0 +1,327 @@
+#!/usr/bin/env python3
+"""Usage: try_combinations.py [--scenes NAME ...] [--processes N]: every method with everything else.
+
+Each method × line search × linear solver × camera model × loss solves small scenes. A combination that is
+refused must be refused by name. Any other must end without a raw exception, at the cost of the state that it
+returns, and if it says "converged" no more than 0.1 % above the best cost of that scene, camera model and
+loss. Where it is more, the gradient at its end is looked at, by differences of residuals: a Gauss–Newton
+step promises less than 0.1 % ("another minimum"), or an iteration gained less than `function_tolerance` on
+the way ("slow", told by method). Anything else is a fault: it is printed, and the program ends with 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+import sfmcpp
+from sfmcpp import _core
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import so3
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.synthetic import hide_observations
+
+CHOICES = {option.name: [name for name, _ in option.choices] for option in _core.SOLVE_OPTIONS}
+WAYS = ("method", "line_search", "linear_solver", "loss")
+LOSS_SCALE_PX, MAX_ITERATIONS = 2.0, 200
+# A cost that is as good as another: in shares of it, or so small per observation that no pixel tells.
+SAME_COST, NO_COST = 1e-3, 1e-6
+# Steps of differences, in sizes of unknowns; singular values that are the gauge's.
+DIFFERENCE, RANK = 1e-6, 1e-7
+ENDS = (
+    "refused",
+    "best",
+    "another minimum",
+    "slow",
+    "not converged",
+    "raw exception",
+    "untrue",
+    "unexplained",
+)
+FAULTS = ENDS[5:]
+Scene = Callable[[str], Problem]
+
+
+def started(problem: Problem, level: float = 1.0) -> Problem:
+    """A start away from the truth."""
+    return sfmcpp.perturb(
+        problem, point_sigma_m=0.2 * level, position_sigma_m=0.2 * level, rotation_sigma_deg=level, seed=1
+    )
+
+
+def circle(model: str, cameras: int = 5, points: int = 20, level: float = 1.0, **more: float) -> Problem:
+    """Cameras around a cube."""
+    return started(sfmcpp.circle_scene(cameras, points, camera_model=model, **more), level)
+
+
+def with_outliers(model: str) -> Problem:
+    """Every tenth observation is wrong."""
+    return sfmcpp.add_outliers(circle(model), 0.1, seed=2)[0]
+
+
+def with_sigmas(model: str) -> Problem:
+    """Observations of unequal standard deviations."""
+    problem = circle(model)
+    problem.sigma_px = np.geomspace(0.1, 10.0, problem.num_observations)
+    return problem
+
+
+def with_covariances(model: str) -> Problem:
+    """Observations with covariances."""
+    problem = circle(model)
+    problem.covariance_px2 = np.tile([[4.0, 1.0], [1.0, 0.5]], (problem.num_observations, 1, 1))
+    return problem
+
+
+def with_shared_intrinsics(model: str) -> Problem:
+    """One row of intrinsics for all cameras."""
+    problem = circle(model)
+    problem.intrinsics, problem.fixed_intrinsics = problem.intrinsics[:1], problem.fixed_intrinsics[:1]
+    problem.intrinsics_index[:] = 0
+    return problem
+
+
+def with_all_intrinsics_free(model: str) -> Problem:
+    """All intrinsics that may be free are."""
+    problem = circle(model, 6, 40)
+    if sfmcpp.CAMERA_MODELS[model].can_be_free:
+        problem.fixed_intrinsics[:] = False
+    return problem
+
+
+def with_fixed_cameras(model: str) -> Problem:
+    """Two poses are known."""
+    problem = circle(model)
+    problem.fixed_cameras[[0, 2]] = True
+    return problem
+
+
+def with_points_alone(model: str) -> Problem:
+    """All cameras are known, with their intrinsics."""
+    problem = circle(model)
+    problem.fixed_cameras[:] = True
+    problem.fixed_intrinsics[:] = True
+    return problem
+
+
+def with_cameras_alone(model: str) -> Problem:
+    """All points are known."""
+    problem = circle(model)
+    problem.fixed_points[:] = True
+    return problem
+
+
+def with_points_seen_once(model: str) -> Problem:
+    """Half of the observations are missing."""
+    return hide_observations(circle(model, 6, 30), 0.5, seed=3)
+
+
+def of_a_plane(model: str) -> Problem:
+    """All points lie in a plane."""
+    problem = sfmcpp.circle_scene(5, 20, camera_model=model)
+    flat = problem.copy()
+    flat.points[:, 2] = 0.0
+    flat.pixels -= sfmcpp.residuals(problem) - sfmcpp.residuals(flat)
+    return started(flat)
+
+
+def of_another_unit(model: str) -> Problem:
+    """The world in micrometres."""
+    problem = circle(model)
+    problem.points *= 1e6
+    problem.centres[:] *= 1e6
+    return problem
+
+
+SCENES: dict[str, Scene] = {
+    "circle": circle,
+    "far start": lambda model: circle(model, level=5.0),
+    "without noise": lambda model: circle(model, pixel_sigma_px=0.0),
+    "much noise": lambda model: circle(model, pixel_sigma_px=20.0),
+    "two views": lambda model: circle(model, 2, 30),
+    "many cameras": lambda model: circle(model, 16, 12),
+    "far away": lambda model: circle(model, radius_m=200.0, level=0.5, focal_px=5000.0),
+    "sphere": lambda model: started(sfmcpp.sphere_scene(6, 20, camera_model=model)),
+    "corridor": lambda model: started(
+        sfmcpp.corridor_scene(6, 120, length_m=6.0, camera_model=model), level=0.3
+    ),
+    "outliers": with_outliers,
+    "standard deviations": with_sigmas,
+    "covariances": with_covariances,
+    "shared intrinsics": with_shared_intrinsics,
+    "free intrinsics": with_all_intrinsics_free,
+    "fixed cameras": with_fixed_cameras,
+    "points alone": with_points_alone,
+    "cameras alone": with_cameras_alone,
+    "points seen once": with_points_seen_once,
+    "plane": of_a_plane,
+    "micrometres": of_another_unit,
+}
+
+
+def start_of(scene: str, model: str) -> Problem:
+    """Where every solve of a scene with a camera model starts."""
+    if sfmcpp.CAMERA_MODELS[model].metric:
+        return SCENES[scene](model)
+    return sfmcpp.as_projective(SCENES[scene]("calibrated"))
+
+
+@dataclass
+class Ending:
+    """How a combination ended, with the state it returned."""
+
+    way: dict[str, str]
+    kind: str
+    told: str = ""
+    cost: float = np.inf
+    state: Problem | None = None
+
+
+def weighted_residuals(problem: Problem, loss: str) -> FloatArray:
+    """(2M,) residuals whose squares sum up to twice the cost."""
+    r = sfmcpp.residuals(problem)
+    squared = (r**2).sum(axis=1)
+    rho = _core.loss_terms(loss, LOSS_SCALE_PX, squared)[0]
+    share = np.divide(rho, squared, out=np.ones_like(squared), where=squared > 0)
+    return (r * np.sqrt(share)[:, None]).ravel()
+
+
+def cost_of(problem: Problem, loss: str) -> float:
+    """The cost of a state."""
+    return 0.5 * float((weighted_residuals(problem, loss) ** 2).sum())
+
+
+def moved(problem: Problem, step: FloatArray) -> Problem:
+    """A state with everything that is free moved by a step."""
+    result = problem.copy()
+    size = 6 if problem.is_metric else 12
+    cameras, points = ~problem.fixed_cameras, ~problem.fixed_points
+    sizes = (size * int(cameras.sum()), points.sum() * problem.points.shape[1])
+    of_cameras, of_points, of_intrinsics = np.split(step, np.cumsum(sizes))
+    rows = of_cameras.reshape(-1, size)
+    if problem.is_metric:
+        result.rotations[cameras] = problem.rotations[cameras] @ so3.exp(rows[:, :3])
+        result.centres[cameras] += rows[:, 3:]
+    else:
+        result.cameras[cameras] += rows.reshape(-1, 3, 4)
+    result.points[points] += of_points.reshape(len(of_points) // problem.points.shape[1], -1)
+    result.intrinsics[~problem.fixed_intrinsics] += of_intrinsics
+    return result
+
+
+def sizes_of_unknowns(problem: Problem) -> FloatArray:
+    """How large what `moved` takes is: radians, lengths of the world, entries of matrices, intrinsics."""
+    world = float(np.ptp(problem.points)) if problem.is_metric else 1.0
+    of_camera = [1.0, 1.0, 1.0, world, world, world] if problem.is_metric else [1.0] * 12
+    free_points = problem.points[~problem.fixed_points]
+    intrinsics = np.maximum(np.abs(problem.intrinsics[~problem.fixed_intrinsics]), 1e-2)
+    cameras = np.tile(of_camera, int((~problem.fixed_cameras).sum()))
+    return np.concatenate([cameras, np.full(free_points.size, world), intrinsics])
+
+
+def promised_decrease(problem: Problem, loss: str) -> float:
+    """By how much a Gauss–Newton step would lower the cost; derivatives are differences of residuals."""
+    here = weighted_residuals(problem, loss)
+    steps = np.diag(DIFFERENCE * sizes_of_unknowns(problem))
+    with np.errstate(all="ignore"):
+        columns = [
+            weighted_residuals(moved(problem, step), loss) - weighted_residuals(moved(problem, -step), loss)
+            for step in steps
+        ]
+    jacobian = np.nan_to_num(np.stack(columns, axis=1))
+    jacobian /= np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
+    basis, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    told = basis[:, singular > RANK * singular[0]].T @ here
+    return 0.5 * float(told @ told)
+
+
+def ending_of(start: Problem, way: dict[str, str]) -> Ending:
+    """Solve, and look at whether what is told is true."""
+    state = start.copy()
+    try:
+        told = sfmcpp.solve(
+            state, **way, loss_scale_px=LOSS_SCALE_PX, max_iterations=MAX_ITERATIONS, threads=1
+        )
+    except InvalidArgument as error:
+        return Ending(way, "refused", str(error))
+    except Exception as error:
+        return Ending(way, "raw exception", f"{type(error).__name__}: {error}")
+    ending = Ending(way, "not converged", f"{told.termination}: {told.message}", told.final_cost, state)
+    if not np.isclose(told.final_cost, cost_of(state, way["loss"]), rtol=1e-6, atol=1e-12):
+        ending.kind = "untrue"
+        ending.told += f" at {told.final_cost}, but the cost is {cost_of(state, way['loss'])}"
+    elif told.converged:
+        ending.kind = "converged"
+    return ending
+
+
+def judge(endings: list[Ending]) -> None:
+    """Tell which combinations that converged with a loss are at the best cost, and why others are not."""
+    best = min((ending.cost for ending in endings), default=0.0)
+    for ending in endings:
+        if ending.kind != "converged" or ending.state is None:
+            continue
+        negligible = SAME_COST * best + NO_COST * ending.state.num_observations
+        if ending.cost - best <= negligible:
+            ending.kind = "best"
+            continue
+        promised = promised_decrease(ending.state, ending.way["loss"])
+        ending.told += f"; cost {ending.cost:.6g}, best {best:.6g}, a step promises {promised:.3g}"
+        if promised <= SAME_COST * ending.cost + negligible:
+            ending.kind = "another minimum"
+        else:
+            ending.kind = "slow" if "function_tolerance" in ending.told else "unexplained"
+
+
+def endings_of(scene: str, model: str) -> list[Ending]:
+    """All combinations on one scene with one camera model."""
+    start = start_of(scene, model)
+    ways = [dict(zip(WAYS, chosen, strict=True)) for chosen in product(*(CHOICES[name] for name in WAYS))]
+    endings = [ending_of(start, way) for way in ways]
+    for loss in CHOICES["loss"]:
+        judge([ending for ending in endings if ending.way["loss"] == loss and ending.kind != "refused"])
+    for ending in endings:
+        ending.state = None
+    return endings
+
+
+def main(scenes: list[str], processes: int) -> int:
+    """Print the table; 1 if there is a fault."""
+    cases = list(product(scenes, sfmcpp.CAMERA_MODELS))
+    totals, slow = Counter[str](), Counter[str]()
+    print(row_of("scene", "cameras", ENDS))
+    with ProcessPoolExecutor(processes) as pool:
+        started_cases = [(case, pool.submit(endings_of, *case)) for case in cases]
+        for (scene, model), told in started_cases:
+            endings = told.result()
+            counts = Counter(ending.kind for ending in endings)
+            totals += counts
+            slow += Counter(ending.way["method"] for ending in endings if ending.kind == "slow")
+            print(row_of(scene, model, [counts[kind] for kind in ENDS]), flush=True)
+            for ending in endings:
+                if ending.kind in FAULTS:
+                    print(f"  {', '.join(ending.way.values())}: {ending.kind}: {ending.told}")
+    print(row_of("all", str(totals.total()), [totals[kind] for kind in ENDS]))
+    print("slow:", ", ".join(f"{method} {count}" for method, count in slow.most_common()) or "none")
+    return int(any(totals[kind] for kind in FAULTS))
+
+
+def row_of(scene: str, model: str, cells: Iterable[object]) -> str:
+    """A line of the table."""
+    return f"{scene:<20}{model:<13}" + "".join(f"{cell:>16}" for cell in cells)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
+    parser.add_argument("--processes", type=int, default=1)
+    given = parser.parse_args()
+    sys.exit(main(given.scenes, given.processes))
