@@ -87,9 +87,12 @@ def solve(
         and come out the same. The callback hears of new iterations alone.
     comm : mpi4py.MPI.Comm, optional
         Processes that solve the problem together; each calls this, with the same arguments but for
-        `problem`, `callback` and `threads`. The same bits come out in every run with the same number of
-        them, costs within rounding for another number. Not with checkpoints. Run such a program by ``mpiexec
-        -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
+        `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
+        another number, steps of direct linear solvers have the same costs but for rounding, and those of
+        iterative ones to their tolerance (preconditioners of blocks between cameras are left to one
+        process alone: several use "schur-jacobi"). Weights are chosen by rank 0 from a whole problem; no
+        checkpoints. Run such a program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one
+        rank then ends all.
     **options
 
     Returns
