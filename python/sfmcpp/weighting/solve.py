@@ -114,9 +114,7 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        for name, store in (("checkpoint", checkpoint), ("resume", resume)):
-            if store is not None:
-                raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+        _refuse_what_one_process_needs(settings, checkpoint, resume)
         return _solve_on_ranks(problem, groups, weight, settings, callback, ranks)
     groups, settings = _checked(constraints, callback, options)
     if problem is None:
@@ -133,6 +131,18 @@ def _checked(
     if callback is not None and not callable(callback):
         raise InvalidArgument(f"callback = {callback!r}: must be callable")
     return checked_groups(constraints), settings
+
+
+def _refuse_what_one_process_needs(
+    settings: SolveOptions, checkpoint: CheckpointStore | None, resume: CheckpointStore | None
+) -> None:
+    for name, store in (("checkpoint", checkpoint), ("resume", resume)):
+        if store is not None:
+            raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+    if settings.preconditioner in ("clusters", "two-levels"):
+        raise InvalidArgument(
+            f"preconditioner = {settings.preconditioner!r}: not with comm; no rank has all blocks of S"
+        )
 
 
 @dataclass(frozen=True)

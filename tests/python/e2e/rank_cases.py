@@ -63,6 +63,7 @@ def refusals() -> None:
     """What one rank alone gets wrong is refused by all, and they can go on."""
     part, last = own_part(scene()), COMM.rank == COMM.size - 1
     refused("max_iterations: differs between ranks 0 and ", part, max_iterations=3 + last)
+    refused("preconditioner = 'clusters': not with comm", part, preconditioner="clusters")
     refused("max_iterations = -1", part, max_iterations=-1 if last else 3)
     refused("problem = None on rank 0", None if COMM.rank == 0 else part)
     refused("problem = 3: must be a Problem", 3 if last else part)  # type: ignore[arg-type]
