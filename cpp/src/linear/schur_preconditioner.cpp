@@ -18,7 +18,9 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
                                          PreconditionerKind kind)
     : diagonal_(normal) {
   kind = chosen(kind, normal.graph().num_cameras);
-  if (blocks == nullptr || kind == PreconditionerKind::kSchurJacobi) return;
+  // The blocks between cameras are those of one rank alone; the diagonal ones are of all.
+  const bool has_all_blocks = blocks != nullptr && normal.exchange().num_ranks() == 1;
+  if (!has_all_blocks || kind == PreconditionerKind::kSchurJacobi) return;
   const CameraNeighbours neighbours =
       neighbours_of(normal.graph(), blocks->pattern(), normal.pool());
   clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, neighbours);

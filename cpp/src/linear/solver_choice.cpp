@@ -101,8 +101,6 @@ class Chooser {
   }
 
   void consider_blocks() {
-    // Ranks would have to add theirs up in every step.
-    if (question_.exchange.num_ranks() > 1) return;
     if (!may_win(forecast_iterative(choice_.counts, true))) return;
     find_blocks(question_, choice_);
     const SolverForecast forecast = forecast_iterative(choice_.counts, true);
@@ -208,6 +206,19 @@ LinearSolverChoice choose_linear_solver(const SolverQuestion& question,
   return Chooser(question, options).choose();
 }
 
+namespace {
+
+// S·x is a sum over ranks: each keeps the blocks that its own points give, and sends no block.
+std::shared_ptr<const ReducedStructure> blocks_of_this_rank(const NormalEquations& normal,
+                                                            const LinearSolverChoice& choice) {
+  if (normal.exchange().num_ranks() == 1) return choice.structure;
+  return std::make_shared<ReducedStructure>(
+      ReducedStructure{.pattern = make_camera_pattern(
+                           normal.graph(), normal.camera_terms().pairs(), normal.pool())});
+}
+
+}  // namespace
+
 std::unique_ptr<LinearSolver> make_linear_solver(
     const NormalEquations& normal,
     const LinearSolverOptions& options,
@@ -225,7 +236,7 @@ std::unique_ptr<LinearSolver> make_as_chosen(const NormalEquations& normal,
   if (choice.kind != LinearSolverKind::kIterative)
     return make_linear_solver(normal, options, choice.structure);
   return std::make_unique<IterativeSolver>(
-      normal, options, choice.with_blocks ? choice.structure : nullptr);
+      normal, options, choice.with_blocks ? blocks_of_this_rank(normal, choice) : nullptr);
 }
 
 }  // namespace sfmcpp::linear

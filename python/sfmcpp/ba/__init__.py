@@ -12,7 +12,7 @@ from sfmcpp.ba.linearize import (
 )
 from sfmcpp.ba.options import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS, SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
-from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, Summary
+from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 
 __all__ = [
     "GAUGES",
@@ -27,6 +27,7 @@ __all__ = [
     "LinearSolverChange",
     "LinearSolverForecast",
     "LinearStep",
+    "RankLoad",
     "SolveOptions",
     "StepExploration",
     "Summary",

@@ -122,8 +122,9 @@ class _RankListener:
         self._failure: Exception | None = None
 
     def with_bytes(self, iteration: Iteration) -> Iteration:
-        """An iteration that has been heard of, with what was sent for it."""
-        before, after = self._sent[iteration.iteration : iteration.iteration + 2]
+        """An iteration with what was sent for it. An interrupt may keep the last from being heard of."""
+        sent = [*self._sent, self._exchange.bytes_sent]
+        before, after = sent[iteration.iteration : iteration.iteration + 2]
         return replace(iteration, bytes_sent=after - before)
 
     def __call__(self, core: _core.CoreIteration) -> bool | None:

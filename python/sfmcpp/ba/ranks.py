@@ -35,6 +35,9 @@ class Communicator(Protocol):
     def Ibarrier(self) -> Any:  # noqa: N802
         """Begin to wait until all have come here."""
 
+    def Abort(self, errorcode: int) -> None:  # noqa: N802
+        """End all processes."""
+
     def allgather(self, mine: Any) -> list[Any]:
         """Objects of all, in the order of their ranks."""
 

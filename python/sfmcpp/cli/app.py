@@ -86,6 +86,9 @@ def solve(
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,
+    mpi: Annotated[
+        bool, typer.Option("--mpi", help="Ask MPI for other ranks; under mpiexec that is done anyway.")
+    ] = False,
     **options: Any,
 ) -> ExitCode:
     """Adjust cameras, intrinsics and points of a problem."""
@@ -95,7 +98,8 @@ def solve(
 
     targets = Targets(output, report, plot)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
-    return solve_file(Job(source, targets, options, refined_intrinsics(refine), camera_model, quiet, kept))
+    refined = refined_intrinsics(refine)
+    return solve_file(Job(source, targets, options, refined, camera_model, quiet, kept, mpi))
 
 
 @app.command()

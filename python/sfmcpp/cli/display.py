@@ -15,7 +15,7 @@ from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
-from sfmcpp.ba import Iteration, LinearSolverForecast, Summary
+from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.cli.exit_codes import say
 from sfmcpp.cli.targets import Targets
 from sfmcpp.model import Problem
@@ -98,8 +98,18 @@ def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
         yield "forecast of a step", "; ".join(map(_forecast, summary.linear_solver_forecast))
     for change in summary.linear_solver_changes:
         yield "linear solver", f"{change.solver} from step {change.solves + 1} on ({change.reason})"
+    for rank, load in enumerate(summary.ranks):
+        yield f"rank {rank}", _load(load)
     yield "seconds", f"{summary.seconds_total:.3f}, and {seconds_read:.3f} to read the input"
     yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
+
+
+def _load(load: RankLoad) -> str:
+    return (
+        f"{load.points:,} points, {load.observations:,} observations; "
+        f"{load.seconds_computing:.3f} s computing, {load.seconds_waiting:.3f} s waiting, "
+        f"{load.bytes_sent / 1e6:.1f} MB sent"
+    )
 
 
 def _forecast(forecast: LinearSolverForecast) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
+from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -42,6 +44,8 @@ class Job:
         Whether to print nothing but errors.
     checkpoints : Checkpoints
         Where to save and to resume.
+    mpi : bool
+        Whether to ask MPI for other processes even where no known launcher has left a trace.
     """
 
     source: Path
@@ -51,10 +55,13 @@ class Job:
     camera_model: str | None = None
     quiet: bool = False
     checkpoints: Checkpoints = field(default_factory=Checkpoints)
+    mpi: bool = False
 
 
 def solve_file(job: Job) -> ExitCode:
     """Read, solve, write, print. All that can be checked is checked before the solve.
+
+    Where a launcher of MPI has started several processes, rank 0 does all but the solve alone.
 
     Raises
     ------
@@ -63,16 +70,49 @@ def solve_file(job: Job) -> ExitCode:
     InvalidArgument
         If an option breaks a rule.
     """
+    ranks = launched_ranks(asked=job.mpi)
+    if ranks is not None:
+        return together(ranks, lambda: _solve_file_on(job, ranks))
+    problem, seconds_read = _prepared(job)
+    return _finished(job, problem, _solve(job, problem), seconds_read)
+
+
+def _solve_file_on(job: Job, ranks: Ranks) -> ExitCode:
+    from sfmcpp.study.report_files import peak_memory_bytes
+
+    prepared: list[tuple[Problem, float]] = []
+
+    def prepare() -> None:
+        if job.checkpoints.folder or job.checkpoints.resumed:
+            raise InvalidArgument("--checkpoint, --resume: not on several ranks, whose state is not saved")
+        prepared.append(_prepared(job))
+
+    ranks.from_root(prepare)
+    problem, seconds_read = prepared[0] if ranks.is_root else (None, 0.0)
+    summary = _solve(job, problem, ranks.communicator)
+    memory = ranks.everyones(peak_memory_bytes())
+    return ranks.from_root(lambda: _finished(job, cast(Problem, problem), summary, seconds_read, memory))
+
+
+def _prepared(job: Job) -> tuple[Problem, float]:
+    """The problem, and how long it took to read it [s]."""
     _check_options(job.options)
     job.targets.check(job.source)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
     job.checkpoints.check()
     started = time.perf_counter()
     problem = _problem(job)
-    seconds_read = time.perf_counter() - started
-    summary = _solve(job, problem)
+    return problem, time.perf_counter() - started
+
+
+def _finished(
+    job: Job, problem: Problem, summary: Summary, seconds_read: float, memory: Sequence[float] = ()
+) -> ExitCode:
+    """Write and print; `memory` is the largest that each rank has used [bytes]."""
     with ctrl_c_noted():
-        complaints = _write_results(job, problem, summary, seconds_read) + job.checkpoints.failures
+        report = _report(job.source, problem, summary, seconds_read)
+        report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
+        complaints = _write_results(job, problem, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
 
@@ -82,7 +122,14 @@ def solve_file(job: Job) -> ExitCode:
 
 def _problem(job: Job) -> Problem:
     problem = read(job.source)
-    return problem if job.camera_model is None else as_projective(problem)
+    problem = problem if job.camera_model is None else as_projective(problem)
+    try:
+        if job.refine is not None:
+            problem.set_free_intrinsics(*job.refine)
+        job.targets.check_fits(problem)
+    except InvalidArgument as error:
+        raise DatasetError(job.source, str(error)) from error
+    return problem
 
 
 def _check_options(values: dict[str, Any]) -> None:
@@ -92,26 +139,26 @@ def _check_options(values: dict[str, Any]) -> None:
     options.validate()
 
 
-def _solve(job: Job, problem: Problem) -> Summary:
+def _solve(job: Job, problem: Problem | None, comm: Communicator | None = None) -> Summary:
     from sfmcpp.cli.display import shown_progress
 
     try:
-        if job.refine is not None:
-            problem.set_free_intrinsics(*job.refine)
-        job.targets.check_fits(problem)
-        with shown_progress(quiet=job.quiet) as listener:
+        with shown_progress(quiet=job.quiet or problem is None) as listener:
             return solve(
                 problem,
                 callback=listener,
                 checkpoint=job.checkpoints.save,
                 resume=job.checkpoints.resume,
+                comm=comm,
                 **job.options,
             )
     except InvalidArgument as error:
         raise DatasetError(job.source, str(error)) from error
 
 
-def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: float) -> list[DatasetError]:
+def _write_results(
+    job: Job, problem: Problem, summary: Summary, report: dict[str, Any]
+) -> list[DatasetError]:
     """Write every target, and go on where one fails: the others must not be lost with it."""
 
     def write_picture(path: Path) -> None:
@@ -122,7 +169,7 @@ def _write_results(job: Job, problem: Problem, summary: Summary, seconds_read: f
     def write_its_report(path: Path) -> None:
         from sfmcpp.study.report_files import write_report
 
-        write_report(_report(job.source, problem, summary, seconds_read), path)
+        write_report(report, path)
 
     steps: list[tuple[Path | None, Callable[[Path], None]]] = [
         (job.targets.problem, lambda path: write(problem, path)),

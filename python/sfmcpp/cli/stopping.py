@@ -45,5 +45,26 @@ def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
         restore()
 
 
+@contextmanager
+def one_interrupt() -> Iterator[None]:
+    """Heed Ctrl-C or SIGTERM once: what a terminal sends to all, a launcher of processes sends again."""
+    asked = threading.Event()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not asked.is_set():
+            asked.set()
+            raise KeyboardInterrupt
+
+    if not _in_main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()

@@ -87,9 +87,12 @@ def solve(
         and come out the same. The callback hears of new iterations alone.
     comm : mpi4py.MPI.Comm, optional
         Processes that solve the problem together; each calls this, with the same arguments but for
-        `problem`, `callback` and `threads`. The same bits come out in every run with the same number of
-        them, costs within rounding for another number. Not with checkpoints. Run such a program by ``mpiexec
-        -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
+        `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
+        another number, steps of direct linear solvers have the same costs but for rounding, and those of
+        iterative ones to their tolerance (preconditioners of blocks between cameras are left to one
+        process alone: several use "schur-jacobi"). Weights are chosen by rank 0 from a whole problem; no
+        checkpoints. Run such a program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one
+        rank then ends all.
     **options
 
     Returns
@@ -111,9 +114,7 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        for name, store in (("checkpoint", checkpoint), ("resume", resume)):
-            if store is not None:
-                raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+        _refuse_what_one_process_needs(settings, checkpoint, resume)
         return _solve_on_ranks(problem, groups, weight, settings, callback, ranks)
     groups, settings = _checked(constraints, callback, options)
     if problem is None:
@@ -130,6 +131,18 @@ def _checked(
     if callback is not None and not callable(callback):
         raise InvalidArgument(f"callback = {callback!r}: must be callable")
     return checked_groups(constraints), settings
+
+
+def _refuse_what_one_process_needs(
+    settings: SolveOptions, checkpoint: CheckpointStore | None, resume: CheckpointStore | None
+) -> None:
+    for name, store in (("checkpoint", checkpoint), ("resume", resume)):
+        if store is not None:
+            raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+    if settings.preconditioner in ("clusters", "two-levels"):
+        raise InvalidArgument(
+            f"preconditioner = {settings.preconditioner!r}: not with comm; no rank has all blocks of S"
+        )
 
 
 @dataclass(frozen=True)

@@ -292,6 +292,21 @@ TEST(Exchange, ACameraThatOnlyAnotherRankSeesIsObserved) {
     expect_cutting_changes_nothing(cut, options_of(Method::kLevenbergMarquardtNielsen, solver), 2);
 }
 
+// S·x is a sum over ranks, each with the blocks of its points; refined to what double precision
+// gives.
+TEST(Exchange, BlocksOfEachRankMakeTheSameSteps) {
+  support::SceneOptions options = support::perturbed(CameraModelId::kBal);
+  options.num_cameras = 40;
+  options.num_points = 1500;
+  options.window = 4;
+  const OwnedProblem scene = make_circle_scene(options);
+  const SolveOptions chosen =
+      options_of(Method::kLevenbergMarquardtNielsen, LinearSolverKind::kIterative);
+  ASSERT_TRUE(solve_whole(scene, chosen).summary.linear_solver.with_blocks);
+  ASSERT_TRUE(solve_in_parts(scene, chosen, 3).front().summary.linear_solver.with_blocks);
+  expect_cutting_changes_nothing(scene, chosen, 3);
+}
+
 TEST(Exchange, ARankWithoutPointsTakesPart) {
   support::SceneOptions options = support::perturbed(CameraModelId::kCalibrated);
   options.num_points = 20;

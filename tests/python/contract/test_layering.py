@@ -50,7 +50,7 @@ PYTHON_ROOT = "sfmcpp"
 # Of typing_extensions type checkers have their own copy; nothing imports it at run time.
 PYTHON_EVERYWHERE = {"numpy", "scipy", "typing_extensions"}
 PYTHON_FOREIGN = {
-    "cli": {"rich", "typer", "matplotlib"},
+    "cli": {"rich", "typer", "matplotlib", "mpi4py"},
     "study": {"matplotlib", "viser"},
     "geometry": {"poselib"},
     "sources": {"cv2", "PIL", "pycolmap", "yaml"},

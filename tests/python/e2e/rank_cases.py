@@ -6,6 +6,8 @@ import os
 import re
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ from mpi4py import MPI
 
 import sfmcpp
 from sfmcpp.ba.parts import part_of, partition_points
+from sfmcpp.cli import display
+from sfmcpp.cli.main import main
 from sfmcpp.errors import InvalidArgument
 
 COMM = MPI.COMM_WORLD
@@ -59,6 +63,7 @@ def refusals() -> None:
     """What one rank alone gets wrong is refused by all, and they can go on."""
     part, last = own_part(scene()), COMM.rank == COMM.size - 1
     refused("max_iterations: differs between ranks 0 and ", part, max_iterations=3 + last)
+    refused("preconditioner = 'clusters': not with comm", part, preconditioner="clusters")
     refused("max_iterations = -1", part, max_iterations=-1 if last else 3)
     refused("problem = None on rank 0", None if COMM.rank == 0 else part)
     refused("problem = 3: must be a Problem", 3 if last else part)  # type: ignore[arg-type]
@@ -134,6 +139,18 @@ def fault(kind: str, rank: int, successes: int) -> None:
     comm = Failing(successes, failure) if COMM.rank == rank else COMM
     sfmcpp.solve(scene() if COMM.rank == 0 else None, comm=comm, **OPTIONS)  # type: ignore[arg-type]
     print("not reached")
+
+
+def endless_command(source: str, output: str) -> None:
+    """A solve of the command line that does not converge, and tells its steps on stderr."""
+
+    @contextmanager
+    def told(*, quiet: bool) -> Iterator[Callable[[sfmcpp.Iteration], None] | None]:
+        yield None if quiet else lambda step: print("step", step.iteration, file=sys.stderr, flush=True)
+
+    display.shown_progress = told
+    endless = ["--method", "gradient-descent", "--function-tolerance", "0", "--gradient-tolerance", "0"]
+    sys.exit(main(["solve", source, "-o", output, *endless, "--max-iterations", "99999999"]))
 
 
 if __name__ == "__main__":

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import sfmcpp
+from cli_helpers import is_one_error_line, strict_json, write_noisy_circle
 
 HERE = Path(__file__).parent
 TESTS = HERE.parent
@@ -21,21 +26,25 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+# Each with one thread of the libraries below NumPy.
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+
+
 def on_ranks(count: int, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run a program of Python on several ranks, each with one thread of the libraries below NumPy."""
-    command = [MPIEXEC, "-n", str(count), sys.executable, "-m", "mpi4py", *arguments]
+    """Run Python on several ranks."""
+    command = [MPIEXEC, "-n", str(count), sys.executable, *arguments]
     return subprocess.run(
-        [*map(str, command)],
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        cwd=HERE,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        [*map(str, command)], capture_output=True, text=True, timeout=TIMEOUT_S, cwd=HERE, env=ENVIRONMENT
     )
 
 
 def case(count: int, *arguments: object) -> subprocess.CompletedProcess[str]:
-    return on_ranks(count, "rank_cases.py", *map(str, arguments))
+    return on_ranks(count, "-m", "mpi4py", "rank_cases.py", *map(str, arguments))
+
+
+def solve_file(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run the command line on two ranks."""
+    return on_ranks(2, "-m", "sfmcpp", "solve", *arguments)
 
 
 def require_success(result: subprocess.CompletedProcess[str]) -> None:
@@ -63,7 +72,15 @@ def test_the_tests_that_solve_pass_on_several_ranks(
 ) -> None:
     arguments = f"-p under_ranks -p no:cacheprovider -q --basetemp {tmp_path / 'ranks'}".split()
     result = on_ranks(
-        count, "-m", "pytest", *arguments, "-k", f"not ({LEFT_OUT})", *(TESTS / name for name in files)
+        count,
+        "-m",
+        "mpi4py",
+        "-m",
+        "pytest",
+        *arguments,
+        "-k",
+        f"not ({LEFT_OUT})",
+        *(TESTS / name for name in files),
     )
     require_success(result)
     assert int(result.stdout.split(" passed")[0].split()[-1]) >= least
@@ -94,3 +111,66 @@ def test_a_rank_that_fails_ends_all(kind: str, rank: int, said: str, successes: 
     assert result.returncode != 0
     assert "not reached" not in result.stdout
     assert said in result.stderr
+
+
+def test_the_command_line_solves_on_all_ranks_and_one_of_them_speaks(tmp_path: Path) -> None:
+    source = write_noisy_circle(tmp_path, camera_model="bal")
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    result = solve_file(source, "-o", output, "--report", report, "--refine", "f")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.count("termination") == 1
+    content = strict_json(report)
+    assert sfmcpp.cost(sfmcpp.read(output)) == pytest.approx(content["final_cost"], rel=1e-9)
+    whole = sfmcpp.read(source).set_free_intrinsics("f")
+    steps = [i.cost for i in sfmcpp.solve(whole).iterations]
+    np.testing.assert_allclose([i["cost"] for i in content["iterations"]], steps, rtol=1e-9)
+    loads = content["ranks"]
+    assert sum(load["points"] for load in loads) == whole.num_points
+    assert sum(load["observations"] for load in loads) == whole.num_observations
+    assert all(load["seconds_computing"] > 0 and load["seconds_waiting"] > 0 for load in loads)
+    assert 0 < sum(i["bytes_sent"] for i in content["iterations"]) <= loads[0]["bytes_sent"]
+    assert len(content["peak_memory_bytes_of_ranks"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("--checkpoint", "kept"), "not on several ranks"),  # before rank 0 has read the input
+        (("--camera-model", "projective", "--gauge", "fixed"), "camera_model = 'projective'"),  # by the core
+    ],
+)
+def test_what_is_wrong_is_said_once(arguments: tuple[str, ...], reason: str, tmp_path: Path) -> None:
+    result = solve_file(write_noisy_circle(tmp_path), *arguments)
+    assert result.returncode == 2
+    assert is_one_error_line(result), result.stderr
+    assert reason in result.stderr
+
+
+def test_processes_that_cannot_reach_each_other_are_told(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "sfmcpp", "solve", write_noisy_circle(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        env={**ENVIRONMENT, "OMPI_COMM_WORLD_SIZE": "2", "PYTHONWARNINGS": "ignore"},
+    )
+    assert result.returncode == 2
+    assert "2 processes were started, and each is alone" in result.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_the_launcher_ends_all_with_the_best_state(tmp_path: Path, number: int) -> None:
+    source, output = write_noisy_circle(tmp_path), tmp_path / "out.npz"
+    command = [MPIEXEC, "-n", "2", sys.executable, "rank_cases.py", "endless_command", source, output]
+    with subprocess.Popen(
+        [*map(str, command)], env=ENVIRONMENT, cwd=HERE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr is not None
+        while process.stderr.readline().strip() not in (b"step 2", b""):
+            pass
+        process.send_signal(number)
+        _, said = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130
+    # MPICH's launcher may drop what is said after SIGTERM.
+    assert number == signal.SIGTERM or b"the best state so far is in" in said
+    assert sfmcpp.cost(sfmcpp.read(output)) < sfmcpp.cost(sfmcpp.read(source))
