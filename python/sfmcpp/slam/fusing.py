@@ -84,10 +84,13 @@ def settled(
     measurements: Sequence[Measurement],
     settings: SlamSettings,
 ) -> FloatArray:
-    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far."""
+    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far.
+
+    Not where weights are as in the thesis: there sensors constrain keyframes alone.
+    """
     usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
     images = pose_view(world, view, pose, settings)
-    if images is None or not usual or settings.weights == "none":
+    if images is None or not usual or not settings.trusts_declared:
         return pose
     previous = world.keyframes[-1].pose
     weighted = [(pose_constraint(c.measurement, previous), c.weight) for c in usual]

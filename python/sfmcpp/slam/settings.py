@@ -101,6 +101,6 @@ class SlamSettings:
 
     @property
     def trusts_declared(self) -> bool:
-        """Whether what sensors declare counts where no keyframe is there to choose by."""
+        """Whether what sensors declare bounds their weights; else these are the thesis' own, or constant."""
         chosen = self.weights != "none" and selection_method(self.weights).grid is None
         return chosen and self.weight_bounds == "declared"

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.fusing import constraint_groups, fuse, presumed_weights, usual_weights
+from sfmcpp.slam.fusing import constraint_groups, fuse, presumed_weights, settled, usual_weights
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 
@@ -190,3 +190,24 @@ def test_the_presumed_weight_is_that_of_the_declared_sigma() -> None:
     found = presumed_weights(world, keyframe, before, asked)
     assert [c.measurement for c in found] == asked[:2]
     assert [3 * c.weight**2 for c in found] == pytest.approx([(0.5 / 0.02) ** 2, 3 * (0.5 / 0.001) ** 2])
+
+
+@pytest.mark.parametrize(
+    ("settings", "follows"),
+    [
+        (SETTINGS, True),
+        (SlamSettings(weight_bounds="none"), False),
+        (SlamSettings(weights="fixed:20"), False),
+    ],
+)
+def test_a_frame_between_keyframes_follows_sensors_only_where_they_declare(
+    settings: SlamSettings, follows: bool
+) -> None:
+    world, view = map_and_view()
+    remember(world, "odometer", 50.0)
+    told = settled(world, view, TRUE, [scale(DISTANCE + 0.05)], settings)
+    if not follows:
+        assert told is TRUE
+        return
+    expected = best_pose(world, view, DISTANCE + 0.05, 50.0)
+    np.testing.assert_allclose(told, expected, atol=1e-4)
