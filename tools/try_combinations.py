@@ -266,6 +266,7 @@ def ending_of(start: Problem, way: dict[str, str]) -> Ending:
 def judge(endings: list[Ending]) -> None:
     """Tell which combinations that converged with a loss are at the best cost, and why others are not."""
     best = min((ending.cost for ending in endings), default=0.0)
+    promises: dict[str, float] = {}  # by cost: many combinations end in the same place
     for ending in endings:
         if ending.kind != "converged" or ending.state is None:
             continue
@@ -273,7 +274,10 @@ def judge(endings: list[Ending]) -> None:
         if ending.cost - best <= negligible:
             ending.kind = "best"
             continue
-        promised = promised_decrease(ending.state, ending.way["loss"])
+        place = f"{ending.cost:.6g}"
+        if place not in promises:
+            promises[place] = promised_decrease(ending.state, ending.way["loss"])
+        promised = promises[place]
         ending.told += f"; cost {ending.cost:.6g}, best {best:.6g}, a step promises {promised:.3g}"
         if promised <= SAME_COST * ending.cost + negligible:
             ending.kind = "another minimum"

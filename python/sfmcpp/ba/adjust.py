@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
@@ -17,6 +15,7 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import number_array
 
 Callback = Callable[[Iteration], "bool | None"]
 
@@ -59,7 +58,7 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    least_bytes = sum(np.asarray(arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
+    least_bytes = sum(number_array(name, arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), least_bytes)
     taken, listener = checkpoints.taken, checkpoints.offer if checkpoints.are_saved else None
     core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))

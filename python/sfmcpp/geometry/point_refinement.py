@@ -16,7 +16,7 @@ from sfmcpp.geometry._tracks import (
 from sfmcpp.geometry.pinhole import image_slopes, to_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.uncertainty import Whitener
 
@@ -28,7 +28,7 @@ _TOLERANCE = 1e-10
 _ROUNDING_PX2 = 1e-20
 
 
-@checked(points=(ANY, 3))
+@checked()
 def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) -> FloatArray:
     """Refine points by damped Gauss–Newton steps on their reprojection errors, each with its own damping.
 

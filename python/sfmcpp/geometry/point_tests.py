@@ -16,14 +16,14 @@ from sfmcpp.geometry._tracks import (
 from sfmcpp.geometry.pinhole import to_pixels, unit
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative, require_positive
 
 # Tracks of one length are compared ray by ray in pieces of at most this many pairs of rays.
 _PAIRS_AT_ONCE = 4_000_000
 
 
-@checked(points=(ANY, 3))
+@checked()
 def depths(problem: Problem, points: FloatArray) -> FloatArray:
     """Depth of the point of each observation in its camera; positive in front of it.
 
@@ -64,7 +64,7 @@ def projected_points(problem: Problem, points: FloatArray) -> FloatArray:
     return to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(problem))
 
 
-@checked(points=(ANY, 3))
+@checked()
 def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     """Distance of each observation from the image of its point.
 
@@ -92,7 +92,7 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     return errors
 
 
-@checked(points=(ANY, 3))
+@checked()
 def mean_reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     """Mean distance of the observations of each point from its image, over the cameras it is in front of.
 
@@ -115,7 +115,7 @@ def mean_reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatAr
     return np.where(views > 0, total / np.maximum(views, 1), np.nan)
 
 
-@checked(points=(ANY, 3))
+@checked()
 def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray:
     """Largest angle at each point between two cameras that observe it.
 
@@ -160,7 +160,7 @@ def _longest_chords(rays: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(rays[every, first] - rays[every, second], axis=1))
 
 
-@checked(points=(ANY, 3))
+@checked()
 def reliable_points(
     problem: Problem,
     points: FloatArray,

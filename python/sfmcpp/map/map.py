@@ -12,7 +12,7 @@ from sfmcpp.geometry import Similarity, mean_reprojection_errors_px
 from sfmcpp.map.store import UNKNOWN_ERROR, Store
 from sfmcpp.map.tracks import NONE, Rows
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray
+from sfmcpp.model.arrays import BoolArray, numbers_below
 from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.uncertainty import Uncertainty
 
@@ -67,26 +67,31 @@ class Map(Store):
         InvalidArgument
             If there is no such point, a keypoint sees one already, or an image would see one twice.
         """
-        chosen, seen = np.asarray(rows, dtype=np.intp), np.asarray(points, dtype=np.intp)
+        chosen = numbers_below("rows", rows, len(self.keypoints))
+        seen = numbers_below("points", points, len(self.points))
+        if len(chosen) != len(seen):
+            raise InvalidArgument(f"points: {len(seen)} for {len(chosen)} rows")
         if (self.keypoint_points[chosen] != NONE).any() or len(np.unique(chosen)) != len(chosen):
             raise InvalidArgument("rows: a keypoint sees one point at most")
-        others = self.observations_of(np.unique(seen[(seen >= 0) & (seen < len(self.points))]))
+        others = self.observations_of(np.unique(seen))
         both = np.concatenate([chosen, others])
         self._require_once(np.concatenate([seen, self.keypoint_points[others]]), self.keypoint_images[both])
         self._tracks.link(chosen, seen)
 
     def forget(self, rows: ArrayLike) -> None:
         """Let keypoints `rows` (k,) see nothing; their points keep their positions."""
-        self._tracks.unlink(np.asarray(rows, dtype=np.intp))
+        self._tracks.unlink(numbers_below("rows", rows, len(self.keypoints)))
 
     def remove_points(self, points: ArrayLike) -> None:
         """Take `points` (n,) out of the map: no keypoint sees them, no position; their numbers stay empty."""
-        chosen = np.asarray(points, dtype=np.intp)
+        chosen = numbers_below("points", points, len(self.points))
         self.forget(self.observations_of(chosen))
         self.points[chosen] = np.nan
 
     def merge(self, kept: int, gone: int) -> None:
         """Let all that sees the point `gone` see `kept`, except in images that see both; empty `gone`."""
+        if kept == gone:
+            raise InvalidArgument(f"gone = {gone}: must be another point than the one kept")
         rows, kept_rows = self.observations_of([gone]), self.observations_of([kept])
         self.remove_points([gone])
         rows = rows[~np.isin(self.keypoint_images[rows], self.keypoint_images[kept_rows])]
@@ -202,14 +207,14 @@ class Map(Store):
         LocalProblem
             Images, cameras, points and, within an image, keypoints are in the order of their numbers.
         """
-        free = np.unique(np.asarray(images, dtype=np.intp))
+        free = np.unique(numbers_below("images", images, self.num_images))
         seen = np.unique(self.keypoint_points[self.keypoints_of(free)])
         points = seen[(seen >= 0) & np.isfinite(self.points[seen, 0])].astype(np.intp)
         rows = np.sort(self._tracks.of(points)[0])
         rows = rows[np.isfinite(self.poses[self.keypoint_images[rows], 0, 0])]
         moves, sees, used = np.zeros((3, self.num_images), dtype=np.bool_)
         moves[free], sees[self.keypoint_images[rows]] = True, True
-        used[np.asarray(also, dtype=np.intp)] = True
+        used[numbers_below("also", also, self.num_images)] = True
         local = self._part(np.flatnonzero(used | moves | sees), points, rows)
         local.problem.fixed_cameras[:] = ~(moves & sees)[local.images]
         return local

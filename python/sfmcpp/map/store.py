@@ -11,7 +11,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.map.table import Table
 from sfmcpp.map.tracks import NONE, Rows, Tracks
 from sfmcpp.model import camera_model as camera_model_of
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, numbers_below
 
 UNKNOWN_ERROR = -1.0
 
@@ -337,17 +337,17 @@ class Store:
 
     def keypoints_of(self, images: ArrayLike) -> Rows:
         """Rows of the keypoints of `images` (i,), image after image."""
-        numbers = np.asarray(images, dtype=np.intp)
+        numbers = numbers_below("images", images, self.num_images)
         begin, counts = self.keypoint_begin[numbers], self.keypoint_counts[numbers]
         return np.asarray(np.repeat(begin + counts - np.cumsum(counts), counts) + np.arange(counts.sum()))
 
     def observations_of(self, points: ArrayLike) -> Rows:
         """Keypoints that see one of `points` (n,), point after point, in the order they came."""
-        return self._tracks.in_order(np.asarray(points, dtype=np.intp))[0]
+        return self._tracks.in_order(numbers_below("points", points, len(self.points)))[0]
 
     def observations_with_places(self, points: ArrayLike) -> tuple[Rows, Rows]:
         """The same, and for each the place in `points` of what it sees; a point may stand there twice."""
-        return self._tracks.in_order(np.asarray(points, dtype=np.intp))
+        return self._tracks.in_order(numbers_below("points", points, len(self.points)))
 
 
 def _ids(table: Table, count: int, given: ArrayLike | None) -> NDArray[np.int64]:

@@ -81,6 +81,14 @@ def index_array(name: str, value: ArrayLike) -> IndexArray:
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
+def numbers_below(name: str, value: ArrayLike, count: int) -> NDArray[np.intp]:
+    """`value` as a (any,) array of numbers of `count` things, from 0 on; or InvalidArgument."""
+    numbers = index_array(name, value)
+    if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
+        raise InvalidArgument(f"{name}: must be from 0 to {count - 1}")
+    return numbers.astype(np.intp)
+
+
 def number_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """`value` as an array of any type; InvalidArgument if its rows differ in length."""
     try:

@@ -14,8 +14,8 @@ from sfmcpp.model.arrays import (
     BoolArray,
     FloatArray,
     IndexArray,
-    index_array,
     number_array,
+    numbers_below,
     require_int32,
 )
 from sfmcpp.model.camera_models import camera_model
@@ -275,10 +275,7 @@ def _chosen(value: ArrayLike, count: int) -> NDArray[Any]:
         if rows.shape != (count,):
             raise InvalidArgument(f"chosen: mask of shape {rows.shape}, must be ({count},)")
         return rows
-    numbers = index_array("chosen", rows)
-    if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
-        raise InvalidArgument(f"chosen: must be from 0 to {count - 1}")
-    return numbers
+    return numbers_below("chosen", rows, count)
 
 
 def _require_private_intrinsics(groups: int, cameras: int) -> None:
