@@ -281,6 +281,10 @@ class SlamResult:
         """Frames whose poses do not come from the map."""
         return {*self.bridged, *self.lost}
 
+    def trust(self, frame: int) -> None:
+        """Take a frame for one whose pose comes from the map after all."""
+        self.bridged, self.lost = ([k for k in some if k != frame] for some in (self.bridged, self.lost))
+
     def trajectory(self) -> Trajectory:
         """All frames with a pose, in order."""
         poses = self.poses

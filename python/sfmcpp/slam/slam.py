@@ -116,9 +116,7 @@ class Slam:
             if pose is None and frame.number not in keyframes:
                 continue
             self._place(frame, pose)
-            for doubtful in (self.result.bridged, self.result.lost):
-                if frame.number in doubtful:
-                    doubtful.remove(frame.number)
+            self.result.trust(frame.number)
 
     def _locate(self, frame: Frame) -> FloatArray | None:
         rotation = expected_rotation(self._world, self._sensors, frame.t_s)
