@@ -178,7 +178,7 @@ class SolveOptions:
     @property
     def loss_scale_px(self) -> float | str:
         """
-        Residual over σ at which the loss leaves the parabola; auto: from the median absolute residual at the start
+        Residual over σ at which the loss leaves the parabola, at least where the loss is auto; auto: from the median absolute residual at the start
         """
     @loss_scale_px.setter
     def loss_scale_px(self, arg1: typing.SupportsFloat | typing.SupportsIndex | str) -> None:

@@ -6,6 +6,7 @@
 
 #include "sfmcpp/ba/camera_modes.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
+#include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -53,6 +54,7 @@ BundleModel::BundleModel(const Problem& problem,
       images_(problem, graph, pool, exchange),
       held_(images_, map),
       refits_(images_, map),
+      rescues_(images_, map),
       constraints_(problem, map, free_intrinsics_),
       normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_),
@@ -63,6 +65,32 @@ void BundleModel::set_loss(const Loss& loss) {
   if (images_.is_robust())
     weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + residuals::kReadAhead,
                     1.0);
+}
+
+void BundleModel::let_scale_fall(const State& start, double least) {
+  falling_scale_.emplace(images_, least);
+  set_loss({LossKind::kAuto, falling_scale_->at(start)});
+}
+
+bool BundleModel::sharpen(State& state) {
+  if (!falling_scale_) return false;
+  const double scale = images_.loss().scale, next = falling_scale_->after(scale, state);
+  if (next < scale) {
+    set_loss({LossKind::kAuto, next});
+    return true;
+  }
+  if (rescues_left_ == 0) return false;
+  --rescues_left_;
+  return rescues_.rescue(state) > 0;
+}
+
+void BundleModel::keep(optim::Memory& memory) {
+  if (!falling_scale_) return;
+  double scale = images_.loss().scale;
+  memory.keep(scale);
+  memory.keep(rescues_left_);
+  if (!is_loss_scale(scale)) throw InvalidArgument("saved numbers: not those of these options");
+  set_loss({LossKind::kAuto, scale});
 }
 
 double BundleModel::cost(const State& state) {

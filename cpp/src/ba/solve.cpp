@@ -49,7 +49,6 @@ SolveSummary describe_start(const Workspace& work,
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
-  summary.loss_scale_px = work.model.images().loss().scale;
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
   return summary;
@@ -71,6 +70,7 @@ optim::Events noting_the_start(const optim::Events& events,
 void describe_end(const Workspace& work, const optim::State& state, SolveSummary& summary) {
   summary.solver_changes = work.solver->changes();
   summary.forecast_seconds = forecast_seconds(work.choice, work.pool);
+  summary.loss_scale_px = work.model.images().loss().scale;
   const ImageFit fit = work.model.images().fit(state);
   summary.final_rms_px = fit.rms();
   summary.behind_camera_final = static_cast<int>(fit.behind_camera);
@@ -89,6 +89,8 @@ SolveSummary solve(const Problem& problem,
                    const optim::Resumption* resumed) {
   const Stopwatch clock(resumed == nullptr ? 0.0 : resumed->seconds), setup;
   Workspace work(problem, options, state, exchange);
+  if (options.loss == LossKind::kAuto)
+    work.model.let_scale_fall(state, options.loss_scale_px.value_or(0.0));
   SolveSummary summary = describe_start(work, problem, options, state);
   summary.seconds_setup = setup.seconds();
   {

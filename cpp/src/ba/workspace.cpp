@@ -42,6 +42,7 @@ Loss make_loss(const SolveOptions& options,
                const optim::State& start,
                Exchange& exchange) {
   if (options.loss_scale_px) return {options.loss, *options.loss_scale_px};
+  if (options.loss == LossKind::kAuto) return {options.loss, FallingScale(images, 0.0).at(start)};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
   const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), 1e-9);
   return {options.loss, efficient_scale(options.loss, sigma)};

@@ -5,7 +5,8 @@
 
 #include "model_line.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "sfmcpp/linear/vector_algebra.hpp"
+#include "state_algebra.hpp"
+#include "stops.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -14,11 +15,10 @@ namespace {
 constexpr double kRounding = 1e-9;
 // Parts of the cost that grow by this share of all of it are worth a look at who grows.
 constexpr double kWorthHoldingBack = 0.1;
+// A cost in stages is sharpened from where a step decreases it by less than this share.
+constexpr double kSettled = 1e-2;
 // A cost, in squared standard deviations, far below what any measurement can tell.
 constexpr double kNegligibleCost = 1e-18;
-
-// Why to stop at once, the gravest reason last: what one rank has met counts for all.
-enum class Stop { kNo, kTime, kCallback, kInterrupt };
 
 class Minimizer {
  public:
@@ -53,16 +53,13 @@ class Minimizer {
     }
     while (!finished()) {
       compute_step();
-      if (finished()) break;
-      choose_candidate();
-      if (step_is_successful()) {
-        accept();
-      } else {
-        reject();
-      }
+      const bool stands = finished();
+      if (!stands) try_step();
+      if (has_settled() && model_.sharpen(state_)) begin_stage();
+      if (stands && finished()) break;
       record();
     }
-    if (was_stopped() && !numbers_.empty()) tell_where_it_stands(true);
+    if (is_of_a_stop(summary_.termination) && !numbers_.empty()) tell_where_it_stands(true);
     summary_.final_cost = cost_;
     return std::move(summary_);
   }
@@ -74,6 +71,7 @@ class Minimizer {
     memory.keep(cost_);
     memory.keep(largest_prediction_);
     strategy_->keep(memory);
+    model_.keep(memory);
     std::vector<int> solves = solver_.iterations_of_solves();
     memory.keep(solves);
     if (memory.is_reading()) solver_.replay(solves);
@@ -106,20 +104,6 @@ class Minimizer {
     heed_limits(agree_on(Signal::kContinue));
   }
 
-  static bool same_size(const State& a, const State& b) {
-    return a.cameras.size() == b.cameras.size() && a.intrinsics.size() == b.intrinsics.size() &&
-           a.points.size() == b.points.size();
-  }
-
-  // Whether it was stopped, rather than came to an end of its own.
-  bool was_stopped() const {
-    const auto stops = {Termination::kMaxIterations,
-                        Termination::kMaxSeconds,
-                        Termination::kInterrupted,
-                        Termination::kStoppedByCallback};
-    return std::ranges::find(stops, summary_.termination) != stops.end();
-  }
-
   // The last time as after the last iteration: one that was cut short has left the state as it was.
   void tell_where_it_stands(bool last) {
     if (!events_.on_resumable) return;
@@ -144,8 +128,18 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    if (now_.step_norm <= options_.termination.parameter_tolerance * state_norm())
+    if (now_.step_norm <=
+        options_.termination.parameter_tolerance * norm(state_, model_.normal_equations()))
       finish_negligible();
+  }
+
+  void try_step() {
+    choose_candidate();
+    if (step_is_successful()) {
+      accept();
+    } else {
+      reject();
+    }
   }
 
   void choose_candidate() {
@@ -258,6 +252,19 @@ class Minimizer {
     }
   }
 
+  bool has_settled() const {
+    if (finished_) return summary_.termination == Termination::kConverged;
+    const double before = summary_.iterations.back().cost;
+    return now_.accepted && before - cost_ <= kSettled * before;
+  }
+
+  // Another cost is another problem: what was learned of steps is of the last one.
+  void begin_stage() {
+    finished_ = false;
+    cost_ = model_.linearize(state_);
+    strategy_ = make_step_strategy(options_);
+  }
+
   void finish_undamped() {
     if (progressed() && result_.predicted_decrease <= negligible_decrease()) {
       finish(Termination::kConverged, "the undamped step promises a negligible decrease");
@@ -340,12 +347,6 @@ class Minimizer {
     return limit && clock_.seconds() >= *limit;
   }
 
-  double state_norm() const {
-    ThreadPool& pool = model_.normal_equations().pool();
-    return std::sqrt(linear::squared_norm(pool, state_.cameras) +
-                     linear::squared_norm(pool, state_.intrinsics) +
-                     exchange().sum(linear::squared_norm(pool, state_.points)));
-  }
   Exchange& exchange() const { return model_.normal_equations().exchange(); }
   double gradient_norm() const { return model_.normal_equations().gradient_max_norm(); }
   bool finished() const { return finished_; }

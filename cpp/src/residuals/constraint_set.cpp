@@ -213,6 +213,10 @@ void check_group(const ConstraintGroup& group) {
     refuse("constraints['" + group.name + "'].loss_scale = " + std::to_string(group.loss.scale),
            rule);
   }
+  if (group.loss.kind == LossKind::kAuto) {
+    refuse("constraints['" + group.name + "'].loss = 'auto'",
+           "its scale is told by the residuals of observations; choose another");
+  }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
     check_weight(name_of(group, k) + ".weight", member.weight);

@@ -367,10 +367,10 @@ def linearize(
         The state, usually an optimum; left untouched.
     constraints : iterable of ConstraintGroup
         Groups with their weights.
-    loss : {"squared", "huber", "cauchy", "tukey"}
+    loss : {"squared", "huber", "cauchy", "tukey", "auto"}
         Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.
     loss_scale_px : float or "auto"
-        Where the loss leaves the parabola; "auto": from the median absolute residual.
+        Where the loss leaves the parabola; "auto": told by the residuals, as at the start of a solve.
     gauge : {"auto", "free", "fixed"}
         "free", and "auto" with it: all parameters have columns, covariances are those of least norm. "fixed":
         the first pose and the scale are held, as far as nothing else holds them.

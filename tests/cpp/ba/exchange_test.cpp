@@ -287,6 +287,14 @@ INSTANTIATE_TEST_SUITE_P(Structures,
                          kNameOfCase);
 INSTANTIATE_TEST_SUITE_P(Losses, CutProblem, testing::ValuesIn(losses_and_searches()), kNameOfCase);
 
+TEST(Exchange, OutliersAreToldAlikeHoweverPointsAreCut) {
+  OwnedProblem scene = scene_of(CameraModelId::kPerspective);
+  support::spoil(scene, 0.2);
+  SolveOptions options = options_of(Method::kLevenbergMarquardtNielsen);
+  options.loss = LossKind::kAuto;
+  for (int ranks : {2, 3}) expect_cutting_changes_nothing(scene, options, ranks);
+}
+
 TEST(Exchange, ACameraThatOnlyAnotherRankSeesIsObserved) {
   const OwnedProblem cut =
       observed_where(scene_of(CameraModelId::kPerspective),

@@ -30,10 +30,11 @@ struct Case {
   std::string name;
   SolveOptions options;
   CameraModelId model = CameraModelId::kBal;
+  double share_of_outliers = 0.0;
 };
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
-support::OwnedProblem scene(CameraModelId model) {
+support::OwnedProblem scene(CameraModelId model, double share_of_outliers = 0.0) {
   support::SceneOptions options = support::perturbed(model);
   options.num_groups = 2;
   options.num_points = 30;
@@ -42,11 +43,12 @@ support::OwnedProblem scene(CameraModelId model) {
   // So far off that steps are rejected, and points held.
   for (std::size_t k = 0; k < problem.points.size() && is_metric(model); k += 7)
     problem.points[k] *= 1.6;
+  support::spoil(problem, share_of_outliers);
   return problem;
 }
 
 Outcome run(const Case& c, const Resumption* resumed = nullptr, optim::Events events = {}) {
-  const support::OwnedProblem problem = scene(c.model);
+  const support::OwnedProblem problem = scene(c.model, c.share_of_outliers);
   Outcome outcome{.state = state_of(problem.view()), .summary = {}, .stood = {}};
   events.on_resumable = [&](const std::function<Resumption()>& where, bool) {
     outcome.stood.push_back(where());
@@ -156,6 +158,18 @@ std::vector<Case> cases() {
   return cases;
 }
 
+// Stages of loss 'auto', with points let go of on the way.
+std::vector<Case> falling_scales() {
+  std::vector<Case> cases;
+  for (Method method : {Method::kLevenbergMarquardtNielsen, Method::kDogLeg}) {
+    cases.push_back({"falling_" + std::string(enum_name(method)), options_of(method)});
+    cases.back().options.minimizer.termination.max_iterations = 30;
+    cases.back().options.loss = LossKind::kAuto;
+    cases.back().share_of_outliers = 0.2;
+  }
+  return cases;
+}
+
 class Resumed : public testing::TestWithParam<Case> {};
 
 TEST_P(Resumed, EndsWithTheSameBitsWhereverItStood) {
@@ -182,11 +196,22 @@ TEST_P(Resumed, EndsWithTheSameBitsAfterAnInterruptionWithinAStep) {
   expect_same(run(c, &broken.stood.back()), whole);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, Resumed, testing::ValuesIn(cases()), [](const auto& test) {
+constexpr auto kNameOfCase = [](const auto& test) {
   std::string name = test.param.name;
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
-});
+};
+
+INSTANTIATE_TEST_SUITE_P(All, Resumed, testing::ValuesIn(cases()), kNameOfCase);
+INSTANTIATE_TEST_SUITE_P(FallingScale, Resumed, testing::ValuesIn(falling_scales()), kNameOfCase);
+
+TEST(Resume, TheScaleOfLossAutoFallsOnTheWay) {
+  for (const Case& c : falling_scales()) {
+    Case begun = c;
+    begun.options.minimizer.termination.max_iterations = 1;
+    EXPECT_LT(run(c).summary.loss_scale_px, 0.5 * run(begun).summary.loss_scale_px);
+  }
+}
 
 const Case kPlain{"", options_of(Method::kLevenbergMarquardtNielsen)};
 

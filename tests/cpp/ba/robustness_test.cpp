@@ -90,6 +90,74 @@ TEST(AutomaticLossScale, RecoversSigmaAtTheTruthFromBothSides) {
   }
 }
 
+// Of the observations that are right, over that of the solution that knows them, less one.
+double excess_of_loss_auto(double share, unsigned seed, const std::vector<int>& lost = {}) {
+  SceneOptions scene_options = support::perturbed(CameraModelId::kPerspective);
+  scene_options.num_cameras = 12;
+  scene_options.num_points = 150;
+  scene_options.seed = seed;
+  OwnedProblem scene = make_circle_scene(scene_options);
+  const std::vector<bool> wrong = support::spoil(scene, share, seed);
+  OwnedProblem right = scene;
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < wrong.size(); ++k) {
+    if (wrong[k]) continue;
+    right.camera_index[kept] = scene.camera_index[k];
+    right.point_index[kept] = scene.point_index[k];
+    for (int i : {0, 1}) right.pixels[2 * kept + i] = scene.pixels[2 * k + i];
+    ++kept;
+  }
+  right.camera_index.resize(kept);
+  right.point_index.resize(kept);
+  right.pixels.resize(2 * kept);
+  for (int point : lost) scene.points[3 * point] += 20.0;
+  State best = state_of(right.view()), found = state_of(scene.view());
+  SolveOptions options;
+  options.minimizer.termination.max_iterations = 100;
+  const double least = solve(right.view(), options, {}, best).minimizer.final_cost;
+  options.loss = LossKind::kAuto;
+  solve(scene.view(), options, {}, found);
+  options.loss = LossKind::kSquared;
+  options.minimizer.termination.max_iterations = 0;
+  return solve(right.view(), options, {}, found).minimizer.final_cost / least - 1.0;
+}
+
+TEST(LossAuto, EndsWhereASolutionThatKnowsTheOutliersEnds) {
+  for (unsigned seed : {1, 2, 3}) {
+    for (double share : {0.1, 0.3, 0.5})
+      EXPECT_LT(std::abs(excess_of_loss_auto(share, seed)), 0.01) << share << ", seed " << seed;
+  }
+}
+
+TEST(LossAuto, LeavesASceneWithoutOutliersToLeastSquares) {
+  for (unsigned seed : {1, 2, 3}) EXPECT_LT(std::abs(excess_of_loss_auto(0.0, seed)), 1e-6);
+}
+
+TEST(LossAuto, FindsPointsAgainThatOutliersHaveLedAway) {
+  EXPECT_LT(std::abs(excess_of_loss_auto(0.3, 1, {3, 50, 101})), 0.01);
+}
+
+TEST(LossAuto, NeverRaisesTheCostAndReportsTheScaleItEndsWith) {
+  SceneOptions scene_options = support::perturbed(CameraModelId::kPerspective);
+  scene_options.num_cameras = 12;
+  scene_options.num_points = 150;
+  OwnedProblem scene = make_circle_scene(scene_options);
+  support::spoil(scene, 0.3);
+  SolveOptions options;
+  options.loss = LossKind::kAuto;
+  State state = state_of(scene.view());
+  const SolveSummary summary = solve(scene.view(), options, {}, state);
+  double before = summary.minimizer.initial_cost;
+  for (const optim::Iteration& now : summary.minimizer.iterations) {
+    EXPECT_LE(now.cost, before);
+    before = now.cost;
+  }
+  EXPECT_LT(summary.loss_scale_px, 10.0);
+  options.loss_scale_px = 25.0;
+  state = state_of(scene.view());
+  EXPECT_EQ(solve(scene.view(), options, {}, state).loss_scale_px, 25.0);
+}
+
 TEST(BehindCamera, ObservationsAreCountedAndTheSolveStaysFinite) {
   SceneOptions scene_options = support::perturbed(CameraModelId::kBal);
   scene_options.noise_px = 0.1;

@@ -57,10 +57,13 @@ TEST_P(EveryLoss, ValueAndDerivativeAreContinuousAtTheKnee) {
       loss().derivative(kKnee * (1 - 1e-12)), loss().derivative(kKnee * (1 + 1e-12)), 1e-10);
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Kinds,
-    EveryLoss,
-    testing::Values(LossKind::kSquared, LossKind::kHuber, LossKind::kCauchy, LossKind::kTukey));
+INSTANTIATE_TEST_SUITE_P(Kinds,
+                         EveryLoss,
+                         testing::Values(LossKind::kSquared,
+                                         LossKind::kHuber,
+                                         LossKind::kCauchy,
+                                         LossKind::kTukey,
+                                         LossKind::kAuto));
 
 TEST(Huber, GrowsLinearlyInTheResidualBeyondTheScale) {
   const Loss huber{LossKind::kHuber, 2.0};
@@ -89,6 +92,15 @@ TEST(Tukey, IsTheBiweightAndSaturatesAtTheScale) {
   EXPECT_EQ(tukey.derivative(1e9), 0.0);
 }
 
+TEST(Truncated, IsTheSquareUpToTheScaleAndConstantFromHalfAsMuchMoreOn) {
+  const Loss loss{LossKind::kAuto, 2.0};
+  EXPECT_EQ(loss.rho(3.99), 3.99);
+  EXPECT_EQ(loss.derivative(3.99), 1.0);
+  EXPECT_NEAR(loss.rho(9.0 * (1 - 1e-14)), 1.5 * 4.0, 1e-12);
+  EXPECT_EQ(loss.rho(1e12), 1.5 * 4.0);
+  EXPECT_EQ(loss.derivative(9.0), 0.0);
+}
+
 // The efficiency of an M-estimator of location, (E ψ′)² / E ψ² on standard normal numbers,
 // integrated with ψ(x) = x ρ′(x²): 95 % is what defines the constants.
 double efficiency(LossKind kind) {
@@ -108,6 +120,7 @@ TEST(EfficientScale, GivesNinetyFivePercentEfficiencyOnNormalResiduals) {
   EXPECT_NEAR(efficiency(LossKind::kHuber), 0.95, 5e-4);
   EXPECT_NEAR(efficiency(LossKind::kCauchy), 0.95, 5e-4);
   EXPECT_NEAR(efficiency(LossKind::kTukey), 0.95, 5e-4);
+  EXPECT_NEAR(efficiency(LossKind::kAuto), 0.95, 5e-4);
 }
 
 TEST(EfficientScale, IsProportionalToSigma) {

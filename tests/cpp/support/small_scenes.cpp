@@ -218,6 +218,26 @@ OwnedProblem make_circle_scene(const SceneOptions& options) {
   return uncalibrated(CircleScene(options, CameraModelId::kCalibrated).make());
 }
 
+std::vector<bool> spoil(OwnedProblem& problem, double share, unsigned seed) {
+  std::mt19937 random(seed);
+  std::bernoulli_distribution is_wrong(share);
+  std::array<std::uniform_real_distribution<double>, 2> place;
+  for (std::size_t i : {0, 1}) {
+    double low = problem.pixels[i], high = low;
+    for (std::size_t k = i; k < problem.pixels.size(); k += 2) {
+      low = std::min(low, problem.pixels[k]);
+      high = std::max(high, problem.pixels[k]);
+    }
+    place[i] = std::uniform_real_distribution<double>(low, high);
+  }
+  std::vector<bool> wrong(problem.pixels.size() / 2);
+  for (std::size_t k = 0; k < wrong.size(); ++k) {
+    wrong[k] = is_wrong(random);
+    for (std::size_t i = 0; wrong[k] && i < 2; ++i) problem.pixels[2 * k + i] = place[i](random);
+  }
+  return wrong;
+}
+
 SceneOptions perturbed(CameraModelId model) {
   SceneOptions options;
   options.camera_model = model;

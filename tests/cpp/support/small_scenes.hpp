@@ -46,6 +46,9 @@ struct OwnedProblem {
 // For a model that is not metric: the scene of calibrated cameras, in coordinates of norm one.
 OwnedProblem make_circle_scene(const SceneOptions& options);
 
+// Observations in random places of the image, a share of all; whether each is one of them.
+std::vector<bool> spoil(OwnedProblem& problem, double share, unsigned seed = 1);
+
 // A start a few percent off the truth, with half a pixel of noise: what most tests solve.
 SceneOptions perturbed(CameraModelId model);
 

@@ -7,9 +7,11 @@
 #include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/bending.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/ba/falling_scale.hpp"
 #include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/point_refits.hpp"
+#include "sfmcpp/ba/point_rescues.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/optim/model.hpp"
 
@@ -30,6 +32,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   BundleModel& operator=(const BundleModel&) = delete;
 
   void set_loss(const Loss& loss);
+  // Loss 'auto': of the residuals at `start` now, of those of later states once they are smaller.
+  void let_scale_fall(const optim::State& start, double least);
   // Whether the linear solver wants modes of the cameras with each linearisation.
   void set_camera_modes_wanted(bool wanted) { modes_wanted_ = wanted; }
   void set_algebraic_weights(AlgebraicWeights weights) { algebraic_weights_ = weights; }
@@ -52,6 +56,9 @@ class BundleModel final : public optim::LeastSquaresModel {
   double growth() const override;
   long hold_back(const optim::State& start, optim::State& candidate) override;
 
+  bool sharpen(optim::State& state) override;
+  void keep(optim::Memory& memory) override;
+
   long refit(const linear::Step& step, double cost, optim::State& candidate) override;
 
   const ImageResiduals& images() const { return images_; }
@@ -60,6 +67,10 @@ class BundleModel final : public optim::LeastSquaresModel {
   const ImageFit& fit_where_linearized() const { return fit_; }
 
  private:
+  // How often points are looked for anew, once the scale of loss 'auto' falls no more: the cameras
+  // move once these are found.
+  static constexpr int kRescues = 3;
+
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   ImageFit linearize_chunk(const optim::State& state, int chunk);
   void apply_loss(const linear::Chunk& part,
@@ -91,8 +102,11 @@ class BundleModel final : public optim::LeastSquaresModel {
   ThreadPool& pool_;
   Exchange& exchange_;
   ImageResiduals images_;
+  std::optional<FallingScale> falling_scale_;
+  int rescues_left_ = kRescues;
   HeldPoints held_;
   PointRefits refits_;
+  PointRescues rescues_;
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;

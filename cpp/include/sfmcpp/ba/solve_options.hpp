@@ -17,7 +17,8 @@ struct SolveOptions {
   optim::MinimizerOptions minimizer;
   linear::LinearSolverOptions linear_solver;
   LossKind loss = LossKind::kSquared;
-  // Of the residual over σ; none: from the median absolute residual at the start.
+  // Of the residual over σ, at least that of kAuto; none: from the median absolute residual at the
+  // start.
   std::optional<double> loss_scale_px = 1.0;
   Gauge gauge = Gauge::kAuto;
   AlgebraicWeights algebraic_weights = AlgebraicWeights::kUniform;  // of the algebraic line search
@@ -96,8 +97,8 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"loss", "Robust loss"}, [](auto& o) -> auto& { return o.loss; });
   f(
       O{"loss_scale_px",
-        "Residual over σ at which the loss leaves the parabola; auto: from the median absolute "
-        "residual at the start",
+        "Residual over σ at which the loss leaves the parabola, at least where the loss is auto; "
+        "auto: from the median absolute residual at the start",
         kLossScale,
         "pixels",
         "auto"},

@@ -5,6 +5,7 @@
 
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
+#include "sfmcpp/optim/memory.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::optim {
@@ -47,6 +48,13 @@ class LeastSquaresModel {
   // moved far and that know nothing of each other, given all others; how many. `cost`: of the
   // candidate.
   virtual long refit(const linear::Step&, double /*cost*/, State& /*candidate*/) { return 0; }
+
+  // Brings a cost that is to be approached in stages closer to the one that is meant, where `state`
+  // is good enough for that, or moves what it has let go of; whether it has. The cost of `state`
+  // does not grow by it, and the normal equations are to be filled anew.
+  virtual bool sharpen(State&) { return false; }
+  // Hands over what sharpen() has come to.
+  virtual void keep(Memory&) {}
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.

@@ -12,7 +12,7 @@
 
 namespace sfmcpp {
 
-enum class LossKind { kSquared, kHuber, kCauchy, kTukey };
+enum class LossKind { kSquared, kHuber, kCauchy, kTukey, kAuto };
 
 // Each: ρ; ρ′ = dρ/ds; d(s ρ′)/ds, with c the scale.
 struct SquaredLoss {
@@ -54,6 +54,25 @@ struct TukeyLoss {
   }
 };
 
+// Squares up to c, constant from 1.5 c on; between them ρ′ falls without a leap (the surrogate of
+// truncated least squares of Yang, Antonante, Tzoumas & Carlone 2020, eq. 14, with μ = 2).
+struct TruncatedLoss {
+  static double rho(double s, double c) {
+    if (s <= c * c) return s;
+    return s < 2.25 * c * c ? 6.0 * c * std::sqrt(s) - 3.0 * c * c - 2.0 * s : 1.5 * c * c;
+  }
+  static double derivative(double s, double c) {
+    const double share = s / (c * c);
+    if (share <= 1.0) return 1.0;
+    return share < 2.25 ? 3.0 / std::sqrt(share) - 2.0 : 0.0;
+  }
+  static double influence_slope(double s, double c) {
+    const double share = s / (c * c);
+    if (share <= 1.0) return 1.0;
+    return share < 2.25 ? 1.5 / std::sqrt(share) - 2.0 : 0.0;
+  }
+};
+
 using LossFunction = double(double s, double c);
 
 struct LossFacts {
@@ -82,6 +101,11 @@ struct EnumTraits<LossKind> {
       loss_facts<HuberLoss>(LossKind::kHuber, "huber", "linear beyond the scale", 1.345),
       loss_facts<CauchyLoss>(LossKind::kCauchy, "cauchy", "logarithmic", 2.3849),
       loss_facts<TukeyLoss>(LossKind::kTukey, "tukey", "constant beyond the scale", 4.6851),
+      loss_facts<TruncatedLoss>(
+          LossKind::kAuto,
+          "auto",
+          "squared up to a scale that falls to where outliers begin, then constant",
+          2.2100),
   });
 };
 

@@ -1,0 +1,31 @@
+// The scale of loss 'auto': as far as residuals are more than the background of outliers.
+//
+// Far from a minimum good observations have large residuals, and a loss that lets go of these never
+// comes near. So the scale begins where the residuals of the start tell outliers from the rest, and
+// falls as the rest comes closer: graduated non-convexity (Blake & Zisserman 1987; Black &
+// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages told by the data. No
+// noise is assumed: the residuals may have any tails that are denser than the outliers.
+#pragma once
+
+#include "sfmcpp/ba/image_residuals.hpp"
+
+namespace sfmcpp::ba {
+
+class FallingScale {
+ public:
+  // Outliers are taken to lie around the image of a point as the observations of an image lie
+  // around each other. The scale does not fall below `least`. The reference must outlive this
+  // object.
+  FallingScale(const ImageResiduals& images, double least);
+
+  double at(const optim::State& state) const;
+  // The scale that follows `scale`; itself if there is nothing to be gained by another.
+  double after(double scale, const optim::State& state) const;
+
+ private:
+  const ImageResiduals& images_;
+  double least_;
+  double area_;  // of the images, in squared standard deviations
+};
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,133 @@
+#include "sfmcpp/ba/falling_scale.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "sfmcpp/math/statistics.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+using optim::State;
+
+// In one stage, so that what is not yet near is not let go.
+constexpr double kMostFall = 0.25;
+// Less is not worth another stage.
+constexpr double kLeastFall = 0.9;
+// Exact data has no spread to learn from; any positive scale then leaves every residual alone.
+constexpr double kLeastScale = 1e-9;
+constexpr double kMostScale = 1e150;  // whose square is a number
+
+// Observations that agree on a point, and the least share of all that are on such points.
+constexpr int kSupport = 4;
+constexpr double kLeastShare = 0.2;
+// Of the pairs that are nearest to each other.
+constexpr double kNearest = 0.02;
+
+using Pixels = std::vector<std::pair<double, double>>;
+
+// Of each image, over all ranks, in an order that does not depend on how points are cut.
+std::vector<Pixels> pixels_of_images(const ImageResiduals& images) {
+  const linear::ObservationGraph& graph = images.graph();
+  const auto count = static_cast<std::size_t>(graph.num_observations());
+  const std::vector<double> cameras(graph.camera.begin(), graph.camera.end());
+  const std::vector<double> camera = images.exchange().gather(cameras);
+  const std::vector<double> u = images.exchange().gather(std::span(images.u().data(), count));
+  const std::vector<double> v = images.exchange().gather(std::span(images.v().data(), count));
+  std::vector<Pixels> pixels(static_cast<std::size_t>(graph.num_cameras));
+  for (std::size_t k = 0; k < camera.size(); ++k)
+    pixels[static_cast<std::size_t>(camera[k])].emplace_back(u[k], v[k]);
+  for (Pixels& of_image : pixels) std::ranges::sort(of_image);
+  return pixels;
+}
+
+// Of each observation from another of its image, which might be any.
+std::vector<double> distances_in_images(const ImageResiduals& images) {
+  constexpr std::size_t kStride = 7919;  // scatters the numbers of one over those of the other
+  std::vector<double> distances;
+  for (const Pixels& pixels : pixels_of_images(images)) {
+    for (std::size_t k = 0; k < pixels.size(); ++k) {
+      const std::size_t other = (k + 1) * kStride % pixels.size();
+      if (other != k)
+        distances.push_back(std::hypot(pixels[k].first - pixels[other].first,
+                                       pixels[k].second - pixels[other].second));
+    }
+  }
+  return distances;
+}
+
+// Over which pixels of an image would be spread evenly, were they everywhere as dense as they are
+// around another: infinite where there is nothing to learn it from.
+double image_area(const ImageResiduals& images) {
+  std::vector<double> distances = distances_in_images(images);
+  if (distances.empty()) return std::numeric_limits<double>::infinity();
+  const auto near = distances.begin() + static_cast<long>(kNearest * double(distances.size()));
+  std::nth_element(distances.begin(), near, distances.end());
+  const double area = std::numbers::pi * *near * *near / kNearest;
+  return area > 0.0 ? area * images.mean_inverse_variance()
+                    : std::numeric_limits<double>::infinity();
+}
+
+std::vector<double> residual_norms(const ImageResiduals& images, const State& state) {
+  const std::vector<double> residuals = images.values(state);
+  std::vector<double> norms(residuals.size() / 2);
+  for (std::size_t k = 0; k < norms.size(); ++k) {
+    const double norm = std::hypot(residuals[2 * k], residuals[2 * k + 1]);
+    norms[k] = std::isfinite(norm) ? norm : std::numeric_limits<double>::infinity();
+  }
+  return norms;
+}
+
+// How many observations of each point are as good as `scale`.
+std::vector<int> views_within(const linear::ObservationGraph& graph,
+                              const std::vector<double>& norms,
+                              double scale) {
+  std::vector<int> views(static_cast<std::size_t>(graph.num_points));
+  for (std::size_t k = 0; k < norms.size(); ++k) views[graph.point[k]] += norms[k] <= scale;
+  return views;
+}
+
+// Points follow their observations, and two or three of these agree by chance: what counts are
+// points on which more agree, within `scale`, as long as they are not too few.
+double radius_at(const ImageResiduals& images, double area, const State& state, double scale) {
+  const std::vector<double> norms = residual_norms(images, state);
+  const std::vector<int> support = views_within(images.graph(), norms, scale);
+  const AlignedVector<int>& point = images.graph().point;
+  std::vector<double> kept;
+  for (int least = kSupport; least >= 0; --least) {
+    kept.clear();
+    std::array<double, 2> near{};  // of such points, and of all
+    for (std::size_t k = 0; k < norms.size(); ++k) {
+      const bool counts = support[point[k]] >= least;
+      if (counts) kept.push_back(norms[k]);
+      if (norms[k] <= scale) near[counts ? 0 : 1] += 1.0;
+    }
+    images.exchange().sum(near);
+    if (near[0] > kLeastShare * (near[0] + near[1])) break;
+  }
+  return radius_of_inliers(images.exchange().gather(kept), area);
+}
+
+}  // namespace
+
+FallingScale::FallingScale(const ImageResiduals& images, double least)
+    : images_(images), least_(std::max(least, kLeastScale)), area_(image_area(images)) {}
+
+double FallingScale::at(const State& state) const {
+  const double found = radius_at(images_, area_, state, std::numeric_limits<double>::infinity());
+  return std::max(std::min(found, kMostScale), least_);
+}
+
+double FallingScale::after(double scale, const State& state) const {
+  const double next =
+      std::max({radius_at(images_, area_, state, scale), kMostFall * scale, least_});
+  return next < kLeastFall * scale ? next : scale;
+}
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,65 @@
+"""Loss `auto`: outliers are told from the rest, in the same way however the problem is solved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp.model.arrays import BoolArray
+
+
+def half_wrong(seed: int, camera_model: str = "calibrated") -> tuple[Problem, BoolArray]:
+    truth = sfmcpp.circle_scene(12, 150, pixel_sigma_px=0.5, camera_model=camera_model, seed=seed)
+    spoiled, wrong = sfmcpp.add_outliers(truth, 0.5, seed=seed)
+    start = sfmcpp.perturb(
+        spoiled, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=seed
+    )
+    return start, wrong
+
+
+@pytest.mark.parametrize("camera_model", ["calibrated", "perspective", "bal"])
+def test_the_weights_tell_outliers(camera_model: str) -> None:
+    problem, wrong = half_wrong(1, camera_model)
+    summary = sfmcpp.solve(problem, loss="auto", max_iterations=100)
+    assert summary.loss_scale_px < 10
+    model = sfmcpp.linearize(problem, loss="auto", loss_scale_px=summary.loss_scale_px)
+    assert model.loss_scale_px == summary.loss_scale_px
+    assert model.cost == pytest.approx(summary.final_cost, rel=1e-12)
+    assert np.mean(model.observation_weights[wrong] < 0.5) > 0.99
+    assert np.mean(model.observation_weights[~wrong] == 1.0) > 0.98
+
+
+def test_the_bits_are_the_same_for_any_number_of_threads() -> None:
+    solved = []
+    for threads in (1, 2, 3):
+        problem, _ = half_wrong(2)
+        sfmcpp.solve(problem, loss="auto", threads=threads)
+        solved.append(problem)
+    for other in solved[1:]:
+        np.testing.assert_array_equal(other.points, solved[0].points)
+        np.testing.assert_array_equal(other.cameras, solved[0].cameras)
+
+
+def test_the_unit_of_pixels_and_sigma_matter_only_through_their_ratio() -> None:
+    problem, _ = half_wrong(3)
+    other = problem.copy()
+    other.sigma_px = np.full(other.num_observations, 0.25)
+    ours = sfmcpp.solve(problem, loss="auto", loss_scale_px="auto")
+    theirs = sfmcpp.solve(other, loss="auto", loss_scale_px="auto")
+    assert theirs.loss_scale_px == pytest.approx(4.0 * ours.loss_scale_px, rel=1e-9)
+    assert theirs.final_cost == pytest.approx(16.0 * ours.final_cost, rel=1e-6)
+
+
+def test_a_projective_world_has_outliers_too() -> None:
+    problem = sfmcpp.as_projective(half_wrong(4)[0])
+    at_start = sfmcpp.linearize(problem, loss="auto", loss_scale_px="auto").loss_scale_px
+    assert sfmcpp.solve(problem, loss="auto", max_iterations=100).loss_scale_px < 0.5 * at_start
+
+
+def test_a_group_of_constraints_refuses_it_by_name() -> None:
+    problem, _ = half_wrong(5)
+    group = ConstraintGroup("position", [0, 1], problem.centres[:2], loss="auto")
+    with pytest.raises(InvalidArgument, match=r"constraints\['position'\]\.loss = 'auto'"):
+        sfmcpp.solve(problem, constraints=[group])

@@ -1,0 +1,52 @@
+"""`bench/outliers.py`: what it counts, on a scene small enough for a test."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+BENCH = Path(__file__).resolve().parents[3] / "bench"
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """The program as a module; it is forgotten afterwards."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    import outliers
+
+    yield outliers
+    for name in set(sys.modules):
+        if name.split(".")[0] in ("outliers", "experiments"):
+            del sys.modules[name]
+
+
+def test_half_of_the_observations_wrong(
+    bench: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "runs.json"
+    bench.main(
+        [
+            "--scenes",
+            "circle",
+            "--shares",
+            "0.5",
+            "--seeds",
+            "2",
+            "--losses",
+            "tukey",
+            "auto",
+            "--out",
+            str(out),
+        ]
+    )
+    runs = json.loads(out.read_text())
+    assert len(runs) == 2 * 2 * 2  # kinds, seeds, losses
+    for run in runs:
+        assert (run["loss"] == "auto") == (run["excess 3"] <= 0.01)
+        assert run["told"] > 0.98 or run["loss"] == "tukey"
+    assert "2 of 2" in capsys.readouterr().out
