@@ -176,9 +176,8 @@ class LinearModel:
         self.observation_weights: FloatArray = self._core.observation_weights
         self.camera_columns: IndexArray = self._core.camera_columns
         self.point_columns: IndexArray = self._core.point_columns
-        self.groups = [
-            ConstraintRows(columns=self.num_camera_columns, **rows) for rows in self._core.groups()
-        ]
+        columns = self.num_camera_columns
+        self.groups = [ConstraintRows(columns=columns, **rows) for rows in self._core.groups()]
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -333,8 +332,7 @@ class LinearModel:
         (R,) float64, (R, R) float64
             Both.
         """
-        values, vectors = self._core.hat_spectrum(group)
-        return values, vectors
+        return self._core.hat_spectrum(group)
 
     def step(self) -> LinearStep:
         """The minimum of the linear model: an undamped Gauss–Newton step.
@@ -345,8 +343,8 @@ class LinearModel:
             The state there, and what the model predicts.
         """
         found = self._core.step()
-        state = {name: found.pop(name) for name in ("cameras", "intrinsics", "points")}
-        moved = {name: x.reshape(getattr(self._problem, name).shape) for name, x in state.items()}
+        before = {name: getattr(self._problem, name) for name in ("cameras", "intrinsics", "points")}
+        moved = {name: found.pop(name).reshape(x.shape) for name, x in before.items()}
         return LinearStep(replace(self._problem, **moved), **found)
 
 

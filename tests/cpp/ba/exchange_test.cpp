@@ -18,6 +18,7 @@ using linear::LinearSolverKind;
 using optim::LineSearchKind;
 using optim::Method;
 using optim::State;
+using support::chain_scene;
 using support::observed_where;
 using support::OwnedProblem;
 using support::part_of;
@@ -209,14 +210,6 @@ OwnedProblem constrained_scene() {
   scene.constraints.add(random_group(scene, Kind::kPosition, {{0, 1}, {1, 3}, {2, 5}}));
   scene.constraints.add(random_group(scene, Kind::kDisplacementPose, {{1, 4}, {4, 5}}));
   return scene;
-}
-
-OwnedProblem chain_scene() {
-  support::SceneOptions options = support::perturbed(CameraModelId::kCalibrated);
-  options.num_cameras = 40;
-  options.num_points = 1201;
-  options.window = 3;
-  return make_circle_scene(options);
 }
 
 OwnedProblem scene_with_covariances() {

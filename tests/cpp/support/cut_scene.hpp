@@ -5,6 +5,15 @@
 
 namespace sfmcpp::support {
 
+// Points that no more than three cameras see.
+inline OwnedProblem chain_scene() {
+  SceneOptions options = perturbed(CameraModelId::kCalibrated);
+  options.num_cameras = 40;
+  options.num_points = 1201;
+  options.window = 3;
+  return make_circle_scene(options);
+}
+
 // The observations with keep(camera, point).
 template <class F>
 OwnedProblem observed_where(const OwnedProblem& scene, const F& keep) {
