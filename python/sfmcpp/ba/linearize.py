@@ -168,10 +168,8 @@ class LinearModel:
         self._problem = problem
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
-        self.cost: float = self._core.cost
-        self.loss_scale_px: float = self._core.loss_scale_px
-        self.num_columns: int = self._core.num_columns
-        self.num_camera_columns: int = self._core.num_camera_columns
+        self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
+        self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
         self.residuals: FloatArray = self._core.residuals
         self.observation_weights: FloatArray = self._core.observation_weights
         self.camera_columns: IndexArray = self._core.camera_columns

@@ -207,10 +207,14 @@ def _refusing(what: str, is_one: Callable[[Any], bool]) -> Rule:
     return rule
 
 
-def _number(name: str, value: Any) -> float:
+# Whole numbers below it are floats, too; NumPy takes larger ones for objects.
+_EXACT = 2**53
+
+
+def _number(name: str, value: Any) -> int | float:
     try:
-        if isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0):
-            return float(value)
+        if isinstance(value, int | Real) or (isinstance(value, np.ndarray) and value.ndim == 0):
+            return value if isinstance(value, int) and abs(value) < _EXACT else float(value)
     except (TypeError, ValueError, OverflowError):
         pass
     raise InvalidArgument(f"{name} = {value!r}: must be a number")
