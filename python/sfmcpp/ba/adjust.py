@@ -11,7 +11,7 @@ from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
-from sfmcpp.ba.ranks import Ranks
+from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arguments import checked
@@ -105,10 +105,13 @@ def adjust_on_ranks(
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
     core = _core.solve(arrays, own, listener, exchange=exchange)
-    parts.collect()
-    ranks.agreed(listener.reraise)
-    summary = _summary(core, options)
-    loads = ranks.everyones(_load(parts.mine, core, exchange))
+    with interrupts_held() as waiting:
+        parts.collect()
+        ranks.agreed(listener.reraise)
+        summary = _summary(core, options)
+        loads = ranks.everyones(_load(parts.mine, core, exchange))
+        if summary.termination == "interrupted":
+            waiting.clear()  # the same Ctrl-C, which has come to another rank earlier
     return replace(summary, iterations=[*map(listener.with_bytes, summary.iterations)], ranks=loads)
 
 

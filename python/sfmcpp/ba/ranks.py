@@ -166,12 +166,15 @@ def _usable_cores() -> frozenset[int]:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait while the ranks pass each other something: half of it would part them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def interrupts_held() -> Iterator[list[int]]:
+    """Let Ctrl-C and SIGTERM wait while the ranks pass each other something: half of it would part them.
+
+    The list is of the signals that wait; what is taken out of it is forgotten.
+    """
     asked: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
 
     def note(number: int, frame: FrameType | None) -> None:
         asked.append(number)
@@ -181,7 +184,7 @@ def interrupts_held() -> Iterator[None]:
     for number in held:
         signal.signal(number, note)
     try:
-        yield
+        yield asked
     finally:
         for number, handler in held.items():
             signal.signal(number, handler)

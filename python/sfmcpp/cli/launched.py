@@ -50,7 +50,7 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
     return ranks if ranks.size > 1 else None
 
 
-def together(ranks: Ranks, command: Callable[[], ExitCode]) -> ExitCode:
+def together(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
     """Run a command on all ranks; where one fails alone, it says why and ends all.
 
     Parameters
@@ -58,7 +58,8 @@ def together(ranks: Ranks, command: Callable[[], ExitCode]) -> ExitCode:
     ranks : Ranks
         The processes.
     command : callable
-        What each does. An error of the package is one of all ranks; only rank 0 raises it.
+        What each does. An error of the package is one of all ranks; only rank 0 raises it. It is given what
+        it calls where an interrupt of any rank has been heeded by all.
 
     Returns
     -------
@@ -66,8 +67,8 @@ def together(ranks: Ranks, command: Callable[[], ExitCode]) -> ExitCode:
         The same on all.
     """
     try:
-        with one_interrupt():
-            return command()
+        with one_interrupt() as heeded:
+            return command(heeded)
     except SfmcppError:
         if ranks.is_root:
             raise

@@ -72,12 +72,12 @@ def solve_file(job: Job) -> ExitCode:
     """
     ranks = launched_ranks(asked=job.mpi)
     if ranks is not None:
-        return together(ranks, lambda: _solve_file_on(job, ranks))
+        return together(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
     problem, seconds_read = _prepared(job)
     return _finished(job, problem, _solve(job, problem), seconds_read)
 
 
-def _solve_file_on(job: Job, ranks: Ranks) -> ExitCode:
+def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
     from sfmcpp.study.report_files import peak_memory_bytes
 
     prepared: list[tuple[Problem, float]] = []
@@ -90,6 +90,8 @@ def _solve_file_on(job: Job, ranks: Ranks) -> ExitCode:
     ranks.from_root(prepare)
     problem, seconds_read = prepared[0] if ranks.is_root else (None, 0.0)
     summary = _solve(job, problem, ranks.communicator)
+    if summary.termination == "interrupted":
+        heeded()
     memory = ranks.everyones(peak_memory_bytes())
     return ranks.from_root(lambda: _finished(job, cast(Problem, problem), summary, seconds_read, memory))
 

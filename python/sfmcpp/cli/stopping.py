@@ -46,8 +46,11 @@ def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def one_interrupt() -> Iterator[None]:
-    """Heed Ctrl-C or SIGTERM once: what a terminal sends to all, a launcher of processes sends again."""
+def one_interrupt() -> Iterator[Callable[[], None]]:
+    """Heed Ctrl-C or SIGTERM once: what a terminal sends to all, a launcher of processes sends again.
+
+    What it gives is called where the one has come to another process, and is heeded already.
+    """
     asked = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -56,11 +59,11 @@ def one_interrupt() -> Iterator[None]:
             raise KeyboardInterrupt
 
     if not _in_main_thread():
-        yield
+        yield asked.set
         return
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield asked.set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -144,7 +144,8 @@ class Structure:
         """Join tracks whose keypoints were matched and whose points fit each other's images; how many."""
         world = self.world
         pairs = self.tracks[self._apart]
-        pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+        pairs = pairs[(pairs != NO_TRACK).all(axis=1) & (pairs[:, 0] != pairs[:, 1])]
+        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
         pairs = pairs[world.known[pairs].all(axis=1)] if len(pairs) else pairs
         return self.join_tracks(pairs[self._fit_each_other(pairs)])
 

@@ -6,17 +6,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.colmap.formats import read_colmap_binary, write_colmap_binary
 
-if TYPE_CHECKING:
-    from pycolmap import Reconstruction
 
-
-def from_pycolmap(reconstruction: Reconstruction) -> Problem:
+def from_pycolmap(reconstruction: Any) -> Problem:
     """Make a problem of a reconstruction of pycolmap.
 
     Parameters
@@ -44,7 +42,8 @@ def from_pycolmap(reconstruction: Reconstruction) -> Problem:
         return read_colmap_binary(folder)
 
 
-def to_pycolmap(problem: Problem) -> Reconstruction:
+@checked()
+def to_pycolmap(problem: Problem) -> Any:
     """Make a reconstruction for pycolmap, with a trivial rig for each camera.
 
     Parameters

@@ -74,7 +74,7 @@ def test_anything_else_is_refused_by_name() -> None:
     with pytest.raises(
         sfmcpp.InvalidArgument, match=r"reconstruction is a str, must be a pycolmap\.Reconstr"
     ):
-        sfmcpp.from_pycolmap("sparse/0")  # type: ignore[arg-type]
+        sfmcpp.from_pycolmap("sparse/0")
 
 
 def test_what_no_file_of_colmap_can_hold_is_refused_by_name() -> None:
