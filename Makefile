@@ -102,8 +102,7 @@ asan-python: install ## the Python tests of the bindings under these sanitizers
 	cmake --preset asan -DSFMCPP_BUILD_PYTHON=ON -DPYBIND11_FINDPYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python \
 	  -Dpybind11_DIR=$$($(VENV)/bin/python -m pybind11 --cmakedir)
 	cmake --build --preset asan --target _core
-	tools/sanitized_pytest.sh $(CURDIR)/$(VENV)/bin/python build/asan tests/python/bindings \
-	  -k "not daemon_thread"
+	tools/sanitized_pytest.sh $(CURDIR)/$(VENV)/bin/python build/asan tests/python/bindings
 
 FUZZ_INPUTS ?= 1000000
 fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED

@@ -15,8 +15,11 @@ namespace sfmcpp::bindings {
 // The value of `f`. A daemon thread that asks for the GIL once the interpreter ends must not go on:
 // CPython before 3.14 ends it by pthread_exit, whose unwinding no destructor survives and the
 // process is aborted. Later versions let such a thread wait for the end of the process, as this
-// does.
+// does. Such an unwinding has no object, and the reference to it is bound to none.
 template <class F>
+#if defined(__GNUC__)
+[[gnu::no_sanitize("null")]]
+#endif
 auto or_wait_for_the_end(const F& f) {
 #if defined(__GLIBCXX__)
   try {
