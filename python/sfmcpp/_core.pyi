@@ -392,6 +392,10 @@ class CommunicatorExchange:
     """
     def __init__(self, communicator: typing.Any) -> None:
         ...
+    def interrupt(self) -> None:
+        """
+        Stop the solve of all ranks, as Ctrl-C does.
+        """
     @property
     def bytes_sent(self) -> float:
         """

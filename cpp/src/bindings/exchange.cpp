@@ -65,6 +65,7 @@ void bind_exchange(py::module_& m) {
                 "CommunicatorExchange",
                 "What the ranks of a solve pass each other, over a communicator as mpi4py's.")
       .def(py::init<const py::object&>(), py::arg("communicator"))
+      .def("interrupt", &E::interrupt, "Stop the solve of all ranks, as Ctrl-C does.")
       .def_property_readonly(
           "messages", [](const E& e) { return e.traffic().messages; }, "Collective calls.")
       .def_property_readonly(

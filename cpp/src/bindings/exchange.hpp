@@ -36,7 +36,13 @@ class CommunicatorExchange {
   MessageExchange& exchange() { return exchange_; }
   const MessageExchange::Traffic& traffic() const { return exchange_.traffic(); }
 
+  // That the ranks stop, as at a Ctrl-C; called by a handler of signals, in the thread of the
+  // solve.
+  void interrupt() { is_interrupted_ = true; }
+  bool is_interrupted() const { return is_interrupted_; }
+
  private:
+  bool is_interrupted_ = false;
   CommunicatorTransport transport_;
   MessageExchange exchange_;
 };

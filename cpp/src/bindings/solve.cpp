@@ -53,8 +53,8 @@ optim::Resumption resumption_of(const py::dict& d) {
 // Called without the GIL. A Python exception of a callback ends the solve and is raised after it.
 class Listener {
  public:
-  Listener(py::object callback, py::object checkpoint)
-      : callback_(std::move(callback)), checkpoint_(std::move(checkpoint)) {}
+  Listener(py::object callback, py::object checkpoint, const CommunicatorExchange* ranks)
+      : callback_(std::move(callback)), checkpoint_(std::move(checkpoint)), ranks_(ranks) {}
 
   optim::Events events() {
     optim::Events events{
@@ -79,7 +79,7 @@ class Listener {
     const HeldGil held;
     try {
       if (asked_ != optim::Signal::kContinue) return asked_;
-      if (interrupted()) return optim::Signal::kInterrupt;
+      if (interrupted() || (ranks_ && ranks_->is_interrupted())) return optim::Signal::kInterrupt;
       return f();
     } catch (const py::error_already_set& e) {
       // Ctrl-C while the callback runs is raised inside it.
@@ -114,6 +114,7 @@ class Listener {
   }
 
   py::object callback_, checkpoint_;
+  const CommunicatorExchange* ranks_;
   // What came up while a checkpoint was made; it counts at the next iteration.
   optim::Signal asked_ = optim::Signal::kContinue;
   std::exception_ptr error_;
@@ -150,9 +151,9 @@ ba::SolveSummary solve(const py::dict& arrays,
   optim::State state = ba::state_of(problem);
   const std::optional<optim::Resumption> before =
       resumed ? std::optional(resumption_of(*resumed)) : std::nullopt;
-  Exchange& exchange =
-      ranks.is_none() ? this_process() : ranks.cast<CommunicatorExchange&>().exchange();
-  Listener listener(callback, checkpoint);
+  auto* const communicator = ranks.is_none() ? nullptr : ranks.cast<CommunicatorExchange*>();
+  Exchange& exchange = communicator ? communicator->exchange() : this_process();
+  Listener listener(callback, checkpoint, communicator);
   ba::SolveSummary summary;
   {
     const ReleasedGil released;

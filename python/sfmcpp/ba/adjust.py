@@ -104,15 +104,16 @@ def adjust_on_ranks(
     arrays = ranks.agreed(lambda: {**core_arrays(parts.mine), "constraints": core_constraints(constraints)})
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
-    core = _core.solve(arrays, own, listener, exchange=exchange)
-    with interrupts_held() as waiting:
+    with interrupts_held(exchange.interrupt) as waiting:
+        core = _core.solve(arrays, own, listener, exchange=exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
         summary = _summary(core, options)
         loads = ranks.everyones(_load(parts.mine, core, exchange))
+        iterations = [*map(listener.with_bytes, summary.iterations)]
         if summary.termination == "interrupted":
-            waiting.clear()  # the same Ctrl-C, which has come to another rank earlier
-    return replace(summary, iterations=[*map(listener.with_bytes, summary.iterations)], ranks=loads)
+            waiting.clear()  # those of all ranks are one, whenever they come
+    return replace(summary, iterations=iterations, ranks=loads)
 
 
 class _RankListener:

@@ -166,10 +166,10 @@ def _usable_cores() -> frozenset[int]:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[list[int]]:
+def interrupts_held(told: Callable[[], None] | None = None) -> Iterator[list[int]]:
     """Let Ctrl-C and SIGTERM wait while the ranks pass each other something: half of it would part them.
 
-    The list is of the signals that wait; what is taken out of it is forgotten.
+    Each of them calls `told`. The list is of those that wait; what is taken out of it is forgotten.
     """
     asked: list[int] = []
     if threading.current_thread() is not threading.main_thread():
@@ -178,6 +178,8 @@ def interrupts_held() -> Iterator[list[int]]:
 
     def note(number: int, frame: FrameType | None) -> None:
         asked.append(number)
+        if told is not None:
+            told()
 
     before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
     held = {n: handler for n, handler in before.items() if callable(handler)}
