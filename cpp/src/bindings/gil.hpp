@@ -18,7 +18,7 @@ namespace sfmcpp::bindings {
 // does. Such an unwinding has no object, and the reference to it is bound to none.
 template <class F>
 #if defined(__GNUC__)
-[[gnu::no_sanitize("null")]]
+__attribute__((no_sanitize("null")))
 #endif
 auto or_wait_for_the_end(const F& f) {
 #if defined(__GLIBCXX__)
