@@ -79,8 +79,9 @@ class Listener {
     const HeldGil held;
     try {
       if (asked_ != optim::Signal::kContinue) return asked_;
-      if (interrupted() || (ranks_ && ranks_->is_interrupted())) return optim::Signal::kInterrupt;
-      return f();
+      if (interrupted()) return optim::Signal::kInterrupt;
+      const optim::Signal answer = f();
+      return ranks_ && ranks_->is_interrupted() ? optim::Signal::kInterrupt : answer;
     } catch (const py::error_already_set& e) {
       // Ctrl-C while the callback runs is raised inside it.
       if (e.matches(PyExc_KeyboardInterrupt)) return optim::Signal::kInterrupt;
