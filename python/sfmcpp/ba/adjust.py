@@ -98,10 +98,10 @@ def adjust_on_ranks(
     InvalidArgument
         If a part, a group or an option breaks a rule, or what must be the same differs; on all ranks.
     """
-    alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
-    require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in core_constraints(constraints)})
-    own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
     arrays = ranks.agreed(lambda: {**core_arrays(parts.mine), "constraints": core_constraints(constraints)})
+    alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
+    require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
+    own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
     with interrupts_held(exchange.interrupt) as waiting:

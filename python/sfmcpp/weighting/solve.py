@@ -114,7 +114,7 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        _refuse_what_one_process_needs(settings, checkpoint, resume)
+        ranks.agreed(lambda: _refuse_what_one_process_needs(settings, checkpoint, resume))
         return _solve_on_ranks(problem, groups, weight, settings, callback, ranks)
     groups, settings = _checked(constraints, callback, options)
     if problem is None:
