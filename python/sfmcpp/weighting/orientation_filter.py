@@ -19,6 +19,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.sensors import Mounting, orientations, rotation_increment
+from sfmcpp.sensors.imu import rotations_at_samples
 
 PREDICTORS = ("images", "sensor")
 # Variance of an orientation of which nothing is known [rad²].
@@ -81,6 +82,13 @@ def filter_orientations(
     turns = shaped_array("turns", turns, (len(measured) - 1, 3, 3))
     noises = _covariances("turn_sigma_rad", turn_sigma_rad, len(turns))
     spreads = _covariances("measured_sigma_rad", measured_sigma_rad, len(measured))
+    return _filtered(turns, measured, noises, spreads)
+
+
+def _filtered(
+    turns: FloatArray, measured: FloatArray, noises: FloatArray, spreads: FloatArray
+) -> FilteredOrientations:
+    """Fuse with covariances (…, 3, 3) of turns and orientations."""
     rotations, covariances = np.empty_like(measured), np.empty_like(measured)
     rotations[0], covariances[0] = measured[0], spreads[0]
     for k in range(1, len(measured)):
@@ -128,6 +136,7 @@ def filter_trajectory(
     *,
     turn_sigma_rad_sqrt_s: float,
     orientation_sigma_rad: float,
+    heading_sigma_rad: float | None = None,
     predict_by: str = "images",
 ) -> Trajectory:
     """Fuse the orientations of a finished SLAM run with those of a sensor, and recompute its positions.
@@ -149,6 +158,9 @@ def filter_trajectory(
         Random walk of the source that predicts, about each axis [rad/√s].
     orientation_sigma_rad : float
         Standard deviation of the orientations that correct, about each axis [rad].
+    heading_sigma_rad : float, optional
+        Another one about the vertical [rad]: gravity tells a sensor how it leans, and nothing of where it
+        heads. Needs orientations in a world whose z axis is up; predicted by the images alone.
     predict_by : str
         ``"images"`` or ``"sensor"``.
 
@@ -164,20 +176,37 @@ def filter_trajectory(
     """
     if predict_by not in PREDICTORS:
         raise InvalidArgument(f"predict_by = {predict_by!r}: must be one of {', '.join(PREDICTORS)}")
+    if heading_sigma_rad is not None and (predict_by != "images" or stream.kind == "angular_rate"):
+        raise InvalidArgument(
+            f"heading_sigma_rad = {heading_sigma_rad!r}: must be None unless the images predict and the sensor "
+            f"tells orientations; predict_by is {predict_by!r}, the stream one of {stream.kind!r}"
+        )
     if predict_by == "images":
         turns = _turns_of(trajectory)
-        first = trajectory.rotations[0]
-        measured = first @ mounting.camera_rotation(orientations(stream, trajectory.t_s))
+        seen_from_first = orientations(stream, trajectory.t_s)
+        measured = trajectory.rotations[0] @ mounting.camera_rotation(seen_from_first)
     else:
         turns = mounting.camera_rotation(_turns_measured(stream, trajectory.t_s))
         measured = trajectory.rotations
-    found = filter_orientations(
-        turns,
-        measured,
-        turn_sigma_rad=turn_sigma_rad_sqrt_s * np.sqrt(np.diff(trajectory.t_s))[:, None],
-        measured_sigma_rad=orientation_sigma_rad,
-    )
-    return with_orientations(trajectory, found.rotations)
+    spreads = _covariances("orientation_sigma_rad", orientation_sigma_rad, len(measured))
+    if heading_sigma_rad is not None:
+        heading = _covariances("heading_sigma_rad", heading_sigma_rad, len(measured)) - spreads
+        up = _up_in_camera(stream, mounting, trajectory.t_s[0], seen_from_first)
+        spreads = spreads + heading[:, :1, :1] * up[:, :, None] * up[:, None, :]
+    walked = turn_sigma_rad_sqrt_s * np.sqrt(np.diff(trajectory.t_s))[:, None]
+    noises = _covariances("turn_sigma_rad_sqrt_s", walked, len(turns))
+    return with_orientations(trajectory, _filtered(turns, measured, noises, spreads).rotations)
+
+
+def _up_in_camera(
+    stream: SensorStream, mounting: Mounting, start_s: float, seen_from_first: FloatArray
+) -> FloatArray:
+    """Direction (n, 3) of the sensor's z axis in the camera's frame, at the times of n orientations."""
+    before = np.searchsorted(stream.t_s, start_s, side="right") - 1
+    since = rotation_increment(stream, stream.t_s[before], start_s)
+    assert since is not None
+    up_at_first = (rotations_at_samples(stream)[before] @ since)[2]
+    return np.asarray(up_at_first @ seen_from_first @ mounting.camera_from_body.T)
 
 
 def _turns_of(trajectory: Trajectory) -> FloatArray:

@@ -182,6 +182,48 @@ def test_a_sensor_that_does_not_drift_straightens_a_drifting_run(seed: int) -> N
     assert rms(errors(found.rotations, Rotation.from_matrix(truth.rotations))) < 0.003
 
 
+def test_gravity_rights_the_tilt_and_leaves_the_heading_to_the_images() -> None:
+    truth, drifted, _ = drive(3)
+    true = Rotation.from_matrix(truth.rotations)
+    vertical = Rotation.from_euler("xyz", [20, -50, 70], degrees=True).as_matrix()
+    bodies = Rotation.from_matrix(vertical @ truth.rotations @ MOUNTING.camera_from_body)
+    stream = SensorStream(truth.t_s, bodies.as_rotvec(), "orientation")
+    found = filter_trajectory(
+        drifted,
+        stream,
+        MOUNTING,
+        turn_sigma_rad_sqrt_s=0.01 / np.sqrt(STEP_S),
+        orientation_sigma_rad=1e-4,
+        heading_sigma_rad=1e3,
+    )
+    up = vertical[2]
+
+    def tilt_and_heading(rotations: Array) -> tuple[float, float]:
+        in_world = true.apply(errors(rotations, true))
+        about_up = in_world @ up
+        return rms(in_world - about_up[:, None] * up), rms(about_up)
+
+    (tilt, heading), (drifted_tilt, drifted_heading) = map(
+        tilt_and_heading, (found.rotations, drifted.rotations)
+    )
+    assert tilt < 1e-3 < 0.02 < drifted_tilt
+    assert heading > 0.3 * drifted_heading
+
+
+def test_gravity_asks_for_a_sensor_that_tells_orientations() -> None:
+    _, drifted, t_s = drive(0, 5)
+    rates = SensorStream(t_s, np.zeros((5, 3)), "angular_rate")
+    with pytest.raises(InvalidArgument, match=r"heading_sigma_rad = 1\.0: must be None unless"):
+        filter_trajectory(
+            drifted,
+            rates,
+            MOUNTING,
+            turn_sigma_rad_sqrt_s=0.1,
+            orientation_sigma_rad=0.1,
+            heading_sigma_rad=1.0,
+        )
+
+
 def test_rates_of_a_gyro_calm_orientations_that_jitter_and_gaps_are_passed_over() -> None:
     truth, _, t_s = drive(7)
     rng = np.random.default_rng(7)
