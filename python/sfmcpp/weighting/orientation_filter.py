@@ -178,8 +178,8 @@ def filter_trajectory(
         raise InvalidArgument(f"predict_by = {predict_by!r}: must be one of {', '.join(PREDICTORS)}")
     if heading_sigma_rad is not None and (predict_by != "images" or stream.kind == "angular_rate"):
         raise InvalidArgument(
-            f"heading_sigma_rad = {heading_sigma_rad!r}: must be None unless the images predict and the sensor "
-            f"tells orientations; predict_by is {predict_by!r}, the stream one of {stream.kind!r}"
+            f"heading_sigma_rad = {heading_sigma_rad!r}: must be None unless the images predict and the "
+            f"sensor tells orientations; predict_by is {predict_by!r}, the stream one of {stream.kind!r}"
         )
     if predict_by == "images":
         turns = _turns_of(trajectory)
