@@ -4,9 +4,10 @@
 #include <cmath>
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Householder>
 
 #include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 
@@ -95,10 +96,10 @@ class GaugeChooser {
     add_fixed_points(held);
     exchange.sum({held.data(), static_cast<std::size_t>(held.size())});
     add_constraints(held);
-    const Eigen::SelfAdjointEigenSolver<Similarities> spectrum(held);
-    const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.eigenvalues()[6]);
-    const auto dimension = (spectrum.eigenvalues().array() <= negligible).count();
-    free_ = spectrum.eigenvectors().leftCols(dimension);
+    const Spectrum spectrum = symmetric_spectrum(held);
+    const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.values[6]);
+    const auto dimension = (spectrum.values.array() <= negligible).count();
+    free_ = spectrum.vectors.leftCols(dimension);
   }
 
   void add_fixed_cameras(Similarities& held) const {

@@ -2,9 +2,6 @@
 #include <algorithm>
 #include <numeric>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
-
 #include "linear_model_work.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
@@ -121,9 +118,7 @@ void LinearModel::find_unseen() {
   Eigen::Matrix<double, 7, 7> held;
   const MatrixXd all = motions(held);
   const auto count = static_cast<Index>(held_.size());
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> spectrum(held);
-  const Eigen::HouseholderQR<MatrixXd> qr(all * spectrum.eigenvectors().leftCols(count));
-  unseen_ = qr.householderQ() * MatrixXd::Identity(all.rows(), count);
+  unseen_ = orthonormal_columns(all * symmetric_spectrum(held).vectors.leftCols(count));
   MatrixXd camera = MatrixXd::Zero(work_->space.map.num_columns, count);
   MatrixXd point = MatrixXd::Zero(3L * num_points(), count);
   for (std::size_t c = 0; c < inner_.size(); ++c) {
@@ -360,9 +355,6 @@ const MatrixXd& LinearModel::hat(int g) {
   return known;
 }
 
-Spectrum LinearModel::hat_spectrum(int group) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(hat(group));
-  return {solver.eigenvalues(), solver.eigenvectors()};
-}
+Spectrum LinearModel::hat_spectrum(int group) { return symmetric_spectrum(hat(group)); }
 
 }  // namespace sfmcpp::ba

@@ -171,7 +171,7 @@ void def_statistics(py::class_<LinearModel>& c) {
       .def(
           "hat_spectrum",
           [](LinearModel& model, int group) {
-            const ba::Spectrum spectrum = model.hat_spectrum(group);
+            const Spectrum spectrum = model.hat_spectrum(group);
             return py::make_tuple(spectrum.values, spectrum.vectors);
           },
           py::arg("group"))

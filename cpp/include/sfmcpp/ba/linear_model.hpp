@@ -21,6 +21,7 @@
 #include <Eigen/SparseCore>
 
 #include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::ba {
@@ -40,11 +41,6 @@ struct LinearStep {
   optim::State state;                   // moved there
   std::vector<Eigen::VectorXd> errors;  // of each group, as the model predicts them
   double decrease = 0.0;                // of the cost, likewise
-};
-
-struct Spectrum {
-  Eigen::VectorXd values;  // ascending
-  Eigen::MatrixXd vectors;
 };
 
 class LinearModel {
