@@ -28,7 +28,7 @@ VENV_STAMP := $(VENV)/stamp-created
 INSTALL_STAMP := $(VENV)/stamp-installed
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml cpp python -type f -not -name '*.pyc' -not -name '*.so')
-CPP_FILES = $(shell find cpp bench tests -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
+CPP_FILES = $(shell find cpp bench tests examples -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
