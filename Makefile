@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan asan-python tsan bench fuzz stubs clean
+.PHONY: help demo test install lint format asan asan-python tsan bench fuzz stubs docs wheel clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -28,7 +28,7 @@ VENV_STAMP := $(VENV)/stamp-created
 INSTALL_STAMP := $(VENV)/stamp-installed
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml cpp python -type f -not -name '*.pyc' -not -name '*.so')
-CPP_FILES = $(shell find cpp bench tests -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
+CPP_FILES = $(shell find cpp bench tests examples -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -110,6 +110,17 @@ fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_
 
 stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
 	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi
+
+docs: $(VENV)/stamp-docs ## run the code of the pages in docs, and make the website build/docs/html of them
+	$(VENV)/bin/python docs/run_pages.py build/docs
+
+$(VENV)/stamp-docs: $(INSTALL_STAMP)
+	$(VENV)/bin/pip --disable-pip-version-check --quiet install 'sfmcpp[docs]'
+	@touch $@
+
+WHEEL_PYTHONS ?= $(PYTHON)
+wheel: $(BUILD_PACKAGES_STAMP) ## wheels for this machine into build/wheels, tried (WHEEL_PYTHONS="python3.11 python3.12")
+	tools/make_wheels.sh build/wheels $(WHEEL_PYTHONS)
 
 clean: ## remove all that was built, .venv included
 	rm -rf build $(VENV) $(DEMO_FOLDER) .mypy_cache .pytest_cache .ruff_cache .hypothesis

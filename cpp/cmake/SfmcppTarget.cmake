@@ -1,6 +1,8 @@
 # Settings that every target of ours shares, and the sources that are compiled once per instruction set.
 
 function(sfmcpp_target_defaults target)
+  # Of the targets themselves, so that it holds in a project of another standard, and for whoever links to them.
+  target_compile_features(${target} PUBLIC cxx_std_20)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wno-psabi)
   target_compile_definitions(${target} PRIVATE $<$<CONFIG:Debug>:EIGEN_INITIALIZE_MATRICES_BY_NAN>)
   if(SFMCPP_WARNINGS_AS_ERRORS)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[3]
-FOLDERS = ("cpp", "python", "bench", "tests")
+FOLDERS = ("cpp", "python", "bench", "tests", "examples")
 SUFFIXES = {".py", ".cpp", ".hpp", ".h", ".cmake", ".sh"}
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60

@@ -1,0 +1,46 @@
+// Three cameras in a row look at twenty points, which start 5 cm off. Build: see CMakeLists.txt
+// beside this file.
+#include <cstdint>
+#include <iostream>
+#include <random>
+#include <vector>
+
+#include <sfmcpp/ba/solve.hpp>
+
+int main() {
+  const std::vector<double> cameras{1, 0, 0, -1, 0, 1, 0, 0, 0, 0, 1, 0,  // [R | c], row by row
+                                    1, 0, 0, 0,  0, 1, 0, 0, 0, 0, 1, 0,
+                                    1, 0, 0, 1,  0, 1, 0, 0, 0, 0, 1, 0};
+  const std::vector<double> intrinsics{500, 1, 320, 240, 0};  // f [px], aspect, cx, cy, skew
+  const std::vector<int> intrinsics_index{0, 0, 0};           // all cameras share that row
+  std::vector<double> points, pixels;
+  std::vector<int> camera_index, point_index;
+  std::mt19937 random(0);
+  std::uniform_real_distribution<double> side(-1.0, 1.0);
+  for (int p = 0; p < 20; ++p) {
+    const double x = side(random), y = side(random), z = 6.0 + side(random);
+    points.insert(points.end(), {x + 0.05, y, z});
+    for (int i = 0; i < 3; ++i) {
+      camera_index.push_back(i);
+      point_index.push_back(p);
+      pixels.insert(pixels.end(), {320 + 500 * (x - cameras[12 * i + 3]) / z, 240 + 500 * y / z});
+    }
+  }
+  const std::vector<std::uint8_t> fixed_cameras(3, 1), fixed_points(20, 0), fixed_intrinsics(5, 1);
+
+  const sfmcpp::ba::Problem problem{.camera_model = sfmcpp::CameraModelId::kCalibrated,
+                                    .cameras = cameras,
+                                    .intrinsics = intrinsics,
+                                    .points = points,
+                                    .intrinsics_index = intrinsics_index,
+                                    .camera_index = camera_index,
+                                    .point_index = point_index,
+                                    .pixels = pixels,
+                                    .fixed_cameras = fixed_cameras,
+                                    .fixed_points = fixed_points,
+                                    .fixed_intrinsics = fixed_intrinsics};
+  sfmcpp::optim::State state = sfmcpp::ba::state_of(problem);
+  const sfmcpp::ba::SolveSummary summary = sfmcpp::ba::solve(problem, {}, {}, state);
+  std::cout << "RMS " << summary.initial_rms_px << " px -> " << summary.final_rms_px << " px\n";
+  return summary.final_rms_px < 1e-6 ? 0 : 1;
+}
