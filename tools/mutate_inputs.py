@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Usage: mutate_inputs.py [--inputs N] [--seed S] [FILE ...]: every reader on damaged files, as a table.
+"""Usage: mutate_inputs.py [--inputs N] [--seed S] [--first K] [FILE ...]: every reader on damaged files.
 
-The N files are shared among the readers, or those of the FILEs named. A damaged file is a good one with some
-bytes changed, left out, repeated or cut off, numbers replaced, or a piece of it elsewhere, too. It may read,
-or be refused with an error of the package; anything else is a fault: it is printed with the numbers that the
-file was made from, and the program ends with 1. Files are read in processes of their own, with a limit on
-memory (4 GB) and on time (5 s of work, and a minute by the clock).
+The N files are shared among the readers, or those of the FILEs named, in rounds. A damaged file is a good one
+with some bytes changed, left out, repeated or cut off, numbers replaced, or a piece of it elsewhere, too. It
+may read, or be refused with an error of the package; anything else is a fault: it is printed with the numbers
+that the file was made from, and the program ends with 1. Files are read in processes of their own, with a
+limit on memory (4 GB) and on time (5 s of work, and a minute by the clock). Every few seconds a line says how
+far it is; a run that is stopped (Ctrl-C) prints its table, and the K to go on with.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import resource
 import signal
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
@@ -40,7 +42,9 @@ from sfmcpp.sources.vision import open_frames, open_photos
 from sfmcpp.study.evaluation.image_poses import read_image_poses
 
 SECONDS, SECONDS_BY_THE_CLOCK, MEMORY_BYTES, BATCH = 5, 60, 4 << 30, 200
+SECONDS_BETWEEN_LINES = 5
 OUTCOMES = ("read", "refused", "raw exception", "too slow", "killed")
+FAULTS = OUTCOMES[2:]
 Reader = Callable[[Path], object]
 
 TEXTS: dict[str, tuple[str, Reader]] = {
@@ -202,34 +206,63 @@ def in_a_child(path: Path, reader: Reader, data: bytes, numbers: range, seed: in
     return told
 
 
-def tried(name: str, path: Path, reader: Reader, count: int, seed: int) -> Counter[str]:
-    """Outcomes of all files of a reader, counted; faults are printed."""
-    data, totals, number = path.read_bytes(), Counter[str](), 0
-    while number < count:
-        for told in in_a_child(path, reader, data, range(number, min(number + BATCH, count)), seed):
+def tried(name: str, path: Path, reader: Reader, numbers: range, seed: int) -> Counter[str]:
+    """Outcomes of some files of a reader, counted; faults are printed."""
+    data, totals, number = path.read_bytes(), Counter[str](), numbers.start
+    while number < numbers.stop:
+        for told in in_a_child(path, reader, data, range(number, numbers.stop), seed):
             kind = next(known for known in OUTCOMES if told.startswith(known))
             totals[kind] += 1
-            if kind not in ("read", "refused"):
-                print(f"{name}, file ({seed}, {number}): {told}")
+            if kind in FAULTS:
+                print(f"{name}, file ({seed}, {number}): {told}", flush=True)
             number += 1
     path.write_bytes(data)
     return totals
 
 
-def main(inputs: int, seed: int, names: list[str]) -> int:
-    """Print the table; 1 if there is a fault."""
-    faults = 0
+class Progress:
+    """Says every few seconds how far a run is."""
+
+    def __init__(self, inputs: int) -> None:
+        self._inputs = inputs
+        self._begin = self._said = time.monotonic()
+
+    def say(self, totals: Counter[str], now: str) -> None:
+        """One line, if the last is old enough."""
+        if time.monotonic() - self._said < SECONDS_BETWEEN_LINES:
+            return
+        self._said = time.monotonic()
+        rate = totals.total() / (self._said - self._begin)
+        faults = sum(totals[kind] for kind in FAULTS)
+        line = f"{totals.total():,} of {self._inputs:,}, {rate:,.0f} a second, {faults} faults; at {now}"
+        print(line, file=sys.stderr, flush=True)
+
+
+def print_table(totals: dict[str, Counter[str]]) -> None:
+    """What became of the files of every reader."""
+    everything = sum(totals.values(), Counter[str]())
+    print("".join(f"{cell:<18}" for cell in ("file", *OUTCOMES)).rstrip())
+    for name, counts in [*totals.items(), ("all", everything)]:
+        print("".join(f"{cell:<18}" for cell in (name, *(counts[kind] for kind in OUTCOMES))).rstrip())
+
+
+def main(inputs: int, seed: int, first: int, names: list[str]) -> int:
+    """Print the table; 1 if there is a fault, 130 if it was stopped."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = []
         chosen = {name: made for name, made in seeds(Path(folder)).items() if name in names or not names}
-        for name, (path, reader) in chosen.items():
-            totals = tried(name, path, reader, -(-inputs // len(chosen)), seed)
-            rows.append((name, *(totals[kind] for kind in OUTCOMES)))
-            faults += sum(totals[kind] for kind in OUTCOMES[2:])
-    sums = [sum(row[k] for row in rows) for k in range(1, 1 + len(OUTCOMES))]
-    for row in [("file", *OUTCOMES), *rows, ("all", *sums)]:
-        print("".join(f"{cell:<18}" for cell in row).rstrip())
-    return int(faults > 0)
+        totals = {name: Counter[str]() for name in chosen}
+        progress, begin, end = Progress(inputs), first, first + -(-inputs // len(chosen))
+        try:
+            for begin in range(first, end, BATCH):
+                for name, (path, reader) in chosen.items():
+                    totals[name] += tried(name, path, reader, range(begin, min(begin + BATCH, end)), seed)
+                    progress.say(sum(totals.values(), Counter()), name)
+        except KeyboardInterrupt:
+            print_table(totals)
+            print(f"stopped: go on with --seed {seed} --first {begin}")
+            return 130
+    print_table(totals)
+    return int(any(counts[kind] for counts in totals.values() for kind in FAULTS))
 
 
 if __name__ == "__main__":
@@ -237,5 +270,6 @@ if __name__ == "__main__":
     parser.add_argument("names", nargs="*")
     parser.add_argument("--inputs", type=int, default=30_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first file of every reader")
     given = parser.parse_args()
-    sys.exit(main(given.inputs, given.seed, given.names))
+    sys.exit(main(given.inputs, given.seed, given.first, given.names))

@@ -1,23 +1,26 @@
 #!/usr/bin/env python3
-"""Usage: try_combinations.py [--scenes NAME ...] [--processes N]: every method with everything else.
+"""Usage: try_combinations.py [--scenes NAME ...] [--processes N] [--results FILE]: all methods with all else.
 
 Each method × line search × linear solver × camera model × loss solves small scenes. A combination that is
 refused must be refused by name. Any other must end without a raw exception, at the cost of the state that it
 returns, and if it says "converged" no more than 0.1 % above the best cost of that scene, camera model and
 loss. Where it is more, the gradient at its end is looked at, by differences of residuals: a Gauss–Newton
 step promises less than 0.1 % ("another minimum"), or an iteration gained less than `function_tolerance` on
-the way ("slow", told by method). Anything else is a fault: it is printed, and the program ends with 1.
+the way ("slow"). Anything else is a fault: it is printed, and the program ends with 1. What is found with a
+scene and a camera model is added to FILE, and taken from there by a run that goes on after it was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -34,8 +37,9 @@ WAYS = ("method", "line_search", "linear_solver", "loss")
 LOSS_SCALE_PX, MAX_ITERATIONS = 2.0, 200
 # A cost that is as good as another: in shares of it, or so small per observation that no pixel tells.
 SAME_COST, NO_COST = 1e-3, 1e-6
-# Steps of differences, in sizes of unknowns; singular values that are the gauge's.
-DIFFERENCE, RANK = 1e-6, 1e-7
+# Steps of differences, in sizes of unknowns: what their errors promise, one of them does not. Singular values
+# below the other number are the gauge's.
+DIFFERENCES, RANK = (1e-6, 1e-7), 1e-7
 ENDS = (
     "refused",
     "best",
@@ -182,21 +186,22 @@ class Ending:
     kind: str
     told: str = ""
     cost: float = np.inf
+    scale: float = LOSS_SCALE_PX
     state: Problem | None = None
 
 
-def weighted_residuals(problem: Problem, loss: str) -> FloatArray:
+def weighted_residuals(problem: Problem, loss: str, scale: float) -> FloatArray:
     """(2M,) residuals whose squares sum up to twice the cost."""
     r = sfmcpp.residuals(problem)
     squared = (r**2).sum(axis=1)
-    rho = _core.loss_terms(loss, LOSS_SCALE_PX, squared)[0]
+    rho = _core.loss_terms(loss, scale, squared)[0]
     share = np.divide(rho, squared, out=np.ones_like(squared), where=squared > 0)
     return (r * np.sqrt(share)[:, None]).ravel()
 
 
-def cost_of(problem: Problem, loss: str) -> float:
+def cost_of(problem: Problem, loss: str, scale: float) -> float:
     """The cost of a state."""
-    return 0.5 * float((weighted_residuals(problem, loss) ** 2).sum())
+    return 0.5 * float((weighted_residuals(problem, loss, scale) ** 2).sum())
 
 
 def moved(problem: Problem, step: FloatArray) -> Problem:
@@ -227,13 +232,14 @@ def sizes_of_unknowns(problem: Problem) -> FloatArray:
     return np.concatenate([cameras, np.full(free_points.size, world), intrinsics])
 
 
-def promised_decrease(problem: Problem, loss: str) -> float:
+def promised_decrease(problem: Problem, loss: str, scale: float, difference: float) -> float:
     """By how much a Gauss–Newton step would lower the cost; derivatives are differences of residuals."""
-    here = weighted_residuals(problem, loss)
-    steps = np.diag(DIFFERENCE * sizes_of_unknowns(problem))
+    here = weighted_residuals(problem, loss, scale)
+    steps = np.diag(difference * sizes_of_unknowns(problem))
     with np.errstate(all="ignore"):
         columns = [
-            weighted_residuals(moved(problem, step), loss) - weighted_residuals(moved(problem, -step), loss)
+            weighted_residuals(moved(problem, step), loss, scale)
+            - weighted_residuals(moved(problem, -step), loss, scale)
             for step in steps
         ]
     jacobian = np.nan_to_num(np.stack(columns, axis=1))
@@ -250,39 +256,64 @@ def ending_of(start: Problem, way: dict[str, str]) -> Ending:
         told = sfmcpp.solve(
             state, **way, loss_scale_px=LOSS_SCALE_PX, max_iterations=MAX_ITERATIONS, threads=1
         )
-    except InvalidArgument as error:
-        return Ending(way, "refused", str(error))
+    except InvalidArgument:
+        return Ending(way, "refused")
     except Exception as error:
         return Ending(way, "raw exception", f"{type(error).__name__}: {error}")
-    ending = Ending(way, "not converged", f"{told.termination}: {told.message}", told.final_cost, state)
-    if not np.isclose(told.final_cost, cost_of(state, way["loss"]), rtol=1e-6, atol=1e-12):
+    scale = told.loss_scale_px
+    ending = Ending(
+        way, "not converged", f"{told.termination}: {told.message}", told.final_cost, scale, state
+    )
+    cost = cost_of(state, way["loss"], scale)
+    if not np.isclose(told.final_cost, cost, rtol=1e-6, atol=1e-12):
         ending.kind = "untrue"
-        ending.told += f" at {told.final_cost}, but the cost is {cost_of(state, way['loss'])}"
+        ending.told += f" at {told.final_cost}, but the cost is {cost}"
     elif told.converged:
         ending.kind = "converged"
     return ending
 
 
-def judge(endings: list[Ending]) -> None:
-    """Tell which combinations that converged with a loss are at the best cost, and why others are not."""
-    best = min((ending.cost for ending in endings), default=0.0)
-    promises: dict[str, float] = {}  # by cost: many combinations end in the same place
-    for ending in endings:
-        if ending.kind != "converged" or ending.state is None:
-            continue
+class Judge:
+    """Tells of the endings with a loss which are at the best cost, and why others are not."""
+
+    def __init__(self, endings: Iterable[Ending], loss: str) -> None:
+        self._loss = loss
+        # Many combinations end in the same place: the lowest tells of all.
+        states = sorted((ending for ending in endings if ending.state is not None), key=lambda e: -e.cost)
+        self._places = {self._place_of(ending): ending for ending in states}
+        self._promises: dict[str, float] = {}
+
+    @staticmethod
+    def _place_of(ending: Ending) -> str:
+        return f"{ending.cost:.4g} {ending.scale:.3g}"
+
+    def judge(self, ending: Ending) -> None:
+        """Change "converged" into what it is; costs are compared at the ending's scale of the loss."""
+        assert ending.state is not None
+        states = [place.state for place in self._places.values() if place.state is not None]
+        best = min(ending.cost, *(cost_of(state, self._loss, ending.scale) for state in states))
         negligible = SAME_COST * best + NO_COST * ending.state.num_observations
         if ending.cost - best <= negligible:
             ending.kind = "best"
-            continue
-        place = f"{ending.cost:.6g}"
-        if place not in promises:
-            promises[place] = promised_decrease(ending.state, ending.way["loss"])
-        promised = promises[place]
+            return
+        promised = self._promise(ending, SAME_COST * ending.cost + negligible)
         ending.told += f"; cost {ending.cost:.6g}, best {best:.6g}, a step promises {promised:.3g}"
         if promised <= SAME_COST * ending.cost + negligible:
             ending.kind = "another minimum"
         else:
             ending.kind = "slow" if "function_tolerance" in ending.told else "unexplained"
+
+    def _promise(self, ending: Ending, enough: float) -> float:
+        place = self._place_of(ending)
+        if place not in self._promises:
+            lowest = self._places[place]
+            assert lowest.state is not None
+            for difference in DIFFERENCES:
+                promised = promised_decrease(lowest.state, self._loss, lowest.scale, difference)
+                self._promises[place] = min(promised, self._promises.get(place, np.inf))
+                if self._promises[place] <= enough:
+                    break
+        return self._promises[place]
 
 
 def endings_of(scene: str, model: str) -> list[Ending]:
@@ -291,41 +322,88 @@ def endings_of(scene: str, model: str) -> list[Ending]:
     ways = [dict(zip(WAYS, chosen, strict=True)) for chosen in product(*(CHOICES[name] for name in WAYS))]
     endings = [ending_of(start, way) for way in ways]
     for loss in CHOICES["loss"]:
-        judge([ending for ending in endings if ending.way["loss"] == loss and ending.kind != "refused"])
+        with_loss = [ending for ending in endings if ending.way["loss"] == loss]
+        judge = Judge(with_loss, loss)
+        for ending in with_loss:
+            if ending.kind == "converged":
+                judge.judge(ending)
     for ending in endings:
         ending.state = None
     return endings
 
 
-def main(scenes: list[str], processes: int) -> int:
-    """Print the table; 1 if there is a fault."""
+class Results:
+    """What was found so far, by scene and camera model; a line of a file for each, if there is a file."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        lines = path.read_text().splitlines() if path and path.exists() else []
+        self._known = {(line["scene"], line["model"]): line["endings"] for line in map(json.loads, lines)}
+
+    def knows(self, case: tuple[str, str]) -> bool:
+        """Whether a scene was tried with a camera model."""
+        return case in self._known
+
+    def endings(self, case: tuple[str, str]) -> list[Ending]:
+        """What was found."""
+        return [Ending(*found) for found in self._known[case]]
+
+    def add(self, case: tuple[str, str], endings: list[Ending]) -> None:
+        """Keep what was found."""
+        found = [
+            [ending.way, ending.kind, "" if ending.kind == "best" else ending.told] for ending in endings
+        ]
+        self._known[case] = found
+        if self._path:
+            with self._path.open("a") as file:
+                file.write(json.dumps({"scene": case[0], "model": case[1], "endings": found}) + "\n")
+
+
+def main(scenes: list[str], processes: int, results: Results) -> int:
+    """Print the tables; 1 if there is a fault."""
     cases = list(product(scenes, sfmcpp.CAMERA_MODELS))
-    totals, slow = Counter[str](), Counter[str]()
+    everything: list[Ending] = []
     print(row_of("scene", "cameras", ENDS))
     with ProcessPoolExecutor(processes) as pool:
-        started_cases = [(case, pool.submit(endings_of, *case)) for case in cases]
-        for (scene, model), told in started_cases:
-            endings = told.result()
-            counts = Counter(ending.kind for ending in endings)
-            totals += counts
-            slow += Counter(ending.way["method"] for ending in endings if ending.kind == "slow")
-            print(row_of(scene, model, [counts[kind] for kind in ENDS]), flush=True)
+        begun = {case: pool.submit(endings_of, *case) for case in cases if not results.knows(case)}
+        for case in cases:
+            if case in begun:
+                results.add(case, begun[case].result())
+            endings = results.endings(case)
+            everything += endings
+            print(row_of(*case, counts_of(endings)), flush=True)
             for ending in endings:
                 if ending.kind in FAULTS:
                     print(f"  {', '.join(ending.way.values())}: {ending.kind}: {ending.told}")
-    print(row_of("all", str(totals.total()), [totals[kind] for kind in ENDS]))
-    print("slow:", ", ".join(f"{method} {count}" for method, count in slow.most_common()) or "none")
-    return int(any(totals[kind] for kind in FAULTS))
+    print(row_of("all", str(len(everything)), counts_of(everything)))
+    for kind in ("another minimum", "slow", "not converged"):
+        print_by_method([ending for ending in everything if ending.kind == kind], kind)
+    return int(any(ending.kind in FAULTS for ending in everything))
 
 
-def row_of(scene: str, model: str, cells: Iterable[object]) -> str:
-    """A line of the table."""
-    return f"{scene:<20}{model:<13}" + "".join(f"{cell:>16}" for cell in cells)
+def counts_of(endings: list[Ending]) -> list[int]:
+    """How many ended in each way."""
+    counts = Counter(ending.kind for ending in endings)
+    return [counts[kind] for kind in ENDS]
+
+
+def print_by_method(endings: list[Ending], title: str) -> None:
+    """A table of how many there are, by method and line search."""
+    counts = Counter((ending.way["method"], ending.way["line_search"]) for ending in endings)
+    print("\n" + row_of(title, "", CHOICES["line_search"]))
+    for method in CHOICES["method"]:
+        print(row_of(method, "", [counts[method, search] for search in CHOICES["line_search"]]))
+
+
+def row_of(name: str, second: str, cells: Iterable[object]) -> str:
+    """A line of a table."""
+    return f"{name:<20}{second:<13}" + "".join(f"{cell:>16}" for cell in cells)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--results", type=Path)
     given = parser.parse_args()
-    sys.exit(main(given.scenes, given.processes))
+    sys.exit(main(given.scenes, given.processes, Results(given.results)))

@@ -104,6 +104,7 @@ class Descent final : public StepStrategy {
     has_direction_ = !rule_->has_another();
     share_ *= 0.5;
   }
+  void moved() override { has_direction_ = false; }
   bool can_retry() const override { return descends() && share_ > kMinShare; }
 
   void keep(Memory& memory) override {

@@ -60,6 +60,7 @@ class DogLeg final : public StepStrategy {
   void rejected() override {
     if (has_path_) radius_ = 0.5 * std::min(*radius_, step_norm_);
   }
+  void moved() override { has_path_ = false; }
   bool can_retry() const override { return has_path_ && *radius_ > kMinShare * gauss_newton_norm_; }
 
   // The path too, which a rejection leaves: to solve for it again would be at another μ.

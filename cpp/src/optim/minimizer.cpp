@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model_line.hpp"
+#include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "state_algebra.hpp"
 #include "stops.hpp"
@@ -11,14 +12,10 @@
 namespace sfmcpp::optim {
 namespace {
 
-// Relative decreases of the cost below this are rounding.
-constexpr double kRounding = 1e-9;
 // Parts of the cost that grow by this share of all of it are worth a look at who grows.
 constexpr double kWorthHoldingBack = 0.1;
 // A cost in stages is sharpened from where a step decreases it by less than this share.
 constexpr double kSettled = 1e-2;
-// A cost, in squared standard deviations, far below what any measurement can tell.
-constexpr double kNegligibleCost = 1e-18;
 
 class Minimizer {
  public:
@@ -217,7 +214,9 @@ class Minimizer {
     model_.normalize(state_);
     update_strategy();
     cost_ = candidate_cost_;
-    if (decrease <= options_.termination.function_tolerance * (cost_ + decrease)) {
+    if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
+        kept_its_promise(decrease, result_.predicted_decrease, negligible()) &&
+        gradient_is_small(model_.normal_equations(), cost_)) {
       finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
     } else {
       model_.linearize(state_);
@@ -232,6 +231,7 @@ class Minimizer {
       strategy_->accepted((cost_ - unit_cost_) / result_.predicted_decrease);
     } else {
       strategy_->rejected();
+      strategy_->moved();
     }
   }
 
@@ -266,7 +266,7 @@ class Minimizer {
   }
 
   void finish_undamped() {
-    if (progressed() && result_.predicted_decrease <= negligible_decrease()) {
+    if (progressed() && result_.predicted_decrease <= negligible()) {
       finish(Termination::kConverged, "the undamped step promises a negligible decrease");
     } else {
       finish(progressed() ? Termination::kStalled : Termination::kNumericalFailure,
@@ -278,8 +278,8 @@ class Minimizer {
 
   // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
   void finish_negligible() {
-    if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible_decrease() ||
-        (!progressed() && largest_prediction_ <= negligible_decrease())) {
+    if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible() ||
+        (!progressed() && largest_prediction_ <= negligible())) {
       finish(Termination::kConverged,
              "the step is negligible: within parameter_tolerance of the unknowns");
     } else if (progressed()) {
@@ -292,17 +292,15 @@ class Minimizer {
     }
   }
 
-  double negligible_decrease() const {
-    const double share = std::max(kRounding, options_.termination.function_tolerance);
-    return std::max(share * cost_, kNegligibleCost);
-  }
+  double negligible() const { return negligible_decrease(options_.termination, cost_); }
 
   // A rejected step whose predicted and whose true effect are both below the tolerance: rounding
-  // decides.
+  // decides, unless it is so short because longer ones have failed.
   bool change_is_negligible() const {
-    const double negligible = options_.termination.function_tolerance * cost_;
-    return result_.valid && result_.predicted_decrease <= negligible &&
-           std::abs(candidate_cost_ - cost_) <= negligible;
+    const double tolerated = options_.termination.function_tolerance * cost_;
+    return result_.valid && result_.predicted_decrease <= tolerated &&
+           std::abs(candidate_cost_ - cost_) <= tolerated &&
+           gradient_is_small(model_.normal_equations(), cost_);
   }
 
   void record() {

@@ -181,6 +181,10 @@ TEST_P(DogLeg, OnlyANewStateCostsALinearSolve) {
   dog_leg->accepted(0.5);
   compute(*dog_leg);
   EXPECT_EQ(solver.dampings.size(), 2u);
+  dog_leg->rejected();
+  dog_leg->moved();
+  compute(*dog_leg);
+  EXPECT_EQ(solver.dampings.size(), 3u);
 }
 
 TEST_P(DogLeg, ASingularSystemGetsMoreRegularizationAndLessOfItLater) {

@@ -55,3 +55,25 @@ def test_a_loss_of_a_group_whose_square_vanishes_is_refused() -> None:
     group = ConstraintGroup("position", [0], np.zeros((1, 3)), loss="cauchy", loss_scale=1e-320)
     with pytest.raises(InvalidArgument, match="must be positive and finite, and its square too"):
         sfmcpp.solve(scene(), constraints=[group])
+
+
+def two_views_with_free_intrinsics() -> sfmcpp.Problem:
+    """A problem that its data hardly tell: the cost lies in long valleys."""
+    scene = sfmcpp.circle_scene(2, 30, camera_model="bal")
+    return sfmcpp.perturb(scene, point_sigma_m=0.2, position_sigma_m=0.2, rotation_sigma_deg=1.0, seed=1)
+
+
+@pytest.mark.parametrize("search", ["g-als", "exact", "soft", "backtracking"])
+def test_a_step_that_a_line_search_saved_leaves_no_path_of_the_place_before(search: str) -> None:
+    plain = sfmcpp.solve(two_views_with_free_intrinsics(), method="dog-leg", max_iterations=200)
+    searched = sfmcpp.solve(
+        two_views_with_free_intrinsics(), method="dog-leg", line_search=search, max_iterations=200
+    )
+    assert searched.final_cost < 1.3 * plain.final_cost
+
+
+def test_a_long_step_that_gains_nothing_by_chance_is_no_convergence() -> None:
+    start, tried = two_views_with_free_intrinsics(), {"loss": "cauchy", "loss_scale_px": 2.0, "method": "lm"}
+    summary = sfmcpp.solve(start, **tried, line_search="g-als", max_iterations=200)
+    best = sfmcpp.solve(two_views_with_free_intrinsics(), **tried, max_iterations=200).final_cost
+    assert summary.final_cost < 1.1 * best

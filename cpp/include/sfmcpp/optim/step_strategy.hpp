@@ -31,6 +31,9 @@ class StepStrategy {
                              linear::Step& step) = 0;
   virtual void accepted(double gain_ratio) = 0;
   virtual void rejected() = 0;
+  // After a rejection: a line search has made something of the step, so the normal equations have
+  // changed all the same, and what was kept for another try is of a place that was left.
+  virtual void moved() {}
   // λ of the step; zero for methods without: Dog-Leg is limited by its radius.
   virtual double damping() const { return 0.0; }
   // Whether another step from the same state can differ after a rejection.
