@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,51 +11,77 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.checkpoints import digest
+from sfmcpp.ba.partition import partition_points
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import IndexArray
+
+Rows = dict[str, NDArray[Any]]
+
+# What a row of a part's points and observations has, beside its number in the whole.
+NUMBER, COLORS = "number", "point_colors"
+_OF_POINTS = ("points", "fixed_points")
+POINT_ROWS = (*_OF_POINTS, COLORS)
+OBSERVATION_ROWS = ("camera_index", "point_index", "pixels", "sigma_px", "covariance_px2")
 
 
-def partition_points(problem: Problem, count: int) -> IndexArray:
-    """Cut a problem into parts that take the same work and see few cameras each.
+@dataclass(frozen=True)
+class Part:
+    """Some points of a problem with all their observations, and all cameras.
 
-    Points follow one another as a search through the graph of who sees what meets them (reverse
-    Cuthill–McKee), which keeps those of the same cameras together. The work of a point with k images in
-    the Schur complement is k².
-
-    Parameters
+    Attributes
     ----------
     problem : Problem
-        Its indices must be in range.
-    count : int
-        Number of parts.
-
-    Returns
-    -------
-    (N,) int32
-        Part of each point.
+        The part; its metadata has the colours of these points, and of all else what the whole has.
+    point_numbers : (n,) int64
+        Which points of the whole they are, in ascending order.
+    observation_numbers : (m,) int64
+        Which observations of the whole they are, in ascending order.
     """
-    order = _along_the_graph(problem)
-    images = np.bincount(problem.point_index, minlength=problem.num_points)
-    work = np.cumsum(images[order].astype(np.float64) ** 2 + 1.0)  # a point without images is work, too
-    parts = np.empty(problem.num_points, np.int32)
-    parts[order] = np.searchsorted(work[-1] * np.arange(1, count) / count, work) if len(work) else 0
-    return parts
+
+    problem: Problem
+    point_numbers: NDArray[np.int64]
+    observation_numbers: NDArray[np.int64]
+
+    @property
+    def rows_of_points(self) -> Rows:
+        """Those of :func:`rows_of_points`, with the points' numbers in the whole."""
+        return rows_of_points(self.problem, self.point_numbers)
+
+    @property
+    def rows_of_observations(self) -> Rows:
+        """Those of :func:`rows_of_observations`, with the numbers of observations and points in the whole."""
+        points = self.point_numbers[self.problem.point_index].astype(np.int32)
+        return rows_of_observations(self.problem, self.observation_numbers) | {"point_index": points}
 
 
-def _along_the_graph(problem: Problem) -> NDArray[np.int64]:
-    from scipy.sparse import coo_array, csr_array
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
+def cameras_alone(problem: Problem) -> Problem:
+    """All cameras, without points."""
+    blind = problem.with_observations(np.zeros(0, np.int64))
+    return replace(
+        blind,
+        points=blind.points[:0],
+        fixed_points=blind.fixed_points[:0],
+        metadata=replace(blind.metadata, point_colors=None),
+    )
 
-    cameras, size = problem.num_cameras, problem.num_cameras + problem.num_points
-    seen = np.ones(problem.num_observations, np.int8)
-    half = coo_array((seen, (problem.camera_index, cameras + problem.point_index)), (size, size))
-    order = reverse_cuthill_mckee(csr_array(half + half.T), symmetric_mode=True)
-    return order[order >= cameras].astype(np.int64) - cameras
+
+def rows_of_points(problem: Problem, numbers: NDArray[np.int64]) -> Rows:
+    """Arrays (N, …) by name of what each point has, and its number."""
+    arrays = {name: getattr(problem, name) for name in _OF_POINTS}
+    return _given(arrays | {COLORS: problem.metadata.point_colors, NUMBER: numbers})
 
 
-def part_of(problem: Problem, points: NDArray[np.int64]) -> Problem:
+def rows_of_observations(problem: Problem, numbers: NDArray[np.int64]) -> Rows:
+    """Arrays (M, …) by name of what each observation has, and its number."""
+    return _given({name: getattr(problem, name) for name in OBSERVATION_ROWS} | {NUMBER: numbers})
+
+
+def _given(arrays: dict[str, Any]) -> Rows:
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
+def part_of(problem: Problem, points: NDArray[np.int64]) -> Part:
     """Take some points with their observations, and all cameras.
 
     Parameters
@@ -66,21 +93,101 @@ def part_of(problem: Problem, points: NDArray[np.int64]) -> Problem:
 
     Returns
     -------
-    Problem
-        Arrays of cameras and intrinsics are copies, metadata is left out.
+    Part
+        Arrays of cameras and intrinsics are copies.
     """
     number = np.full(problem.num_points, -1, np.int32)
     number[points] = np.arange(len(points), dtype=np.int32)
-    chosen = problem.with_observations(number[problem.point_index] >= 0)
-    return replace(
+    rows = np.flatnonzero(number[problem.point_index] >= 0)
+    chosen, colors = problem.with_observations(rows), problem.metadata.point_colors
+    part = replace(
         chosen,
         cameras=problem.cameras.copy(),
         intrinsics=problem.intrinsics.copy(),
         points=problem.points[points],
         fixed_points=problem.fixed_points[points],
         point_index=number[chosen.point_index],
-        metadata=Metadata(),
+        metadata=replace(problem.metadata, point_colors=None if colors is None else colors[points]),
     )
+    return Part(part, points, rows)
+
+
+def part_from_rows(cameras: Problem, points: Rows, observations: Rows) -> Part:
+    """Make a part of rows in any order.
+
+    Parameters
+    ----------
+    cameras : Problem
+        All cameras, without points.
+    points, observations : dict of str to array
+        As those of a :class:`Part`; they are used up.
+
+    Returns
+    -------
+    Part
+        Rows in the order of their numbers.
+    """
+    points, observations = _in_order(points), _in_order(observations)
+    own_index = np.searchsorted(points[NUMBER], observations["point_index"])
+    problem = replace(
+        cameras,
+        points=points["points"],
+        fixed_points=points["fixed_points"],
+        camera_index=observations["camera_index"],
+        point_index=own_index.astype(np.int32),
+        pixels=observations["pixels"],
+        sigma_px=observations.get("sigma_px"),
+        covariance_px2=observations.get("covariance_px2"),
+        metadata=replace(cameras.metadata, point_colors=points.get(COLORS)),
+    )
+    return Part(problem, points[NUMBER], observations[NUMBER])
+
+
+def joined_rows(pieces: Sequence[Rows]) -> Rows:
+    """Rows of several, one after the other; the pieces are used up."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return {name: np.concatenate([piece.pop(name) for piece in pieces]) for name in list(pieces[0])}
+
+
+def joined_parts(parts: Sequence[Part]) -> Problem:
+    """Put all parts of a problem together; cameras are those of the first."""
+    points = joined_rows([part.rows_of_points for part in parts])
+    return part_from_rows(
+        cameras_alone(parts[0].problem), points, joined_rows([part.rows_of_observations for part in parts])
+    ).problem
+
+
+def _in_order(rows: Rows) -> Rows:
+    numbers = rows[NUMBER]
+    if (numbers[1:] > numbers[:-1]).all():
+        return rows
+    order = np.argsort(numbers)
+    return {name: rows.pop(name)[order] for name in list(rows)}
+
+
+@dataclass(frozen=True)
+class ProblemSize:
+    """How many cameras, points and observations a problem has."""
+
+    num_cameras: int
+    num_points: int
+    num_observations: int
+
+    @classmethod
+    def of(cls, problem: Problem, ranks: Ranks | None = None) -> ProblemSize:
+        """Of a problem, or of all whose part it is on this rank."""
+        own = (problem.num_points, problem.num_observations)
+        points, observations = zip(*([own] if ranks is None else ranks.everyones(own)), strict=True)
+        return cls(problem.num_cameras, sum(points), sum(observations))
+
+
+def dealt_part(whole: Callable[[], Problem], ranks: Ranks) -> Part:
+    """Let rank 0 make a whole problem and deal out its parts; if that fails, all raise what it has raised."""
+    made: list[Problem] = []
+    ranks.from_root(lambda: made.append(whole()))
+    parts = [partition_points(problem, ranks.size) for problem in made]
+    return ranks.dealt(lambda rank: part_of(made[0], np.flatnonzero(parts[0] == rank)))
 
 
 class Scattered:
@@ -109,7 +216,7 @@ class Scattered:
 
     def _part(self, rank: int) -> Problem:
         assert self._whole is not None
-        return part_of(self._whole, self._points[rank])
+        return replace(part_of(self._whole, self._points[rank]).problem, metadata=Metadata())
 
     def collect(self) -> None:
         """Write what the parts have become into the whole."""

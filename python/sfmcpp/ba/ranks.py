@@ -41,6 +41,9 @@ class Communicator(Protocol):
     def allgather(self, mine: Any) -> list[Any]:
         """Objects of all, in the order of their ranks."""
 
+    def alltoall(self, mine: list[Any]) -> list[Any]:
+        """Objects that each has for this one, for objects for each."""
+
     def bcast(self, value: Any) -> Any:
         """Give the object of rank 0."""
 
@@ -90,6 +93,11 @@ class Ranks:
         """Values of all ranks, in their order."""
         with self._together():
             return self.communicator.allgather(value)
+
+    def exchanged(self, mine: list[T]) -> list[T]:
+        """Values that each rank has for this one, in their order, for one for each of them."""
+        with self._together():
+            return self.communicator.alltoall(mine)
 
     def agreed(self, task: Callable[[], T]) -> T:
         """Do what each rank does for itself; if any fails, all raise what the first of these has raised."""
@@ -142,7 +150,18 @@ class Ranks:
 
 
 _NAP_S = 1e-4
-_CALLS = ("Get_rank", "Get_size", "Iallgather", "Ialltoall", "Ibarrier", "allgather", "bcast", "send", "recv")
+_CALLS = (
+    "Get_rank",
+    "Get_size",
+    "Iallgather",
+    "Ialltoall",
+    "Ibarrier",
+    "allgather",
+    "alltoall",
+    "bcast",
+    "send",
+    "recv",
+)
 
 
 def _outcome(task: Callable[[], T]) -> tuple[T | None, BaseException | None]:

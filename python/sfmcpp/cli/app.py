@@ -107,16 +107,17 @@ def solve(
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write, or folder for COLMAP.")],
+    parts: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Make OUT a folder of N parts, for ranks of MPI.")
+    ] = None,
 ) -> ExitCode:
-    """Write a problem in another format; the names tell the formats."""
-    from sfmcpp.cli.targets import require_writable_problem
-    from sfmcpp.sources.io.api import read, write
+    """Write a problem in another format; the names tell the formats.
 
-    require_writable_problem(target)
-    problem = read(source)
-    write(problem, target)
-    say(f"{target}: {problem}")
-    return ExitCode.DONE
+    Started by mpiexec, each rank writes a part of what none needs to hold as a whole.
+    """
+    from sfmcpp.cli.convert import convert_file
+
+    return convert_file(source, target, parts)
 
 
 @app.command()

@@ -16,9 +16,9 @@ from rich.table import Table
 from rich.text import Text
 
 from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
+from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.cli.exit_codes import say
 from sfmcpp.cli.targets import Targets
-from sfmcpp.model import Problem
 from sfmcpp.study.report_files import peak_memory_bytes
 
 ROWS = 8
@@ -39,13 +39,13 @@ TERMINATIONS = {
 
 
 def print_summary(
-    source: Path, problem: Problem, summary: Summary, seconds_read: float, targets: Targets
+    source: Path, size: ProblemSize, summary: Summary, seconds_read: float, targets: Targets
 ) -> None:
     """Print what was solved, how it ended and what was written."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [*_size(source, problem), *_result(summary), *_means(summary, seconds_read)]
+    rows = [*_size(source, size), *_result(summary), *_means(summary, seconds_read)]
     for name, value in rows:
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
     for warning in summary.warnings:
@@ -69,12 +69,11 @@ def rendered(table: Table) -> str:
 Row = tuple[str, "str | Text"]
 
 
-def _size(source: Path, problem: Problem) -> Iterator[Row]:
+def _size(source: Path, size: ProblemSize) -> Iterator[Row]:
     yield "input", str(source)
     yield (
         "size",
-        f"{problem.num_cameras:,} cameras, {problem.num_points:,} points, "
-        f"{problem.num_observations:,} observations",
+        f"{size.num_cameras:,} cameras, {size.num_points:,} points, {size.num_observations:,} observations",
     )
 
 

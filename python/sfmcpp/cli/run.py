@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
-from sfmcpp.ba.ranks import Communicator, Ranks
+from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.launched import launched_ranks, together
@@ -18,7 +19,7 @@ from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.api import read, write
+from sfmcpp.sources.io.api import read, read_part, write, write_part
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.synthetic import circle_scene, perturb
 from sfmcpp.weighting import solve
@@ -73,62 +74,80 @@ def solve_file(job: Job) -> ExitCode:
     ranks = launched_ranks(asked=job.mpi)
     if ranks is not None:
         return together(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
-    problem, seconds_read = _prepared(job)
-    return _finished(job, problem, _solve(job, problem), seconds_read)
+    _check(job)
+    started = time.perf_counter()
+    problem = _problem(job)
+    job.targets.check_fits(problem)
+    seconds_read = time.perf_counter() - started
+    summary = _solve(job, problem)
+    with ctrl_c_noted():
+        complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
+        return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
     from sfmcpp.study.report_files import peak_memory_bytes
 
-    prepared: list[tuple[Problem, float]] = []
-
-    def prepare() -> None:
-        if job.checkpoints.folder or job.checkpoints.resumed:
-            raise InvalidArgument("--checkpoint, --resume: not on several ranks, whose state is not saved")
-        prepared.append(_prepared(job))
-
-    ranks.from_root(prepare)
-    problem, seconds_read = prepared[0] if ranks.is_root else (None, 0.0)
-    summary = _solve(job, problem, ranks.communicator)
+    ranks.from_root(lambda: _check(job, on_ranks=True))
+    started = time.perf_counter()
+    part = _part(job, ranks)
+    ranks.from_root(lambda: job.targets.check_fits(part.problem))
+    size = ProblemSize.of(part.problem, ranks)
+    seconds_read = time.perf_counter() - started
+    summary = _solve(job, part.problem, ranks)
     if summary.termination == "interrupted":
         heeded()
-    memory = ranks.everyones(peak_memory_bytes())
-    return ranks.from_root(lambda: _finished(job, cast(Problem, problem), summary, seconds_read, memory))
+    with ctrl_c_noted():
+        complaints = _complaints(lambda path: write_part(part, path, ranks), job.targets.problem)
+        memory = ranks.everyones(peak_memory_bytes())
+        return ranks.from_root(lambda: _finished(job, size, summary, seconds_read, complaints, memory))
 
 
-def _prepared(job: Job) -> tuple[Problem, float]:
-    """The problem, and how long it took to read it [s]."""
+def _check(job: Job, *, on_ranks: bool = False) -> None:
+    if on_ranks and (job.checkpoints.folder or job.checkpoints.resumed):
+        raise InvalidArgument("--checkpoint, --resume: not on several ranks, whose state is not saved")
     _check_options(job.options)
     job.targets.check(job.source)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
     job.checkpoints.check()
-    started = time.perf_counter()
-    problem = _problem(job)
-    return problem, time.perf_counter() - started
 
 
 def _finished(
-    job: Job, problem: Problem, summary: Summary, seconds_read: float, memory: Sequence[float] = ()
+    job: Job,
+    size: ProblemSize,
+    summary: Summary,
+    seconds_read: float,
+    complaints: list[DatasetError],
+    memory: Sequence[float] = (),
 ) -> ExitCode:
-    """Write and print; `memory` is the largest that each rank has used [bytes]."""
-    with ctrl_c_noted():
-        report = _report(job.source, problem, summary, seconds_read)
-        report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
-        complaints = _write_results(job, problem, summary, report) + job.checkpoints.failures
+    """Report and print; `memory` is the largest that each rank has used [bytes]."""
+    report = _report(job.source, size, summary, seconds_read)
+    report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
+    complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
 
-        print_summary(job.source, problem, summary, seconds_read, job.targets)
+        print_summary(job.source, size, summary, seconds_read, job.targets)
     return _exit_code(job, summary, complaints)
+
+
+def _part(job: Job, ranks: Ranks) -> Part:
+    """The part of this rank; the frames of projective images are made of all observations."""
+    if job.camera_model is not None:
+        return dealt_part(lambda: _problem(job), ranks)
+    part = read_part(job.source, ranks)
+    return replace(part, problem=ranks.agreed(lambda: _refined(job, part.problem)))
 
 
 def _problem(job: Job) -> Problem:
     problem = read(job.source)
-    problem = problem if job.camera_model is None else as_projective(problem)
+    return _refined(job, problem if job.camera_model is None else as_projective(problem))
+
+
+def _refined(job: Job, problem: Problem) -> Problem:
     try:
         if job.refine is not None:
             problem.set_free_intrinsics(*job.refine)
-        job.targets.check_fits(problem)
     except InvalidArgument as error:
         raise DatasetError(job.source, str(error)) from error
     return problem
@@ -141,27 +160,25 @@ def _check_options(values: dict[str, Any]) -> None:
     options.validate()
 
 
-def _solve(job: Job, problem: Problem | None, comm: Communicator | None = None) -> Summary:
+def _solve(job: Job, problem: Problem, ranks: Ranks | None = None) -> Summary:
     from sfmcpp.cli.display import shown_progress
 
     try:
-        with shown_progress(quiet=job.quiet or problem is None) as listener:
+        with shown_progress(quiet=job.quiet or not (ranks is None or ranks.is_root)) as listener:
             return solve(
                 problem,
                 callback=listener,
                 checkpoint=job.checkpoints.save,
                 resume=job.checkpoints.resume,
-                comm=comm,
+                comm=None if ranks is None else ranks.communicator,
                 **job.options,
             )
     except InvalidArgument as error:
         raise DatasetError(job.source, str(error)) from error
 
 
-def _write_results(
-    job: Job, problem: Problem, summary: Summary, report: dict[str, Any]
-) -> list[DatasetError]:
-    """Write every target, and go on where one fails: the others must not be lost with it."""
+def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
+    """Write what is wanted beside the result, and go on where one fails: no other must be lost with it."""
 
     def write_picture(path: Path) -> None:
         from sfmcpp.study.plotting import plot_convergence, save_figure
@@ -173,34 +190,32 @@ def _write_results(
 
         write_report(report, path)
 
-    steps: list[tuple[Path | None, Callable[[Path], None]]] = [
-        (job.targets.problem, lambda path: write(problem, path)),
-        (job.targets.report, write_its_report),
-        (job.targets.picture, write_picture),
-    ]
-    return [error for path, step in steps if path is not None and (error := _failure(step, path)) is not None]
+    reported = _complaints(write_its_report, job.targets.report)
+    return reported + _complaints(write_picture, job.targets.picture)
 
 
-def _report(path: Path, problem: Problem, summary: Summary, seconds_read: float) -> dict[str, Any]:
+def _report(path: Path, size: ProblemSize, summary: Summary, seconds_read: float) -> dict[str, Any]:
     """All fields of the summary are in the report under their own names."""
     from sfmcpp.study.report_files import peak_memory_bytes
 
-    size = {
+    read = {
         "path": str(path),
-        "cameras": problem.num_cameras,
-        "points": problem.num_points,
-        "observations": problem.num_observations,
+        "cameras": size.num_cameras,
+        "points": size.num_points,
+        "observations": size.num_observations,
     }
     measured = {"seconds_read": seconds_read, "peak_memory_bytes": peak_memory_bytes()}
-    return {"input": size, **measured, **summary.to_dict()}
+    return {"input": read, **measured, **summary.to_dict()}
 
 
-def _failure(step: Callable[[Path], None], path: Path) -> DatasetError | None:
+def _complaints(step: Callable[[Path], None], path: Path | None) -> list[DatasetError]:
+    """What is wrong with a file that is wanted."""
     try:
-        step(path)
+        if path is not None:
+            step(path)
     except DatasetError as error:
-        return error
-    return None
+        return [error]
+    return []
 
 
 def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> ExitCode:

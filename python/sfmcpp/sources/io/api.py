@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from os import PathLike, fsdecode
 from pathlib import Path
+from typing import cast
 
+from sfmcpp.ba.parts import Part, dealt_part, joined_parts
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import looked_up
-from sfmcpp.sources.io import bal, bundler, colmap, npz, ply, sba, strecha, transforms
+from sfmcpp.sources.io import bal, bundler, colmap, npz, parts, ply, sba, strecha, transforms
+from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.shares import Share, part_of_share
 
 AnyPath = str | PathLike[str]
 
@@ -21,6 +27,7 @@ FORMATS: tuple[Format, ...] = (
     bal.FORMAT,
     bundler.FORMAT,
     npz.FORMAT,
+    parts.FORMAT,
     ply.FORMAT,
     transforms.FORMAT,
     strecha.FORMAT,
@@ -38,7 +45,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     path : path-like
         File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
         with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
-        BAL; ``.out`` is Bundler; ``.npz`` is this package's own. A folder of ``IMAGE.camera`` is the truth of
+        BAL; ``.out`` is Bundler; ``.npz`` is this package's own, and so is a folder named ``parts`` or
+        ``….parts``, which has it in parts for several ranks. A folder of ``IMAGE.camera`` is the truth of
         Strecha's benchmark: cameras without points.
     format : str, optional
         Name of the format, one of :func:`formats`, where the file's name does not tell.
@@ -57,9 +65,7 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     """
     source = _checked(path)
     with failures_named(source):
-        if not source.exists():
-            raise DatasetError(source, "no such file or directory")
-        chosen = format_of(source) if format is None else named_format(format)
+        chosen = _existing(source, format)
         if chosen.reader is None:
             raise DatasetError(source, f"format {chosen.name} can be written but not read")
         return chosen.reader(source)
@@ -101,6 +107,84 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
 
 
 @checked()
+def read_part(path: AnyPath, ranks: Ranks) -> Part:
+    """Read a problem with other processes, each a part of it; each calls this.
+
+    A folder of parts is read by parts. Of a plain BAL or stored NPZ file each rank reads a share, and none
+    ever holds the whole. Other files, compressed and damaged ones are read by rank 0, which deals out parts.
+
+    Parameters
+    ----------
+    path : path-like
+        As of :func:`read`, seen by all.
+    ranks : Ranks
+        The processes.
+
+    Returns
+    -------
+    Part
+        That of this rank.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read`, on all ranks.
+    """
+    source = _checked(path)
+    chosen = ranks.from_root(lambda: _existing(source).name)
+    format = named_format(chosen)
+    if format.part_reader is not None:
+        reader = format.part_reader
+        return ranks.agreed(lambda: reader(source, ranks))
+    part = None if format.share_reader is None else _part_in_shares(source, format.share_reader, ranks)
+    return dealt_part(lambda: read(source), ranks) if part is None else part
+
+
+def _part_in_shares(source: Path, reader: Callable[[Path, Ranks], Share | None], ranks: Ranks) -> Part | None:
+    """None where the file is not like that, or a reader of the whole finds a fault and can name it."""
+    try:
+        share = ranks.agreed(lambda: reader(source, ranks))
+        if not all(ranks.everyones(share is not None and share.is_in_range)):
+            return None
+        part = part_of_share(cast(Share, share), ranks)
+        ranks.agreed(lambda: require_valid(part.problem, source))
+    except MemoryError:
+        raise
+    except Exception:  # as read_members: parsers fail in many ways
+        return None
+    return part
+
+
+@checked()
+def write_part(part: Part, path: AnyPath, ranks: Ranks) -> None:
+    """Write a problem of which each rank has a part; each calls this.
+
+    Into a folder of parts each writes its own; any other file is written by rank 0, which gathers all.
+
+    Parameters
+    ----------
+    part : Part
+        That of this rank.
+    path : path-like
+        As of :func:`write`.
+    ranks : Ranks
+        The processes.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`write`, on all ranks.
+    """
+    target = _checked(path)
+    chosen = ranks.agreed(lambda: format_of(target))
+    if chosen.part_writer is not None:
+        chosen.part_writer(part, target, ranks)
+        return
+    parts = ranks.collected(part)
+    ranks.from_root(lambda: write(joined_parts(parts), target))
+
+
+@checked()
 def convert(
     source: AnyPath, target: AnyPath, *, source_format: str | None = None, target_format: str | None = None
 ) -> None:
@@ -124,6 +208,13 @@ def convert(
 def formats() -> tuple[Format, ...]:
     """All formats: name, description, suffixes, and whether they are readable and writable."""
     return FORMATS
+
+
+def _existing(source: Path, format: str | None = None) -> Format:
+    """The format of a file that is there."""
+    if not source.exists():
+        raise DatasetError(source, "no such file or directory")
+    return format_of(source) if format is None else named_format(format)
 
 
 def _checked(path: AnyPath) -> Path:

@@ -13,17 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, largest_content
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, largest_content, read_own_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
-from sfmcpp.sources.io.number_text import NumberStream, first_no_integer
+from sfmcpp.sources.io.number_text import NumberStream, NumberText, OwnNumbers, first_no_integer
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
 from sfmcpp.sources.io.rows import format_rows
+from sfmcpp.sources.io.shares import Share
 
 _ROWS_AT_ONCE = 1 << 17
 _HEADER, _OBSERVATION, _CAMERA, _POINT = 3, 4, 9, 3
@@ -48,16 +50,41 @@ def read_bal(path: Path) -> Problem:
     if fault is not None:
         raise numbers.error(*fault)
     _require_no_duplicates(numbers, first_duplicate(camera_index, point_index, counts.cameras))
-    return Problem(
-        "bal",
-        _poses(numbers, cameras, _HEADER + _OBSERVATION * counts.observations),
-        cameras[:, 6:].copy(),
-        points,
-        camera_index,
-        point_index,
-        pixels,
-        metadata=Metadata(source_format="bal"),
-    )
+    return _problem(numbers, counts, cameras, points, camera_index, point_index, pixels)
+
+
+def read_bal_share(path: Path, ranks: Ranks) -> Share | None:
+    """Read all cameras of such a file, and the points and observations that begin in a rank's bytes of it.
+
+    What a number is follows from how many are before it, which the ranks tell each other.
+
+    Returns
+    -------
+    Share or None
+        None if the file is compressed, or breaks a rule of :func:`read_bal`, whose errors name the line.
+    """
+    if path.suffix.lower() in COMPRESSED_SUFFIXES:
+        return None
+    values = ranks.agreed(lambda: NumberText(path, read_own_bytes(path, ranks.rank, ranks.size)).values)
+    beginnings = ranks.everyones((len(values), values[:_HEADER]))
+    sizes = [size for size, _ in beginnings]
+    header = np.concatenate([head for _, head in beginnings])[:_HEADER]
+    if len(header) < _HEADER or first_no_integer(header, "count", 0, LARGEST_COUNT) is not None:
+        return None
+    counts = _Counts(*header.astype(int).tolist())
+    if sum(sizes) != counts.numbers:
+        return None
+    following = np.concatenate([*(head for _, head in beginnings[ranks.rank + 1 :]), np.empty(0)])
+    numbers = OwnNumbers(values, sum(sizes[: ranks.rank]), following)
+    behind = _HEADER + _OBSERVATION * counts.observations
+    own_cameras = numbers.rows(behind, _CAMERA * counts.cameras, 1)[1]
+    cameras = np.concatenate(ranks.everyones(own_cameras)).reshape(-1, _CAMERA)
+    row, observed = numbers.rows(_HEADER, counts.observations, _OBSERVATION)
+    point, points = numbers.rows(behind + _CAMERA * counts.cameras, counts.points, _POINT)
+    if _first_no_index(observed, row, counts) is not None:  # before they become integers
+        return None
+    own = _problem(NumberStream(path), counts, cameras, points, *_columns(observed))
+    return Share.of(own, counts.points, point, row)
 
 
 def write_bal(problem: Problem, path: Path) -> None:
@@ -156,6 +183,34 @@ def _require_no_duplicates(numbers: NumberStream, duplicate: tuple[int, int] | N
     )
 
 
+def _columns(observed: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+    """Camera, point and pixel of observations, whose indices are in range."""
+    cameras, points = observed[:, :2].astype(np.int32).T
+    return cameras, points, turned_pixels(observed[:, 2:])
+
+
+def _problem(
+    numbers: NumberStream,
+    counts: _Counts,
+    cameras: FloatArray,
+    points: FloatArray,
+    camera_index: IndexArray,
+    point_index: IndexArray,
+    pixels: FloatArray,
+) -> Problem:
+    poses = _poses(numbers, cameras, _HEADER + _OBSERVATION * counts.observations)
+    return Problem(
+        "bal",
+        poses,
+        cameras[:, 6:].copy(),
+        points,
+        camera_index,
+        point_index,
+        pixels,
+        metadata=Metadata(source_format="bal"),
+    )
+
+
 def _poses(numbers: NumberStream, cameras: FloatArray, start: int) -> FloatArray:
     with np.errstate(all="ignore"):
         poses = cameras_from_y_up_pose(rotation_from_angle_axis(cameras[:, :3]), cameras[:, 3:6])
@@ -184,4 +239,5 @@ FORMAT = Format(
     (".txt", *(f".txt{suffix}" for suffix in COMPRESSED_SUFFIXES)),
     read_bal,
     write_bal,
+    share_reader=read_bal_share,
 )

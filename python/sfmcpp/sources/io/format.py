@@ -6,7 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sfmcpp.ba.parts import Part
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.shares import Share
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,11 @@ class Format:
         How a path becomes a problem, and a problem a path; None: not readable, not writable.
     claim : callable or None
         Whether a file of an ambiguous name is of this format.
+    share_reader : callable or None
+        How one of several ranks reads some rows of a file that a single one need not hold; None where that
+        file is not like that.
+    part_reader, part_writer : callable or None
+        How each of several ranks reads and writes its part alone.
     holds_projective : bool
         Whether it can keep projection matrices and homogeneous points.
     """
@@ -35,6 +43,9 @@ class Format:
     reader: Callable[[Path], Problem] | None = field(default=None, repr=False)
     writer: Callable[[Problem, Path], None] | None = field(default=None, repr=False)
     claim: Callable[[Path], bool] | None = field(default=None, repr=False)
+    share_reader: Callable[[Path, Ranks], Share | None] | None = field(default=None, repr=False)
+    part_reader: Callable[[Path, Ranks], Part] | None = field(default=None, repr=False)
+    part_writer: Callable[[Part, Path, Ranks], None] | None = field(default=None, repr=False)
     holds_projective: bool = False
 
     @property

@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import io
 import json
+import math
+import struct
 import warnings
 import zipfile
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.parts import COLORS, OBSERVATION_ROWS, POINT_ROWS
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.sources.io.atomic import atomic_files
@@ -24,6 +29,7 @@ from sfmcpp.sources.io.checks import require_metadata_length, require_valid
 from sfmcpp.sources.io.files import open_content
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
+from sfmcpp.sources.io.shares import Share
 
 VERSION = 1
 
@@ -34,10 +40,15 @@ METADATA, _EXTRA = "metadata", "extra."
 _NOT_ARRAYS = ("camera_model", METADATA)
 _ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
 _OPTIONAL = ("sigma_px", "covariance_px2")
+_LOCAL_LENGTHS = 26  # where the local header of a zip archive's member tells how long its name is
 _METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
     "image_sizes": np.dtype(np.int64),
     "point_colors": np.dtype(np.uint8),
 }
+# Types of what has a row for each point or each observation.
+_ROWS: dict[str, np.dtype[Any]] = {name: np.dtype(np.float64) for name in (*POINT_ROWS, *OBSERVATION_ROWS)}
+_ROWS |= {"fixed_points": np.dtype(np.bool_), COLORS: _METADATA_ARRAYS[COLORS]}
+_ROWS |= {"camera_index": np.dtype(np.int32), "point_index": np.dtype(np.int32)}
 
 
 def read_npz(path: Path) -> Problem:
@@ -48,7 +59,77 @@ def read_npz(path: Path) -> Problem:
     DatasetError
         If the file is no such archive, an array is missing or has a wrong shape, or a value is impossible.
     """
-    members = read_members(path)
+    return problem_of_members(path, read_members(path))
+
+
+def read_npz_share(path: Path, ranks: Ranks) -> Share | None:
+    """Read all cameras of such a file, and as many of its points and observations as is a rank's turn.
+
+    The rest is not read, so that the checksums of these members are not compared.
+
+    Returns
+    -------
+    Share or None
+        None if rows cannot be picked from the file: a member is compressed (as by ``np.savez_compressed``),
+        stored by columns, or not of a problem's types and lengths.
+    """
+    with open_content(path) as file, zipfile.ZipFile(file) as archive:
+        infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        if any(info.compress_type != zipfile.ZIP_STORED for info in infos.values()):
+            return None
+        members = {name: _array(archive, info) for name, info in infos.items() if name not in _ROWS}
+        stored = {name: _StoredRows.of(file, info) for name, info in infos.items() if name in _ROWS}
+        if not all(rows.are_like(stored, name) for name, rows in stored.items()):
+            return None
+        count = stored["points"].shape[0]
+        begins = [_turn(stored[name].shape[0], ranks)[0] for name in ("points", "pixels")]
+        for name, rows in stored.items():
+            members[name] = rows.read(file, *_turn(rows.shape[0], ranks))
+    return Share.of(_unchecked(path, members), count, *begins)
+
+
+def _turn(count: int, ranks: Ranks) -> tuple[int, int]:
+    """Where the rows of a rank begin and end, of so many."""
+    return count * ranks.rank // ranks.size, count * (ranks.rank + 1) // ranks.size
+
+
+@dataclass(frozen=True)
+class _StoredRows:
+    """An array of an archive that is not compressed: where it begins, and what it is."""
+
+    begin: int
+    shape: tuple[int, ...]
+    by_columns: bool
+    dtype: np.dtype[Any]
+
+    @classmethod
+    def of(cls, file: IO[bytes], info: zipfile.ZipInfo) -> _StoredRows:
+        """Find it behind the local header of its member, whose lengths may differ from the central one's."""
+        file.seek(info.header_offset + _LOCAL_LENGTHS)
+        file.seek(sum(struct.unpack("<HH", file.read(4))), io.SEEK_CUR)
+        shape, by_columns, dtype = _read_npy_header(file)
+        return cls(file.tell(), shape, by_columns, dtype)
+
+    def are_like(self, others: dict[str, _StoredRows], name: str) -> bool:
+        """Whether they have the type of rows of that name, and are as many as others of their kind."""
+        first = others["points" if name in POINT_ROWS else "pixels"]
+        return not self.by_columns and self.dtype == _ROWS[name] and self.shape[:1] == first.shape[:1]
+
+    def read(self, file: IO[bytes], begin: int, end: int) -> NDArray[Any]:
+        """Rows from `begin` to `end`."""
+        row = self.dtype.itemsize * math.prod(self.shape[1:])
+        file.seek(self.begin + begin * row)
+        return np.frombuffer(file.read((end - begin) * row), self.dtype).reshape(-1, *self.shape[1:])
+
+
+def problem_of_members(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
+    """The problem that :func:`members_of_problem` has made arrays of, or a DatasetError that names `path`."""
+    problem = _unchecked(path, members)
+    _require_consistent(problem, path)
+    return problem
+
+
+def _unchecked(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     missing = [name for name in (*_ARRAYS, METADATA) if name not in members and name not in _OPTIONAL]
     if missing:
         raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")
@@ -56,11 +137,9 @@ def read_npz(path: Path) -> Problem:
     metadata = _metadata(path, header, members)
     arrays = {name: members.get(name) for name in _ARRAYS}
     try:
-        problem = Problem(header["camera_model"], metadata=metadata, **arrays)  # type: ignore[arg-type]
+        return Problem(header["camera_model"], metadata=metadata, **arrays)  # type: ignore[arg-type]
     except InvalidArgument as error:
         raise DatasetError(path, str(error)) from error
-    _require_consistent(problem, path)
-    return problem
 
 
 def write_npz(problem: Problem, path: Path) -> None:
@@ -72,16 +151,25 @@ def write_npz(problem: Problem, path: Path) -> None:
         If a value is impossible, something in ``metadata.extra`` is neither an array of numbers nor fit
         for JSON, or the file cannot be written.
     """
+    write_members(members_of_problem(problem, path), path)
+
+
+def members_of_problem(problem: Problem, path: Path) -> dict[str, NDArray[Any]]:
+    """Arrays by name that are the problem, or a DatasetError that names `path`."""
     _require_consistent(problem, path)
     extra = problem.metadata.extra
     arrays: dict[str, Any] = {name: getattr(problem, name) for name in _ARRAYS}
     arrays |= {name: getattr(problem.metadata, name) for name in _METADATA_ARRAYS}
     arrays |= {_EXTRA + key: value for key, value in extra.items() if isinstance(value, np.ndarray)}
     arrays[METADATA] = _header(problem, path)
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
+def write_members(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write arrays as an archive: the same arrays always give the same bytes."""
     with atomic_files(path) as (stream,), zipfile.ZipFile(stream, "w") as archive:
         for name, array in arrays.items():
-            if array is not None:
-                write_member(archive, name, array, path)
+            write_member(archive, name, array, path)
 
 
 def _header(problem: Problem, path: Path) -> NDArray[np.uint8]:
@@ -217,5 +305,6 @@ FORMAT = Format(
     (".npz",),
     read_npz,
     write_npz,
+    share_reader=read_npz_share,
     holds_projective=True,
 )

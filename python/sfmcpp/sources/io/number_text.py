@@ -171,6 +171,33 @@ class NumberStream:
         return line
 
 
+@dataclass(frozen=True)
+class OwnNumbers:
+    """The numbers in one rank's bytes of a file.
+
+    Attributes
+    ----------
+    values : (n,) float64
+        All of them.
+    before : int
+        How many numbers of the file stand before them.
+    following : array
+        Some that follow them, fewer than a row has.
+    """
+
+    values: FloatArray
+    before: int
+    following: FloatArray
+
+    def rows(self, begin: int, count: int, width: int) -> tuple[int, FloatArray]:
+        """Of `count` rows from number `begin` of the file on, the first that begins here, and all that do."""
+        ends = np.array([self.before, self.before + len(self.values)])
+        first, last = np.clip(-((begin - ends) // width), 0, count)
+        start, wanted = begin + width * first - self.before, width * (last - first)
+        taken = self.values[max(start, 0) :][:wanted]
+        return int(first), np.concatenate([taken, self.following[: wanted - len(taken)]]).reshape(-1, width)
+
+
 def first_no_integer(values: FloatArray, what: str, lowest: int, highest: int) -> tuple[int, str] | None:
     """Place and fault of the first of the values that is no integer from `lowest` to `highest`, or None."""
     good = (values >= lowest) & (values <= highest) & (values == np.floor(values))

@@ -1,0 +1,269 @@
+"""Parts: a folder with one file for all cameras, one for each part of the points, and a list of them.
+
+``parts.json`` lists name, size and SHA-256 of the content of each file, and is written last: a folder without
+it is not complete. The files are NPZ archives, of :func:`write_npz` for the cameras, and of the rows of
+points and of observations with their numbers in the whole. Their names have a part of their checksum, so that
+new ones stand beside old ones until the list names them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.ba.checkpoints import digest
+from sfmcpp.ba.partition import partition_points
+from sfmcpp.ba.parts import Part, Rows, cameras_alone, joined_rows, part_from_rows, part_of
+from sfmcpp.ba.ranks import Ranks
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import require_valid
+from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.npz import members_of_problem, problem_of_members, read_members, write_members
+
+VERSION = 1
+LIST = "parts.json"
+
+# Where nothing else is asked for: as many ranks can share the work.
+_DEFAULT_COUNT = 16
+_VERSION_KEY = "sfmcpp_parts"
+_POINT, _OBSERVATION = "point.", "observation."
+_CAMERAS, _PART = "cameras", "part"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One file of a folder of parts, as the list has it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the file.
+    bytes : int
+        Size.
+    sha256 : str
+        Of its content.
+    points, observations : int
+        How many it has.
+    """
+
+    name: str
+    bytes: int
+    sha256: str
+    points: int = 0
+    observations: int = 0
+
+
+class PartsFolder:
+    """A complete folder of parts.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+
+    Attributes
+    ----------
+    entries : list of Entry
+        Those of the parts.
+
+    Raises
+    ------
+    DatasetError
+        If it has no list, or one of another version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        listed = _listed(path / LIST)
+        try:
+            self._cameras = Entry(**listed["cameras"])
+            self.entries = [Entry(**entry) for entry in listed["parts"]]
+            if any(Path(entry.name).name != entry.name for entry in (self._cameras, *self.entries)):
+                raise ValueError("names must be those of files beside it")
+            if not self.entries:
+                raise ValueError("it lists none")
+            for what in ("points", "observations"):
+                found = sum(getattr(entry, what) for entry in self.entries)
+                if found != listed[what]:
+                    raise ValueError(f"its parts have {found} of the {what}, which are {listed[what]}")
+        except (KeyError, TypeError, ValueError) as error:
+            raise DatasetError(path / LIST, f"is no list of parts ({error})") from error
+
+    def part(self, numbers: Sequence[int]) -> Part:
+        """Some of the parts as one.
+
+        Raises
+        ------
+        DatasetError
+            If a file is missing, damaged or another than the list says; it names the file.
+        """
+        cameras = problem_of_members(self.path / self._cameras.name, self._members(self._cameras))
+        contents = [self._members(self.entries[number]) for number in numbers]
+        try:
+            points, observations = (
+                joined_rows([_rows(members, kind) for members in contents]) for kind in (_POINT, _OBSERVATION)
+            )
+            del contents
+            part = part_from_rows(cameras, points, observations)
+        except (KeyError, IndexError, TypeError, ValueError, InvalidArgument) as error:
+            reason = f"its files make no problem ({type(error).__name__}: {error})"
+            raise DatasetError(self.path, reason) from error
+        require_valid(part.problem, self.path)
+        return part
+
+    def _members(self, entry: Entry) -> dict[str, NDArray[Any]]:
+        path = self.path / entry.name
+        if not path.exists():
+            raise DatasetError(path, f"is missing: {LIST} lists it")
+        if path.stat().st_size != entry.bytes:
+            raise DatasetError(path, f"has {path.stat().st_size} bytes, {LIST} says {entry.bytes}")
+        members = read_members(path)
+        if digest(members) != entry.sha256:
+            raise DatasetError(path, f"is not the file that {LIST} lists: its checksum differs")
+        return members
+
+
+def read_parts(folder: Path) -> Problem:
+    """Read a folder of parts as one problem: what was written, in its order.
+
+    Raises
+    ------
+    DatasetError
+        If the list or a file of it is missing, damaged, of another version or another than listed.
+    """
+    parts = PartsFolder(folder)
+    return parts.part(range(len(parts.entries))).problem
+
+
+def read_own_part(folder: Path, ranks: Ranks) -> Part:
+    """Read what one of several ranks takes: parts that follow one another, as many as others or one more.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read_parts`, or if there are fewer parts than ranks.
+    """
+    parts = PartsFolder(folder)
+    count = len(parts.entries)
+    if count < ranks.size:
+        raise DatasetError(
+            folder,
+            f"has {count} parts for {ranks.size} ranks, each needs one: sfmcpp convert --parts makes more",
+        )
+    return parts.part(range(count * ranks.rank // ranks.size, count * (ranks.rank + 1) // ranks.size))
+
+
+def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> None:
+    """Cut a problem into parts that take the same work, and write them.
+
+    Raises
+    ------
+    DatasetError
+        If a value is impossible, or a file cannot be written.
+    """
+    _make(folder)
+    require_valid(problem, folder)
+    parts = partition_points(problem, count)
+    entries = [_write(part_of(problem, np.flatnonzero(parts == k)), folder, k) for k in range(count)]
+    _complete(folder, problem, entries)
+
+
+def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
+    """Write the part of each of several ranks, and what belongs to all once.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`write_parts`, on all ranks.
+    """
+    ranks.from_root(lambda: _make(folder))
+    entries = ranks.everyones(ranks.agreed(lambda: _write(part, folder, ranks.rank)))
+    ranks.from_root(lambda: _complete(folder, part.problem, entries))
+
+
+def _make(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise DatasetError(folder, "is a file, a folder is wanted for parts")
+    with failures_named(folder):
+        folder.mkdir(exist_ok=True)
+
+
+def _write(part: Part, folder: Path, number: int) -> Entry:
+    members = _members(part.rows_of_points, _POINT) | _members(part.rows_of_observations, _OBSERVATION)
+    entry = _written(folder, f"{_PART}-{number:04d}", members)
+    return replace(entry, points=part.problem.num_points, observations=part.problem.num_observations)
+
+
+def _complete(folder: Path, problem: Problem, entries: list[Entry]) -> None:
+    """Write the cameras and the list, which makes it this problem; what else was there is removed."""
+    cameras = _written(folder, _CAMERAS, members_of_problem(cameras_alone(problem), folder))
+    content = {
+        _VERSION_KEY: VERSION,
+        "points": sum(entry.points for entry in entries),
+        "observations": sum(entry.observations for entry in entries),
+        "cameras": asdict(cameras),
+        "parts": [asdict(entry) for entry in entries],
+    }
+    with atomic_files(folder / LIST) as (file,):
+        file.write(json.dumps(content, indent=1).encode("ascii"))
+    for path in folder.glob("*.npz"):
+        if path.name.startswith((f"{_CAMERAS}-", f"{_PART}-")) and path.name not in {
+            entry.name for entry in (cameras, *entries)
+        }:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _written(folder: Path, stem: str, members: dict[str, NDArray[Any]]) -> Entry:
+    sha256 = digest(members)
+    path = folder / f"{stem}-{sha256[:8]}.npz"
+    write_members(members, path)
+    return Entry(path.name, path.stat().st_size, sha256)
+
+
+def _members(rows: Rows, prefix: str) -> dict[str, NDArray[Any]]:
+    return {prefix + name: array for name, array in rows.items()}
+
+
+def _rows(members: dict[str, NDArray[Any]], prefix: str) -> Rows:
+    return {n.removeprefix(prefix): array for n, array in members.items() if n.startswith(prefix)}
+
+
+def _listed(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise DatasetError(path.parent, f"is no complete folder of parts: it has no {LIST}")
+    try:
+        listed = json.loads(read_bytes(path))
+        version = listed[_VERSION_KEY]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DatasetError(path, f"is no list of parts ({type(error).__name__}: {error})") from error
+    if version != VERSION:
+        raise DatasetError(path, f"is a list of parts of version {version}, this version reads {VERSION}")
+    return dict(listed)
+
+
+def _claims(path: Path) -> bool:
+    return path.name.lower() == "parts" or path.suffix.lower() == ".parts" or (path / LIST).is_file()
+
+
+FORMAT = Format(
+    "parts",
+    "Folder with a problem in parts, for several ranks",
+    (),
+    read_parts,
+    write_parts,
+    _claims,
+    part_reader=read_own_part,
+    part_writer=write_own_part,
+    holds_projective=True,
+)
