@@ -216,7 +216,7 @@ class Minimizer {
     cost_ = candidate_cost_;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
         kept_its_promise(decrease, result_.predicted_decrease, negligible()) &&
-        gradient_is_small(model_.normal_equations(), cost_)) {
+        gradient_is_small(options_.termination, model_.normal_equations(), cost_)) {
       finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
     } else {
       model_.linearize(state_);
@@ -300,7 +300,7 @@ class Minimizer {
     const double tolerated = options_.termination.function_tolerance * cost_;
     return result_.valid && result_.predicted_decrease <= tolerated &&
            std::abs(candidate_cost_ - cost_) <= tolerated &&
-           gradient_is_small(model_.normal_equations(), cost_);
+           gradient_is_small(options_.termination, model_.normal_equations(), cost_);
   }
 
   void record() {

@@ -14,15 +14,19 @@ inline constexpr double kRounding = 1e-9;
 inline constexpr double kNegligibleCost = 1e-18;
 // A decrease that is a smaller share of what the model promised is that of a step that has failed.
 inline constexpr double kKeptPromise = 1e-3;
-// Where the unknowns, each alone, promise a larger share of the cost is no minimum.
+// Where the unknowns, each alone, promise a larger share of the cost is no minimum; unless so much
+// is tolerated.
 inline constexpr double kSmallGradient = 1e-3;
 
 inline double negligible_decrease(const TerminationOptions& termination, double cost) {
   return std::max(std::max(kRounding, termination.function_tolerance) * cost, kNegligibleCost);
 }
 
-inline bool gradient_is_small(const linear::NormalEquations& normal, double cost) {
-  return linear::decrease_by_each_alone(normal) <= kSmallGradient * cost;
+inline bool gradient_is_small(const TerminationOptions& termination,
+                              const linear::NormalEquations& normal,
+                              double cost) {
+  return linear::decrease_by_each_alone(normal) <=
+         std::max(kSmallGradient, termination.function_tolerance) * cost;
 }
 
 // A step decreases the cost by little at a minimum. It does so elsewhere, too, if it is a long one
