@@ -58,8 +58,9 @@ def check_command_line() -> None:
 
 def sfmcpp(*arguments: str, folder: str) -> str:
     """Run the command line in a folder, and give what it prints."""
-    command = [sys.executable, "-m", "sfmcpp", *arguments]
-    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+    # -I: what is installed, whatever the environment or the folder have of that name.
+    command = [sys.executable, "-I", "-m", "sfmcpp", *arguments]
+    return subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def expect(what: str, found: object, expected: object) -> None:
