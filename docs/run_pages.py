@@ -1,8 +1,9 @@
 """Usage: run_pages.py OUTPUT [PAGE...]: run the code of the pages, and make the website of them with Sphinx.
 
-Every Python and shell block of a page runs, in order, as one session in a folder of the page's own name beside it. What a
-block prints stands below it on the site, and pictures are those that the blocks have written. A word after the language marks
-a block: ``real`` reads the real data of $SFMCPP_DATA, and ``elsewhere`` is run by the test that the page names instead.
+Every Python and shell block of a page runs, in order, as one session in a folder of the page's own name
+beside it. What a block prints stands below it on the site, and pictures are those that the blocks have
+written. A word after the language marks a block: ``real`` reads the real data of $SFMCPP_DATA, and
+``elsewhere`` is not run here: it installs, needs what is not here, or has a test of its own.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def names_of_sources() -> set[str]:
 
 
 def check_files() -> None:
-    """The package holds its sources and one extension; nothing else lies beside it; licence texts are there."""
+    """The package holds its sources and one extension, nothing else is there but licence texts."""
     names = {f.as_posix() for f in distribution("sfmcpp").files or ()}
     installed = {n for n in names if not n.endswith(".pyc")}
     extensions = {n for n in installed if EXTENSION.fullmatch(n)}
@@ -38,7 +38,9 @@ def check_files() -> None:
     licences = {n.partition(".dist-info/licenses/")[2] for n in metadata} - {""}
 
     expect("extensions", len(extensions), 1)
-    expect("files of the package but not of the sources, and the reverse", package ^ names_of_sources(), set())
+    expect(
+        "files of the package but not of the sources, and the reverse", package ^ names_of_sources(), set()
+    )
     expect("programs", {Path(n).stem for n in scripts}, {"sfmcpp"})
     expect("licence texts", licences, LICENCES)
     expect("stray files", installed - extensions - package - metadata - scripts, set())
@@ -55,11 +57,14 @@ def check_command_line() -> None:
 
 
 def sfmcpp(*arguments: str, folder: str) -> str:
-    command = [sys.executable, "-m", "sfmcpp", *arguments]
-    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+    """Run the command line in a folder, and give what it prints."""
+    # -I: what is installed, whatever the environment or the folder have of that name.
+    command = [sys.executable, "-I", "-m", "sfmcpp", *arguments]
+    return subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def expect(what: str, found: object, expected: object) -> None:
+    """End the program where something is not as expected."""
     if found != expected:
         raise SystemExit(f"try_wheel.py: {what}: {found}, expected {expected}")
 

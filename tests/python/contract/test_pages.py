@@ -1,0 +1,92 @@
+"""The code of the README and of every page of the documentation runs, as one session of a reader."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import run_pages
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+README = Path("README.md")
+
+
+def coded_pages(mark: str) -> list[Path]:
+    """Pages with a block of this mark."""
+    return [page for page in (README, *run_pages.pages()) if mark in marks(page)]
+
+
+def marks(page: Path) -> set[str]:
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    return {block.mark for block, _ in run_pages.blocks_of(page, text)}
+
+
+@pytest.fixture(autouse=True)
+def without_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+
+
+def copied(page: Path, folder: Path) -> Path:
+    copy = folder / page.name
+    shutil.copyfile(REPOSITORY / page, copy)
+    return copy
+
+
+@pytest.mark.parametrize("page", coded_pages(""), ids=str)
+def test_the_code_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+    run_pages.run_page(copied(page, tmp_path), real=False)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("page", coded_pages("real"), ids=str)
+def test_the_code_of_a_page_runs_on_real_data(page: Path, tmp_path: Path, data_dir: Path) -> None:
+    """Files lie where the page names them, in its own folder."""
+    copy = copied(page, tmp_path)
+    photos = copy.with_suffix("") / "photos"
+    photos.mkdir(parents=True)
+    for path in [*(data_dir / "bal").iterdir(), *(data_dir / "kitti_tracks").iterdir()]:
+        (photos.parent / path.name).symlink_to(path)
+    for path in (data_dir / "kermit").glob("*.jpg"):
+        (photos / path.name).symlink_to(path)
+    run_pages.run_page(copy, real=True)
+
+
+def test_pages_are_found() -> None:
+    assert len(coded_pages("")) > 15
+    assert coded_pages("real") == [README]
+
+
+def page_of(tmp_path: Path, text: str) -> Path:
+    (tmp_path / "page.md").write_text(text, encoding="utf-8")
+    return tmp_path / "page.md"
+
+
+def test_blocks_run_in_order_as_one_session_and_their_output_follows_them(tmp_path: Path) -> None:
+    page = page_of(
+        tmp_path,
+        "```python\nx = 1\n```\n```sh\necho told > file\n```\n```python real\nx = 0\n```\n"
+        "```sh elsewhere\nfalse\n```\n"
+        "```python\nfrom pathlib import Path\nprint(x, Path('file').read_text())\n```\nend\n",
+    )
+    assert run_pages.run_page(page, real=False).endswith("```\n\n```text\n1 told\n```\nend\n")
+    assert run_pages.run_page(page, real=True).endswith("```\n\n```text\n0 told\n```\nend\n")
+    assert (tmp_path / "page/file").read_text() == "told\n"
+
+
+@pytest.mark.parametrize("block", ["```python\nraise OSError\n```\n", "```sh\nfalse\ntrue\n```\n"])
+def test_a_block_that_fails_is_told(tmp_path: Path, block: str) -> None:
+    with pytest.raises((OSError, RuntimeError)):
+        run_pages.run_page(page_of(tmp_path, block), real=False)
+
+
+def test_links_lead_to_where_pages_are_on_the_site() -> None:
+    told = run_pages.with_links_of_site(
+        "[a](docs/drives.md#honest) [b](SECURITY.md) [c](https://x.org/y) [d](#here)",
+        REPOSITORY / "ARCHITECTURE.md",
+        "architecture.md",
+    )
+    assert told == "[a](drives.md#honest) [b](../SECURITY.md) [c](https://x.org/y) [d](#here)"
+    told = run_pages.with_links_of_site("[a](../ARCHITECTURE.md)", REPOSITORY / "docs/drives.md", "drives.md")
+    assert told == "[a](architecture.md)"
