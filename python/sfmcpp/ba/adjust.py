@@ -8,7 +8,7 @@ from typing import Any
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
-from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
+from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -58,10 +58,8 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
-    least_bytes = sum(number_array(name, arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
-    checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), least_bytes)
-    taken, listener = checkpoints.taken, checkpoints.offer if checkpoints.are_saved else None
-    core = _core.solve(arrays, options, report, listener, None if taken is None else dict(taken.arrays))
+    checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
+    core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
 
@@ -72,6 +70,8 @@ def adjust_on_ranks(
     options: SolveOptions,
     callback: Callback | None,
     ranks: Ranks,
+    checkpoint: CheckpointStore | None = None,
+    resume: CheckpointStore | None = None,
 ) -> Summary:
     """Adjust a problem together with other processes; each calls this.
 
@@ -87,6 +87,8 @@ def adjust_on_ranks(
         As of :func:`adjust`, of this rank; what it raises is raised on all.
     ranks : Ranks
         The processes.
+    checkpoint, resume : CheckpointStore, optional
+        As of :func:`adjust`; each rank has its own in it.
 
     Returns
     -------
@@ -97,6 +99,8 @@ def adjust_on_ranks(
     ------
     InvalidArgument
         If a part, a group or an option breaks a rule, or what must be the same differs; on all ranks.
+    DatasetError
+        As :func:`adjust`, on all ranks; also if `resume` is of another number of ranks.
     """
     arrays = ranks.agreed(lambda: {**core_arrays(parts.mine), "constraints": core_constraints(constraints)})
     alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
@@ -104,16 +108,31 @@ def adjust_on_ranks(
     own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
+    checkpoints = RankCheckpoints(
+        checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays), ranks
+    )
     with interrupts_held(exchange.interrupt) as waiting:
-        core = _core.solve(arrays, own, listener, exchange=exchange)
+        core = _core.solve(arrays, own, listener, *_saved_and_taken(checkpoints), exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
         summary = _summary(core, options)
         loads = ranks.everyones(_load(parts.mine, core, exchange))
-        iterations = [*map(listener.with_bytes, summary.iterations)]
+        iterations = listener.all_with_bytes(summary.iterations)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
-    return replace(summary, iterations=iterations, ranks=loads)
+    warnings = [*summary.warnings, *checkpoints.warnings]
+    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
+
+
+def _least_bytes(arrays: dict[str, Any]) -> int:
+    return sum(number_array(name, arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
+
+
+def _saved_and_taken(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any, Any]:
+    """What the core calls to save, and what it goes on from."""
+    taken = checkpoints.taken
+    saved = checkpoints.offer if checkpoints.are_saved else None
+    return saved, None if taken is None else dict(taken.arrays)
 
 
 class _RankListener:
@@ -121,17 +140,22 @@ class _RankListener:
 
     def __init__(self, callback: Callback | None, exchange: _core.CommunicatorExchange) -> None:
         self._callback, self._exchange = callback, exchange
-        self._sent = [0.0]  # until before each iteration, and the last
+        self._sent = 0.0  # before the next iteration
+        self._sent_for: dict[int, float] = {}
         self._failure: Exception | None = None
 
     def with_bytes(self, iteration: Iteration) -> Iteration:
-        """An iteration with what was sent for it. An interrupt may keep the last from being heard of."""
-        sent = [*self._sent, self._exchange.bytes_sent]
-        before, after = sent[iteration.iteration : iteration.iteration + 2]
-        return replace(iteration, bytes_sent=after - before)
+        """An iteration with what was sent for it; an earlier run's is not known."""
+        return replace(iteration, bytes_sent=self._sent_for.get(iteration.iteration, 0.0))
+
+    def all_with_bytes(self, iterations: list[Iteration]) -> list[Iteration]:
+        """All of them; an interrupt may have kept the last from being heard of."""
+        self._sent_for.setdefault(iterations[-1].iteration, self._exchange.bytes_sent - self._sent)
+        return [*map(self.with_bytes, iterations)]
 
     def __call__(self, core: _core.CoreIteration) -> bool | None:
-        self._sent.append(self._exchange.bytes_sent)
+        sent = self._exchange.bytes_sent
+        self._sent_for[core.iteration], self._sent = sent - self._sent, sent
         try:
             return None if self._callback is None else self._callback(self.with_bytes(_iteration(core)))
         except Exception as error:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 
@@ -60,11 +61,20 @@ class CheckpointStore(Protocol):
     def is_due(self) -> bool:
         """Whether it is time for another."""
 
-    def save(self, facts: Mapping[str, Any], where: Where) -> None:
+    def save(self, facts: Mapping[str, Any], where: Where) -> bool:
         """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
 
-    def load(self) -> Checkpoint:
-        """Give the newest."""
+    def load(self, sequence: int | None = None) -> Checkpoint:
+        """Give the newest, or that one."""
+
+    def sequences(self) -> set[int]:
+        """Tell which are whole."""
+
+    def take_back(self, failure: DatasetError) -> None:
+        """Let what was saved last be replaced by the next."""
+
+    def of_rank(self, rank: int) -> CheckpointStore:
+        """Give the one for the checkpoints of one of several ranks."""
 
 
 class RunCheckpoints:
@@ -123,6 +133,79 @@ class RunCheckpoints:
             self._save.save(self._facts, where)
 
 
+class RankCheckpoints:
+    """The checkpoints of a run of several ranks: each saves its own, at the same iterations.
+
+    One of all is whole where each has it whole: the next is not begun before, and the one before is kept.
+
+    Parameters
+    ----------
+    save, resume : CheckpointStore, optional
+        Where to save, and where to take up; the same on all ranks.
+    facts : callable
+        Gives those of :func:`facts_of_run` of this rank, where they are needed.
+    least_bytes : int
+        Size of the checkpoint of a rank, at least [bytes].
+    ranks : Ranks
+        The processes.
+
+    Attributes
+    ----------
+    taken : Checkpoint or None
+        Where an earlier run stood, on this rank.
+
+    Raises
+    ------
+    DatasetError
+        As :class:`RunCheckpoints`, on all ranks.
+    """
+
+    def __init__(
+        self,
+        save: CheckpointStore | None,
+        resume: CheckpointStore | None,
+        facts: Callable[[], dict[str, Any]],
+        least_bytes: int,
+        ranks: Ranks,
+    ) -> None:
+        self._ranks = ranks
+        resumed = None if resume is None else ranks.agreed(lambda: resume.of_rank(ranks.rank))
+        saved = None if save is None else ranks.agreed(lambda: save.of_rank(ranks.rank))
+        self._save, self._facts = saved, facts() if save or resume else {}
+        self._facts |= {"ranks": [ranks.rank, ranks.size]}
+        self.taken = None if resumed is None else self._newest_of_all(resumed)
+        if saved is not None:
+            ranks.agreed(lambda: saved.begin(resumed, least_bytes))
+
+    @property
+    def are_saved(self) -> bool:
+        """Whether there is a store to save them in."""
+        return self._save is not None
+
+    @property
+    def warnings(self) -> list[str]:
+        """What went wrong with them."""
+        failure = None if self._save is None else self._save.failure
+        return [] if failure is None else [f"no checkpoint: {failure}"]
+
+    def offer(self, where: Where, last: bool = False) -> None:
+        """Save where the run stands on all ranks, if it is time, or the run is stopped there."""
+        store, ranks = self._save, self._ranks
+        if store is None or not ranks.from_root(lambda: last or store.is_due()):
+            return
+        is_saved = ranks.agreed(lambda: store.save(self._facts, where))
+        failures = [f for f in ranks.everyones(None if is_saved else store.failure) if f is not None]
+        if failures and is_saved:
+            store.take_back(failures[0])
+
+    def _newest_of_all(self, store: CheckpointStore) -> Checkpoint:
+        of_all = self._ranks.everyones(store.sequences())
+        common = set.intersection(*of_all)
+        taken = self._ranks.agreed(lambda: store.load(max(common, default=None)))
+        self._ranks.agreed(lambda: _require_same_run(taken, self._facts))
+        return taken
+
+
 def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
     """What must be the same for a run to go on with the same bits.
 
@@ -155,6 +238,8 @@ def _require_same_run(checkpoint: Checkpoint, facts: Mapping[str, Any]) -> None:
 
 
 def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[str]:
+    if then.get("ranks") != now.get("ranks"):
+        yield f"is a checkpoint of rank, ranks {then.get('ranks')}, this is {now.get('ranks')}"
     for name, noun in (("run", "command"), ("version", "version"), ("instruction_set", "instruction set")):
         if then.get(name) != now[name]:
             yield f"is a checkpoint of another {noun}: {then.get(name)!r}, this is {now[name]!r}"

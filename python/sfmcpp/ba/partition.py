@@ -13,8 +13,10 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 Numbers = NDArray[np.int64]
 
-# What an observation costs beside the pairs that it makes with others of its point.
-_WORK_OF_OBSERVATION = 1
+# What an observation costs beside the pairs that it makes with others of its point, in pairs. With the pairs
+# alone one of two ranks computed 15 to 30 % longer than the other on a city of 1,000 cameras, with 24 to 64
+# no more than 8 %; photo collections and BAL problem-49 do not feel it.
+_WORK_OF_OBSERVATION = 32
 _LEAST_BINS = 1 << 16
 _ROWS_AT_ONCE = 1 << 18
 

@@ -75,6 +75,7 @@ def solve_file(job: Job) -> ExitCode:
     if ranks is not None:
         return together(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
     _check(job)
+    job.checkpoints.check()
     started = time.perf_counter()
     problem = _problem(job)
     job.targets.check_fits(problem)
@@ -88,7 +89,7 @@ def solve_file(job: Job) -> ExitCode:
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
     from sfmcpp.study.report_files import peak_memory_bytes
 
-    ranks.from_root(lambda: _check(job, on_ranks=True))
+    ranks.from_root(lambda: _check(job))
     started = time.perf_counter()
     part = _part(job, ranks)
     ranks.from_root(lambda: job.targets.check_fits(part.problem))
@@ -103,13 +104,10 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
         return ranks.from_root(lambda: _finished(job, size, summary, seconds_read, complaints, memory))
 
 
-def _check(job: Job, *, on_ranks: bool = False) -> None:
-    if on_ranks and (job.checkpoints.folder or job.checkpoints.resumed):
-        raise InvalidArgument("--checkpoint, --resume: not on several ranks, whose state is not saved")
+def _check(job: Job) -> None:
     _check_options(job.options)
     job.targets.check(job.source)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
-    job.checkpoints.check()
 
 
 def _finished(

@@ -10,7 +10,7 @@ from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
 from sfmcpp.ba.check import check
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.options import SolveOptions, takes_options
-from sfmcpp.ba.parts import OwnParts, Scattered, is_whole_on_root
+from sfmcpp.ba.parts import OwnParts, Scattered, is_whole_on_root, require_alike
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
@@ -90,9 +90,9 @@ def solve(
         `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
         another number, steps of direct linear solvers have the same costs but for rounding, and those of
         iterative ones to their tolerance (preconditioners of blocks between cameras are left to one
-        process alone: several use "schur-jacobi"). Weights are chosen by rank 0 from a whole problem; no
-        checkpoints. Run such a program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one
-        rank then ends all.
+        process alone: several use "schur-jacobi"). Weights are chosen by rank 0 from a whole problem. Of
+        checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a program
+        by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
     **options
 
     Returns
@@ -114,8 +114,10 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        ranks.agreed(lambda: _refuse_what_one_process_needs(settings, checkpoint, resume))
-        return _solve_on_ranks(problem, groups, weight, settings, callback, ranks)
+        ranks.agreed(lambda: _refuse_what_one_process_needs(settings))
+        kept = checkpoint, resume
+        require_alike(ranks, {name: bool(k) for name, k in zip(("checkpoint", "resume"), kept, strict=True)})
+        return _solve_on_ranks(problem, groups, weight, settings, ranks, callback, *kept)
     groups, settings = _checked(constraints, callback, options)
     if problem is None:
         raise InvalidArgument("problem = None: must be a Problem")
@@ -133,12 +135,7 @@ def _checked(
     return checked_groups(constraints), settings
 
 
-def _refuse_what_one_process_needs(
-    settings: SolveOptions, checkpoint: CheckpointStore | None, resume: CheckpointStore | None
-) -> None:
-    for name, store in (("checkpoint", checkpoint), ("resume", resume)):
-        if store is not None:
-            raise InvalidArgument(f"{name}: not with comm; the state of several ranks is not saved")
+def _refuse_what_one_process_needs(settings: SolveOptions) -> None:
     if settings.preconditioner in ("clusters", "two-levels"):
         raise InvalidArgument(
             f"preconditioner = {settings.preconditioner!r}: not with comm; no rank has all blocks of S"
@@ -173,8 +170,10 @@ def _solve_on_ranks(
     groups: list[ConstraintGroup],
     weight: str | Mapping[str, str] | None,
     settings: SolveOptions,
-    callback: Callback | None,
     ranks: Ranks,
+    callback: Callback | None,
+    checkpoint: CheckpointStore | None,
+    resume: CheckpointStore | None,
 ) -> Summary:
     given = cast(Problem, problem)  # used where there is one
 
@@ -192,4 +191,4 @@ def _solve_on_ranks(
     for group, value in zip(groups, weights.all, strict=True):
         group.weight = value
     parts = Scattered(problem, ranks) if whole else OwnParts(given, ranks)
-    return weights.describe(adjust_on_ranks(parts, groups, settings, callback, ranks))
+    return weights.describe(adjust_on_ranks(parts, groups, settings, callback, ranks, checkpoint, resume))

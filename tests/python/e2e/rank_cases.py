@@ -23,7 +23,9 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli import display
 from sfmcpp.cli.main import main
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sources.io import checkpoints as files_of_checkpoints
 from sfmcpp.sources.io.api import read_part, write_part
+from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.parts import write_parts
 
 COMM = MPI.COMM_WORLD
@@ -192,6 +194,57 @@ def interrupt(rank: int) -> None:
     assert [i.iteration for i in summary.iterations] == [0, 1, 2]
 
 
+def checkpoints(folder: str) -> None:
+    """A run goes on from the newest checkpoint that all ranks have whole, with the same bits."""
+    last = COMM.rank == COMM.size - 1
+
+    def run(problem: sfmcpp.Problem, *, until: int = 99, **kept: sfmcpp.CheckpointFolder) -> sfmcpp.Summary:
+        return sfmcpp.solve(problem, comm=COMM, callback=lambda i: i.iteration < until, **kept, **OPTIONS)
+
+    def kept(name: str) -> sfmcpp.CheckpointFolder:
+        return sfmcpp.CheckpointFolder(Path(folder) / name, every_s=0.0)
+
+    def assert_goes_on(name: str) -> None:
+        again = own_part(scene())
+        summary = run(again, resume=kept(name), checkpoint=kept(name))
+        assert [i.cost for i in summary.iterations] == [i.cost for i in of_one_run.iterations]
+        assert np.array_equal(again.points, alone.points)
+
+    alone = own_part(scene())
+    of_one_run = run(alone)
+    run(own_part(scene()), until=3, checkpoint=kept("stopped"))
+    if last:  # as if the machine had lost its power while it saved
+        Path(kept(f"stopped/rank-{COMM.rank:04d}").load().path).write_bytes(b"half of it")
+    assert_goes_on("stopped")
+
+    with pytest.MonkeyPatch.context() as patch:
+        if last:
+            patch.setattr(files_of_checkpoints, "atomic_files", failing_after(3))
+        summary = run(own_part(scene()), until=5, checkpoint=kept("full"))
+    assert summary.warnings[-1] == "no checkpoint: disk: full"
+    assert_goes_on("full")
+    with pytest.raises(DatasetError, match=r"is a checkpoint of rank, ranks \[0, [23]\], this is None"):
+        sfmcpp.solve(own_part(scene()), resume=kept("stopped/rank-0000"), **OPTIONS)
+    with pytest.raises(DatasetError, match=f"of {COMM.size} ranks, this is one process"):
+        sfmcpp.solve(own_part(scene()), resume=kept("stopped"), **OPTIONS)
+    moved = own_part(scene())
+    moved.points += 1.0 * last
+    with pytest.raises(DatasetError, match="is a checkpoint of another problem: points differ"):
+        run(moved, resume=kept("stopped"))
+
+
+def failing_after(count: int) -> Callable[..., Any]:
+    """A disk that is full after some files."""
+    left = iter(range(count))
+
+    def written(*paths: Path) -> Any:
+        if next(left, None) is None:
+            raise DatasetError("disk", "full")
+        return atomic_files(*paths)
+
+    return written
+
+
 class Failing:
     """A communicator whose collectives fail from one on."""
 
@@ -220,6 +273,21 @@ def fault(kind: str, rank: int, successes: int) -> None:
     comm = Failing(successes, failure) if COMM.rank == rank else COMM
     sfmcpp.solve(scene() if COMM.rank == 0 else None, comm=comm, **OPTIONS)  # type: ignore[arg-type]
     print("not reached")
+
+
+def command_killed_at(iteration: int, rank: int, *words: str) -> None:
+    """A solve of the command line of which one rank is killed after an iteration."""
+
+    @contextmanager
+    def killing(*, quiet: bool) -> Iterator[Callable[[sfmcpp.Iteration], None]]:
+        def listen(step: sfmcpp.Iteration) -> None:
+            if step.iteration == iteration and COMM.rank == rank:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        yield listen
+
+    display.shown_progress = killing  # type: ignore[assignment]
+    sys.exit(main(["solve", *map(str, words)]))
 
 
 def endless_command(source: str, output: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import is_one_error_line, strict_json, write_noisy_circle
+from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_circle
 
 HERE = Path(__file__).parent
 TESTS = HERE.parent
@@ -98,6 +98,23 @@ def test_each_rank_reads_its_part_of_a_file(name: str, count: int, tmp_path: Pat
 
 
 @pytest.mark.parametrize("count", [2, 3])
+def test_checkpoints_of_all_ranks_are_taken_up_together(count: int, tmp_path: Path) -> None:
+    require_success(case(count, "checkpoints", tmp_path))
+
+
+def test_a_killed_command_goes_on_from_what_all_ranks_have_saved(tmp_path: Path) -> None:
+    source, kept = write_noisy_circle(tmp_path, camera_model="bal"), tmp_path / "kept"
+    words = [source, "--function-tolerance", "0", "--max-iterations", "6"]
+    require_success(solve_file(*words, "-o", tmp_path / "whole.npz"))
+    words = [*words, "--checkpoint", kept, "--checkpoint-every", "0"]
+    assert on_ranks(2, "rank_cases.py", "command_killed_at", "4", "1", *words).returncode != 0
+    require_success(solve_file(*words, "--resume", kept, "-o", tmp_path / "again.npz"))
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+    alone = run_here("solve", source, "--resume", kept)
+    assert "holds the checkpoints of 2 ranks" in alone.stderr
+
+
+@pytest.mark.parametrize("count", [2, 3])
 def test_what_one_rank_gets_wrong_all_refuse(count: int) -> None:
     require_success(case(count, "refusals"))
 
@@ -140,7 +157,7 @@ def test_the_command_line_solves_on_all_ranks_and_one_of_them_speaks(tmp_path: P
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("--checkpoint", "kept"), "not on several ranks"),  # before rank 0 has read the input
+        (("--max-iterations", "-1"), "max_iterations = -1"),  # before the input is read
         (("--camera-model", "projective", "--gauge", "fixed"), "camera_model = 'projective'"),  # by the core
     ],
 )

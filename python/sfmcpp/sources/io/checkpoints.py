@@ -15,6 +15,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from sfmcpp.sources.io.npz import METADATA, read_members, write_member
 FORMAT_VERSION = 1
 
 _NAMES = ("checkpoint-a.npz", "checkpoint-b.npz")
+_RANK = "rank-"
 _DIGEST_SIZE = 64
 _SEAL = f"sfmcpp checkpoint {FORMAT_VERSION} sha256 ".encode()
 _ANY_SEAL = re.compile(rb"sfmcpp checkpoint (\d+) sha256 [0-9a-f]{64}\Z")
@@ -63,11 +65,26 @@ class CheckpointFolder:
         self._last_s = time.monotonic()
         self._failure: DatasetError | None = None
         self._newest = _Slot(number=1, sequence=0)
+        self._of_rank: CheckpointFolder | None = None
 
     @property
     def failure(self) -> DatasetError | None:
         """The last checkpoint that could not be saved."""
-        return self._failure
+        return self._failure if self._of_rank is None else self._of_rank.failure
+
+    def of_rank(self, rank: int) -> CheckpointFolder:
+        """The folder inside it for one of several ranks, which save together.
+
+        Raises
+        ------
+        DatasetError
+            If this folder cannot be made.
+        """
+        with failures_named(self.path):
+            self.path.mkdir(exist_ok=True)
+        self._require_none_of_one_process()
+        self._of_rank = CheckpointFolder(self.path / f"{_RANK}{rank:04d}", self._every_s)
+        return self._of_rank
 
     def begin(self, resumed: CheckpointStore | None = None, least_bytes: int = 0) -> None:
         """Make the folder, and refuse what can be known to fail.
@@ -86,6 +103,7 @@ class CheckpointFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise DatasetError(self.path, "is a file, a folder is wanted")
+        self._require_none_of_ranks()
         with failures_named(self.path):
             self.path.mkdir(exist_ok=True)
             with tempfile.TemporaryFile(dir=self.path):
@@ -108,7 +126,7 @@ class CheckpointFolder:
         """Whether as many seconds have passed since the last one as are wanted."""
         return time.monotonic() - self._last_s >= self._every_s
 
-    def save(self, facts: Mapping[str, Any], where: Where) -> None:
+    def save(self, facts: Mapping[str, Any], where: Where) -> bool:
         """Replace the older of the two files; on the disk when this returns.
 
         Parameters
@@ -117,6 +135,11 @@ class CheckpointFolder:
             What is run, fit for JSON.
         where : callable
             Gives the arrays of where it stands.
+
+        Returns
+        -------
+        bool
+            Whether that was possible; else `failure` says why not.
         """
         slot = self._newest.next()
         path = self.path / _NAMES[slot.number]
@@ -127,9 +150,19 @@ class CheckpointFolder:
         except DatasetError as error:
             self._failure = error
         self._last_s = time.monotonic()
+        return self._newest is slot
 
-    def load(self) -> Checkpoint:
+    def take_back(self, failure: DatasetError) -> None:
+        """Let what was saved last be replaced by the next: another rank has failed to save its own."""
+        self._newest, self._failure = self._newest.before(), failure
+
+    def load(self, sequence: int | None = None) -> Checkpoint:
         """Read the newer of the two files, or the other if that one is damaged.
+
+        Parameters
+        ----------
+        sequence : int, optional
+            The one to read, whichever is newer.
 
         Returns
         -------
@@ -141,6 +174,7 @@ class CheckpointFolder:
         DatasetError
             If there is none, or none that is whole.
         """
+        self._require_none_of_ranks()
         found: list[tuple[_Slot, Checkpoint]] = []
         refused: list[DatasetError] = []
         for number, name in enumerate(_NAMES):
@@ -149,11 +183,29 @@ class CheckpointFolder:
                     found.append(_read(self.path / name, number))
                 except DatasetError as error:
                     refused.append(error)
+        found = [pair for pair in found if sequence in (None, pair[0].sequence)]
         if not found:
             raise refused[0] if refused else DatasetError(self.path, "holds no checkpoint")
         self._newest, newest = max(found, key=lambda pair: pair[0].sequence)
         remark = "".join(f"{error}; went on from {newest.path}" for error in refused)
         return replace(newest, remark=remark)
+
+    def sequences(self) -> set[int]:
+        """Of the checkpoints that are whole."""
+        found = set()
+        for name in _NAMES:
+            with suppress(DatasetError):
+                found.add(_read(self.path / name, 0)[0].sequence)
+        return found
+
+    def _require_none_of_ranks(self) -> None:
+        count = len([*self.path.glob(f"{_RANK}*")]) if self.path.is_dir() else 0
+        if count:
+            raise DatasetError(self.path, f"holds the checkpoints of {count} ranks, this is one process")
+
+    def _require_none_of_one_process(self) -> None:
+        if any((self.path / name).exists() for name in _NAMES):
+            raise DatasetError(self.path, "holds the checkpoints of one process, these are several ranks")
 
 
 @dataclass(frozen=True)
@@ -165,6 +217,9 @@ class _Slot:
 
     def next(self) -> _Slot:
         return _Slot(1 - self.number, self.sequence + 1)
+
+    def before(self) -> _Slot:
+        return _Slot(1 - self.number, self.sequence - 1)
 
 
 def _sealed(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
