@@ -181,7 +181,7 @@ def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[D
     def write_picture(path: Path) -> None:
         from sfmcpp.study.plotting import plot_convergence, save_figure
 
-        save_figure(plot_convergence(summary), path)
+        save_figure(plot_convergence({job.source.name: summary}), path)
 
     def write_its_report(path: Path) -> None:
         from sfmcpp.study.report_files import write_report

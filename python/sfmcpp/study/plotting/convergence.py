@@ -20,14 +20,17 @@ from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
 
 Run = Summary | Sequence[Iteration]
 
-# Relative distances to the best known cost below this are rounding, and drawn here.
+# Distances to the lowest cost, as a share of it, below this are rounding, and drawn here.
 SMALLEST_GAP = 1e-9
+# The lowest cost itself, which has no place on a logarithmic scale, is drawn this far below the next one.
+_BELOW_THE_NEXT = 0.3
 
 
 @dataclass(frozen=True)
 class _Curve:
     name: str
     color: str
+    cost: NDArray[np.float64]
     iteration: NDArray[np.int64]
     seconds: NDArray[np.float64]
     height: NDArray[np.float64]
@@ -35,18 +38,23 @@ class _Curve:
 
 
 @checked()
-def plot_convergence(runs: Run | Mapping[str, Run], *, best_cost: float | None = None) -> Figure:
-    """Plot cost against iterations and against seconds, on a logarithmic scale.
+def plot_convergence(
+    runs: Run | Mapping[str, Run], *, best_cost: float | None = None, title: str = ""
+) -> Figure:
+    """Plot how far the cost is above the lowest, against iterations and seconds, on a logarithmic scale.
 
-    A dot is an accepted step, a cross a rejected one; the last value is written at the end of a lone curve.
+    A dot is an accepted step, a cross a rejected one. If every cost is zero or none is finite, the
+    costs themselves are drawn.
 
     Parameters
     ----------
     runs : Summary, sequence of Iteration, or mapping of names to either
         One run, or several to compare.
     best_cost : float, optional
-        Lowest cost known, positive. If given, the distance to it, ``cost / best_cost − 1``, is drawn in
-        place of the cost; distances below 1e-9 are drawn at 1e-9.
+        Lowest cost known, positive. Default: the lowest of the runs, which is drawn a little below
+        all others. Drawn is the distance to it, ``cost / best_cost − 1``; below 1e-9 at 1e-9.
+    title : str
+        Title of the figure. Default: what was minimised, and from where to where.
 
     Returns
     -------
@@ -60,42 +68,73 @@ def plot_convergence(runs: Run | Mapping[str, Run], *, best_cost: float | None =
     """
     if best_cost is not None and not (math.isfinite(best_cost) and best_cost > 0):
         raise InvalidArgument(f"best_cost = {best_cost}: must be finite and positive")
-    curves = _curves(runs if isinstance(runs, Mapping) else {"": runs}, best_cost)
+    named = runs if isinstance(runs, Mapping) else {"": runs}
+    if not named:
+        raise InvalidArgument("runs = {}: must hold at least one run")
+    costs = [_costs(name, run) for name, run in named.items()]
+    best = _lowest(costs) if best_cost is None else best_cost
+    edge = SMALLEST_GAP if best_cost is not None else _edge(costs, best)
+    curves = [
+        _curve(*run, cost, COLORS[position % len(COLORS)], _heights(cost, best, edge))
+        for position, (run, cost) in enumerate(zip(named.items(), costs, strict=True))
+    ]
     figure = new_figure(10, 4)
+    figure.suptitle(title or _title(curves), fontsize=11)
     by_iteration, by_seconds = figure.subplots(1, 2, sharey=True)
     for curve in curves:
         _draw(by_iteration, curve, curve.iteration)
         _draw(by_seconds, curve, curve.seconds)
-    _finish(by_iteration, by_seconds, curves, best_cost)
+    _finish(by_iteration, by_seconds, curves, best)
     return figure
 
 
-def _curves(runs: Mapping[str, Run], best_cost: float | None) -> list[_Curve]:
-    if not runs:
-        raise InvalidArgument("runs = {}: must hold at least one run")
-    return [
-        _curve(name, run, COLORS[position % len(COLORS)], best_cost)
-        for position, (name, run) in enumerate(runs.items())
-    ]
+def _iterations(run: Run) -> Sequence[Iteration]:
+    return run.iterations if isinstance(run, Summary) else run
 
 
-def _curve(name: str, run: Run, color: str, best_cost: float | None) -> _Curve:
-    iterations = run.iterations if isinstance(run, Summary) else run
-    if not iterations:
+def _costs(name: str, run: Run) -> NDArray[np.float64]:
+    """Costs of a run, not a number where they are not finite."""
+    cost = np.array([i.cost for i in _iterations(run)])
+    if not len(cost):
         raise InvalidArgument(f"runs[{name!r}]: must have at least one iteration")
+    return np.where(np.isfinite(cost), cost, np.nan)
+
+
+def _lowest(costs: Sequence[NDArray[np.float64]]) -> float | None:
+    """The lowest cost of all; None if there is none that others can be a multiple of."""
+    lowest = min((float(c) for cost in costs for c in cost if c == c), default=0.0)
+    return lowest if lowest > 0 else None
+
+
+def _edge(costs: Sequence[NDArray[np.float64]], best: float | None) -> float:
+    """Where the lowest cost is drawn."""
+    gaps = np.concatenate(costs) / (best or 1.0) - 1
+    return _BELOW_THE_NEXT * min(gaps[gaps > SMALLEST_GAP].tolist(), default=1.0)
+
+
+def _heights(cost: NDArray[np.float64], best: float | None, edge: float) -> NDArray[np.float64]:
+    return cost if best is None else np.maximum(cost / best - 1, edge)
+
+
+def _curve(name: str, run: Run, cost: NDArray[np.float64], color: str, height: NDArray[np.float64]) -> _Curve:
+    iterations = _iterations(run)
     return _Curve(
         name,
         color,
+        cost,
         np.array([i.iteration for i in iterations]),
         np.array([i.seconds for i in iterations]),
-        _heights(np.array([i.cost for i in iterations]), best_cost),
+        height,
         np.array([i.accepted for i in iterations]),
     )
 
 
-def _heights(cost: NDArray[np.float64], best_cost: float | None) -> NDArray[np.float64]:
-    finite = np.where(np.isfinite(cost), cost, np.nan)
-    return finite if best_cost is None else np.maximum(finite / best_cost - 1, SMALLEST_GAP)
+def _title(curves: Sequence[_Curve]) -> str:
+    if len(curves) > 1:
+        return "Cost of each run above the lowest of all"
+    (curve,) = curves
+    of = f"{curve.name}: " if curve.name else ""
+    return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {curve.iteration[-1]} iterations"
 
 
 def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]) -> None:
@@ -108,7 +147,7 @@ def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]
     )
 
 
-def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best_cost: float | None) -> None:
+def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best: float | None) -> None:
     for axes in (by_iteration, by_seconds):
         style_axes(axes)
         axes.margins(x=0.04, y=0.1)
@@ -119,26 +158,12 @@ def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best_cos
     by_iteration.xaxis.set_major_locator(MaxNLocator(integer=True))
     by_seconds.set_xlabel("seconds")
     by_seconds.set_xlim(left=0.0)
-    by_iteration.set_ylabel("cost" if best_cost is None else f"cost / best − 1   (best = {best_cost:.6g})")
-    if len(curves) == 1:
-        _write_last_value(by_seconds, curves[0])
+    by_iteration.set_ylabel("cost" if best is None else f"cost above {best:.6g}, as a share of it")
     _add_legend(by_iteration, curves)
 
 
-def _write_last_value(axes: Axes, curve: _Curve) -> None:
-    axes.annotate(
-        f"{curve.height[-1]:.6g}",
-        (curve.seconds[-1], curve.height[-1]),
-        xytext=(0, 8),
-        textcoords="offset points",
-        ha="right",
-        fontsize=9,
-        color=MUTED,
-    )
-
-
 def _add_legend(axes: Axes, curves: list[_Curve]) -> None:
-    named = [curve for curve in curves if curve.name]
+    named = [curve for curve in curves if curve.name and len(curves) > 1]
     handles = [Line2D([], [], color=curve.color, linewidth=1.6, label=curve.name) for curve in named]
     if any((~curve.accepted).any() for curve in curves):
         handles += [_marker("o", "accepted step"), _marker("x", "rejected step")]

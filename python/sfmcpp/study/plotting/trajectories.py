@@ -13,6 +13,12 @@ from sfmcpp.weighting.criteria import MEDIAN_WIDTH, running_median
 
 # Room around the paths for points, as a share of the paths' extent; farther points are cut off.
 _MARGIN = 0.15
+# Extent shown of a straight way at least: its length over this, across it.
+_LONGEST_TO_WIDEST = 3.0
+# Sides of a view from above [in], and room for its title and legend.
+_LONG_SIDE_IN = 8.0
+_SHORT_SIDE_IN = 5.0
+_TEXT_IN = 1.2
 # The axis shows at least this much beside 1.
 _LEAST_DEVIATION = 0.05
 
@@ -96,31 +102,40 @@ def plot_top_view(
     matplotlib.figure.Figure
         Not shown, not registered with pyplot.
     """
-    figure = new_figure(7, 7)
+    shown = path if truth is None else np.concatenate([path, truth])
+    low, high = _bounds(shown)
+    figure = new_figure(*_size_of(high - low))
     axes = figure.subplots()
-    axes.plot(points[:, 0], points[:, 2], ".", color="#b8c4ce", markersize=1.5, label="points", zorder=1)
-    if truth is not None:
-        axes.plot(truth[:, 0], truth[:, 2], color=MUTED, linewidth=1.6, linestyle="--", label="truth")
+    axes.plot(points[:, 0], points[:, 2], ".", color="#8fa1af", markersize=2, label="points", zorder=1)
+    if truth is not None:  # wider, so that it shows on both sides of an estimate that lies on it
+        axes.plot(truth[:, 0], truth[:, 2], color=COLORS[4], linewidth=5.0, alpha=0.6, label="truth")
     label = f"estimate, {alignment}" if alignment else "estimate"
     axes.plot(path[:, 0], path[:, 2], color=COLORS[0], linewidth=1.6, label=label)
     axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
     axes.plot(path[0, 0], path[0, 2], "o", color=COLORS[1], markersize=6, label="start")
-    _frame(axes, path if truth is None else np.concatenate([path, truth]))
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_title("Way of the camera from above", fontsize=11)
     axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (scale unknown)")
     axes.set_ylabel(f"z, ahead [{unit}]" if unit else "z, ahead (scale unknown)")
-    axes.legend(fontsize=9, frameon=False)
+    figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=3)
     style_axes(axes)
     return figure
 
 
-def _frame(axes: Axes, paths: FloatArray) -> None:
-    """Show a square around the paths, the same length in both directions."""
+def _bounds(paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and largest x and z around the paths, with room for points; a straight way has room beside it."""
     low, high = paths[:, [0, 2]].min(axis=0), paths[:, [0, 2]].max(axis=0)
-    half = (0.5 + _MARGIN) * float((high - low).max()) or 1.0
-    (x, z) = (low + high) / 2
-    axes.set_xlim(x - half, x + half)
-    axes.set_ylim(z - half, z + half)
-    axes.set_aspect("equal", adjustable="box")
+    longest = float((high - low).max()) or 1.0
+    half = np.maximum((high - low) / 2 + _MARGIN * longest, longest / (2 * _LONGEST_TO_WIDEST))
+    return (low + high) / 2 - half, (low + high) / 2 + half
+
+
+def _size_of(extent: FloatArray) -> tuple[float, float]:
+    """Width and height [in] of a figure for that extent, the longer side always the same."""
+    width, height = _LONG_SIDE_IN * extent / extent.max()
+    return max(width, _SHORT_SIDE_IN), height + _TEXT_IN
 
 
 def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import KeyframeRecord
@@ -44,12 +45,17 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     for name, color in zip(names, COLORS, strict=False):
         _draw_weights(weights, name, color, _series(records, "weights", name, start))
         conflicts.plot(*_series(records, "conflicts", name, start), ".-", color=color, linewidth=1.0)
+    weights.set_title(
+        "How much a sensor counts at each keyframe: the larger λ, the less the images may differ from it"
+    )
+    conflicts.set_title("How far images and sensor disagree: above the dashed line that is more than chance")
     weights.set_ylabel("weight λ")
     conflicts.set_ylabel("disagreement [σ]")
     conflicts.set_xlabel("seconds")
     conflicts.set_ylim(bottom=0.0)
     conflicts.axhline(CONFLICT_SIGMAS, color=MUTED, linewidth=1.0, linestyle="--")
     for axes in (weights, conflicts):
+        axes.title.set_fontsize(10)
         style_axes(axes)
     if names:
         weights.legend(fontsize=9, frameon=False)
@@ -105,6 +111,9 @@ def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
     names = sorted({selection.name for record in records for selection in _curves(record)})
     figure = new_figure(10, 4 * max(len(names), 1))
     panels = figure.subplots(max(len(names), 1), 2, squeeze=False)
+    figure.suptitle(
+        "How the weight of a sensor was chosen at some keyframes: a curve each, a dot for the choice"
+    )
     for name, (errors, scores) in zip(names, panels, strict=True):
         for chosen, color in zip(_spread([*_of_sensor(records, name, start)]), COLORS, strict=False):
             _draw_errors(errors, chosen, color)
@@ -180,9 +189,14 @@ def _first(records: Sequence[KeyframeRecord], name: str) -> WeightSelection:
 
 
 def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> None:
+    errors.set_title(f"{name}: ignored at the right end of a curve, obeyed at the left", fontsize=10)
+    scores.set_title(f"{name}: chosen is the lowest score within the bounds", fontsize=10)
     errors.set_xscale("log")
     errors.set_yscale("log")
     scores.set_xscale("log")
+    scores.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    scores.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    scores.xaxis.set_minor_locator(NullLocator())
     errors.set_xlabel(f"mean squared error of the {name} [{example.unit}²]")
     errors.set_ylabel("relative increase of that of the images")
     scores.set_xlabel("weight λ")

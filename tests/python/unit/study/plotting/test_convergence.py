@@ -36,18 +36,19 @@ def legend_of(figure: Figure) -> list[str]:
     return [] if legend is None else [text.get_text() for text in legend.get_texts()]
 
 
-def test_cost_is_drawn_against_iterations_and_against_seconds() -> None:
+def test_cost_above_the_lowest_is_drawn_against_iterations_and_against_seconds() -> None:
     by_iteration, by_seconds = plot_convergence(RUN).axes
-    assert points_of(by_iteration, "None") == [(0, 100), (1, 10), (2, 10), (3, 2)]
-    assert points_of(by_seconds, "None") == [(0, 100), (0.5, 10), (1.0, 10), (1.5, 2)]
+    assert points_of(by_iteration, "None") == [(0, 49), (1, 4), (2, 4), (3, 0.3 * 4)]
+    assert points_of(by_seconds, "None") == [(0, 49), (0.5, 4), (1.0, 4), (1.5, 0.3 * 4)]
+    assert by_iteration.get_ylabel() == "cost above 2, as a share of it"
     assert (by_iteration.get_xlabel(), by_seconds.get_xlabel()) == ("iteration", "seconds")
     assert by_iteration.get_yscale() == by_seconds.get_yscale() == "log"
 
 
 def test_accepted_steps_are_dots_and_rejected_ones_crosses() -> None:
     figure = plot_convergence(RUN)
-    assert points_of(figure.axes[0], "o") == [(0, 100), (1, 10), (3, 2)]
-    assert points_of(figure.axes[0], "x") == [(2, 10)]
+    assert points_of(figure.axes[0], "o") == [(0, 49), (1, 4), (3, 0.3 * 4)]
+    assert points_of(figure.axes[0], "x") == [(2, 4)]
     assert legend_of(figure) == ["accepted step", "rejected step"]
 
 
@@ -61,8 +62,24 @@ def test_several_runs_are_named_and_told_apart_by_colour() -> None:
 
 def test_a_summary_is_drawn_as_its_iterations() -> None:
     summary: Summary = solve(perturb(circle_scene(5, 40), point_sigma_m=0.1, seed=0))
-    drawn = points_of(plot_convergence(summary).axes[1], "None")
-    assert drawn == [(i.seconds, i.cost) for i in summary.iterations]
+    *drawn, _ = points_of(plot_convergence(summary).axes[1], "None")
+    costs = np.array([i.cost for i in summary.iterations[:-1]])
+    np.testing.assert_allclose(
+        [seconds for seconds, _ in drawn], [i.seconds for i in summary.iterations[:-1]]
+    )
+    np.testing.assert_allclose([gap for _, gap in drawn], costs / summary.final_cost - 1, rtol=1e-6)
+
+
+def test_the_title_says_from_where_to_where_or_what_it_is_told() -> None:
+    title = [plot_convergence(RUN).get_suptitle(), plot_convergence(RUN, title="mine").get_suptitle()]
+    assert title == ["cost 100 → 2 in 3 iterations", "mine"]
+    assert "above the lowest of all" in plot_convergence({"a": RUN, "b": RUN}).get_suptitle()
+
+
+def test_the_lowest_of_all_runs_is_the_reference_of_each() -> None:
+    figure = plot_convergence({"first": RUN, "second": history([5.0, 1.0], [True, True])})
+    heights = [y for _, y in points_of(figure.axes[0], "None")]
+    np.testing.assert_allclose(heights, [99, 9, 9, 1, 4, 0.3 * 1])
 
 
 def test_with_a_best_cost_the_relative_distance_to_it_is_drawn() -> None:
@@ -74,7 +91,7 @@ def test_with_a_best_cost_the_relative_distance_to_it_is_drawn() -> None:
 def test_costs_that_are_not_finite_leave_gaps() -> None:
     figure = plot_convergence(history([4.0, float("inf"), float("nan"), 1.0], [True] * 4))
     heights = [y for _, y in points_of(figure.axes[0], "None")]
-    np.testing.assert_array_equal(heights, [4.0, np.nan, np.nan, 1.0])
+    np.testing.assert_allclose(heights, [3.0, np.nan, np.nan, 0.3 * 3.0])
 
 
 def test_costs_of_zero_are_drawn_on_a_linear_scale() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 
 from sfmcpp.study.plotting import save_figure
@@ -38,13 +37,22 @@ def test_truth_is_drawn_beside_an_estimate_whose_alignment_is_named() -> None:
     assert "[m]" in figure.axes[0].get_xlabel()
 
 
-def test_the_window_is_a_square_around_the_paths_whatever_the_points() -> None:
-    axes = plot_top_view(PATH, PATH, POINTS, truth=PATH + 1).axes[0]
+def test_window_and_figure_have_the_shape_of_the_paths_whatever_the_points() -> None:
+    figure = plot_top_view(PATH, PATH, POINTS, truth=PATH + 1)
+    axes = figure.axes[0]
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    assert right - left == pytest.approx(high - low)
+    assert right - left < (high - low) / 2
+    assert figure.get_figwidth() < figure.get_figheight()
     assert left < 0 < 2.5 < right
     assert low < 0 < 9 < high
     assert right < 20
+
+
+def test_the_truth_shows_where_the_estimate_lies_on_it() -> None:
+    lines = {
+        str(line.get_label()): line for line in plot_top_view(PATH, PATH, POINTS, truth=PATH).axes[0].lines
+    }
+    assert lines["truth"].get_linewidth() > 2 * lines["estimate"].get_linewidth()
 
 
 def test_a_standing_camera_is_drawn_without_a_warning(tmp_path: Path) -> None:
