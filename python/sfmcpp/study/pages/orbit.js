@@ -8,6 +8,11 @@ const backdrop = (255 << 24) | (BACKGROUND[2] << 16) | (BACKGROUND[1] << 8) | BA
 const view = { target: [0, 0, 0], distance: 1, yaw: 0, pitch: 0 };
 let axes, width, height, focal, image, pixels, depths, scheduled = false, touchedAt = -1e9;
 
+// Names of files break after their separators alone; where the panel would cover the scene it begins folded.
+for (const heading of document.querySelectorAll("#about h1"))
+  heading.innerHTML = heading.innerHTML.replace(/[-_.]/g, "$&<wbr>");
+element("about").open = innerWidth > 600;
+
 function bytesOf(text) {
   const binary = atob(text), bytes = new Uint8Array(binary.length);
   for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);

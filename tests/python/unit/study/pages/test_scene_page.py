@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from browser_helpers import screenshot
+from browser_helpers import opened, screenshot, value_of
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.study.pages.scene_page import Scene, save_scene_page, scene_page
 
@@ -49,6 +50,19 @@ def test_the_page_holds_the_scene_with_x_right_y_ahead_and_z_up() -> None:
     np.testing.assert_allclose(data["path"][[0, -1]], [[0, -5, 0], [0, 5, 0]], atol=1e-6)
     np.testing.assert_allclose(data["cameras"][0].reshape(3, 4)[:, 3], [0, -5, 0], atol=1e-6)
     np.testing.assert_allclose(data["cameras"][0].reshape(3, 4)[:, 2], [0, 1, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("width", "is_open"), [(420, False), (1000, True)])
+def test_the_panel_is_folded_on_a_small_screen_and_breaks_names_at_their_separators(
+    tmp_path: Path, width: int, is_open: bool
+) -> None:
+    page = tmp_path / "view.html"
+    save_scene_page(replace(street(), title="drive_0005_sync & <more>"), page)
+    size = ("--disable-gpu", f"--window-size={width},700")
+    with opened(page.as_uri(), tmp_path, size) as ask:
+        assert value_of(ask, "document.getElementById('about').open") is is_open
+        heading = value_of(ask, "document.querySelector('h1').innerHTML")
+    assert heading == "drive_<wbr>0005_<wbr>sync &amp; &lt;more&gt;"
 
 
 def test_the_page_shows_the_same_however_the_world_is_turned() -> None:
