@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
-"""Usage: stop_at_random.py [COUNT [SEED]]: solves that are told to stop, or killed, at random moments.
+"""Usage: stop_at_random.py [COUNT [SEED]] [--in-solve]: solves told to stop, or killed, at random moments.
 
-SIGTERM, SIGINT and SIGKILL in turn, at any time from the start of the process to a little after its end.
-Whatever the moment, a file is the old one or a new one, whole; a process that could answer ends with 0 or
-130, says in one line what it kept, and what it says is true. The program prints how the processes ended, and
-ends with 1 if one did otherwise.
+SIGTERM, SIGINT and SIGKILL in turn, at any time from the start of the process to a little after its end;
+with --in-solve from the first iteration on, which the first checkpoint tells. Whatever the moment, a file is
+the old one or a new one, whole; a process that could answer ends with 0 or 130, says in one line what it
+kept, and what it says is true. The program prints how the processes ended, and ends with 1 if one did
+otherwise.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,6 +37,7 @@ class Solve:
     """A solve that overwrites the results of an earlier one."""
 
     folder: Path
+    is_awaited: bool  # whether stops wait for the first iteration
 
     @property
     def output(self) -> Path:
@@ -45,10 +49,18 @@ class Solve:
         """What is told of it."""
         return self.folder / "report.json"
 
+    @property
+    def checkpoints(self) -> Path:
+        """Where every iteration is saved, if stops wait for the first."""
+        return self.folder / "checkpoints"
+
     def start(self) -> subprocess.Popen[str]:
         """Start it as a process."""
         targets = ["-o", str(self.output), "--report", str(self.report)]
         options = ["--max-iterations", "60", "--function-tolerance", "0"]
+        if self.is_awaited:
+            options += ["--method", "gradient-descent", "--checkpoint-every", "0"]
+            options += ["--checkpoint", str(self.checkpoints)]
         command = [sys.executable, "-m", "sfmcpp", "solve", str(self.folder / "in.npz"), *targets, *options]
         return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
@@ -56,6 +68,12 @@ class Solve:
         """Leave what an earlier solve would have left."""
         sfmcpp.write(sfmcpp.read(self.folder / "in.npz"), self.output)
         self.report.write_text('{"termination": "earlier"}\n')
+        shutil.rmtree(self.checkpoints, ignore_errors=True)
+
+    def await_iterations(self, process: subprocess.Popen[str]) -> None:
+        """Return when the first iteration is over, if stops wait for it, or the process."""
+        while self.is_awaited and process.poll() is None and not any(self.checkpoints.glob("checkpoint-*")):
+            time.sleep(0.001)
 
 
 def faults_of(solve: Solve, code: int, told: str, by: signal.Signals) -> list[str]:
@@ -65,7 +83,7 @@ def faults_of(solve: Solve, code: int, told: str, by: signal.Signals) -> list[st
     sfmcpp.read(solve.output)
     if by == signal.SIGKILL:
         return faults
-    unanswered = code in UNANSWERED and termination != "interrupted"
+    unanswered = not solve.is_awaited and code in UNANSWERED and termination != "interrupted"
     if code not in (0, 130) and not unanswered:
         faults.append(f"code {code}")
     if code == 130 and told.strip() != NOTHING_KEPT and KEPT not in told:
@@ -83,6 +101,7 @@ def stopped_at(solve: Solve, after: float, by: signal.Signals) -> tuple[int, str
     """Exit code and stderr of a solve that gets a signal after some seconds."""
     solve.prepare()
     with solve.start() as process:
+        solve.await_iterations(process)
         time.sleep(after)
         process.send_signal(by)
         told = process.communicate()[1]
@@ -96,11 +115,11 @@ def how_it_ended(code: int, told: str) -> str:
     return str(code)
 
 
-def main(count: int = 200, seed: int = 0) -> int:
+def main(count: int, seed: int, in_solve: bool) -> int:
     """Print how they ended; 1 if one ended otherwise than it should."""
     rng, ends, num_faults = np.random.default_rng(seed), Counter[tuple[str, str]](), 0
     with tempfile.TemporaryDirectory() as folder:
-        solve = Solve(Path(folder))
+        solve = Solve(Path(folder), in_solve)
         scene = sfmcpp.circle_scene(40, 1500, camera_model="bal", seed=seed)
         sfmcpp.write(
             sfmcpp.perturb(scene, point_sigma_m=0.3, rotation_sigma_deg=3, seed=seed), solve.folder / "in.npz"
@@ -120,13 +139,19 @@ def main(count: int = 200, seed: int = 0) -> int:
 
 
 def seconds_of(solve: Solve) -> float:
-    """How long a solve takes that nobody stops."""
+    """How long a solve takes that nobody stops, from where stops may begin."""
     solve.prepare()
-    started = time.perf_counter()
     with solve.start() as process:
+        solve.await_iterations(process)
+        started = time.perf_counter()
         process.communicate()
     return time.perf_counter() - started
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:3])))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("count", nargs="?", type=int, default=200)
+    parser.add_argument("seed", nargs="?", type=int, default=0)
+    parser.add_argument("--in-solve", action="store_true")
+    given = parser.parse_args()
+    sys.exit(main(given.count, given.seed, given.in_solve))

@@ -190,18 +190,10 @@ class Ending:
     state: Problem | None = None
 
 
-def weighted_residuals(problem: Problem, loss: str, scale: float) -> FloatArray:
-    """(2M,) residuals whose squares sum up to twice the cost."""
-    r = sfmcpp.residuals(problem)
-    squared = (r**2).sum(axis=1)
-    rho = _core.loss_terms(loss, scale, squared)[0]
-    share = np.divide(rho, squared, out=np.ones_like(squared), where=squared > 0)
-    return (r * np.sqrt(share)[:, None]).ravel()
-
-
 def cost_of(problem: Problem, loss: str, scale: float) -> float:
     """The cost of a state."""
-    return 0.5 * float((weighted_residuals(problem, loss, scale) ** 2).sum())
+    squared = (sfmcpp.residuals(problem) ** 2).sum(axis=1)
+    return 0.5 * float(_core.loss_terms(loss, scale, squared)[0].sum())
 
 
 def moved(problem: Problem, step: FloatArray) -> Problem:
@@ -217,7 +209,7 @@ def moved(problem: Problem, step: FloatArray) -> Problem:
         result.centres[cameras] += rows[:, 3:]
     else:
         result.cameras[cameras] += rows.reshape(-1, 3, 4)
-    result.points[points] += of_points.reshape(len(of_points) // problem.points.shape[1], -1)
+    result.points[points] += of_points.reshape(-1, problem.points.shape[1])
     result.intrinsics[~problem.fixed_intrinsics] += of_intrinsics
     return result
 
@@ -233,19 +225,22 @@ def sizes_of_unknowns(problem: Problem) -> FloatArray:
 
 
 def promised_decrease(problem: Problem, loss: str, scale: float, difference: float) -> float:
-    """By how much a Gauss–Newton step would lower the cost; derivatives are differences of residuals."""
-    here = weighted_residuals(problem, loss, scale)
+    """By how much a Gauss–Newton step would lower the cost; derivatives are differences of residuals.
+
+    The weights of observations stay what they are: at the corner of a loss differences tell nothing.
+    """
+    here = sfmcpp.residuals(problem)
+    weights = np.sqrt(_core.loss_terms(loss, scale, (here**2).sum(axis=1))[1])[:, None]
     steps = np.diag(difference * sizes_of_unknowns(problem))
     with np.errstate(all="ignore"):
         columns = [
-            weighted_residuals(moved(problem, step), loss, scale)
-            - weighted_residuals(moved(problem, -step), loss, scale)
+            weights * (sfmcpp.residuals(moved(problem, step)) - sfmcpp.residuals(moved(problem, -step)))
             for step in steps
         ]
-    jacobian = np.nan_to_num(np.stack(columns, axis=1))
+    jacobian = np.nan_to_num(np.stack(columns, axis=-1).reshape(-1, len(steps)))
     jacobian /= np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
     basis, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
-    told = basis[:, singular > RANK * singular[0]].T @ here
+    told = basis[:, singular > RANK * singular[0]].T @ (weights * here).ravel()
     return 0.5 * float(told @ told)
 
 
