@@ -35,7 +35,7 @@ help: ## list the targets
 
 demo: install ## set up, build, and solve the circular scene into ./sfmcpp-demo
 	$(VENV)/bin/sfmcpp demo -o $(DEMO_FOLDER)
-	@echo "make demo: the result is in $(CURDIR)/$(DEMO_FOLDER)"
+	@echo "make demo: see $(CURDIR)/$(DEMO_FOLDER)/view.html and scene.png"
 
 test: cpp-tests pytest ## set up, build, and run the C++ and the Python tests
 

@@ -14,5 +14,10 @@ settings=(
 fail() { echo "sfmcpp: $*" >&2; exit 1; }
 
 "${pip[@]}" install scikit-build-core pybind11 || fail "pip could not install scikit-build-core and pybind11 into $1"
+# Minutes where all is new, in which pip says nothing.
+tell_progress() { while sleep 20; do echo "sfmcpp: $(find "$2" -name '*.o' 2>/dev/null | wc -l) files compiled after $SECONDS s"; done; }
+echo "sfmcpp: compiling the C++ core and installing the package with its extras into $1: about five minutes where all is new"
+tell_progress "$@" &
+trap "kill $!" EXIT
 "${pip[@]}" install --no-build-isolation "${settings[@]/#/--config-settings=}" '.[all,dev]' ||
   fail "pip could not build and install sfmcpp into $1"

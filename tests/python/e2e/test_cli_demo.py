@@ -14,6 +14,8 @@ import sfmcpp
 from cli_helpers import is_one_error_line, run, run_here, strict_json, write_noisy_circle
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
+PICTURES = ["convergence.png", "scene.png"]
+
 
 def test_the_demo_solves_the_thesis_scene_down_to_its_noise(tmp_path: Path) -> None:
     result = run("demo", "-o", "nested/demo", cwd=tmp_path)
@@ -21,7 +23,7 @@ def test_the_demo_solves_the_thesis_scene_down_to_its_noise(tmp_path: Path) -> N
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.splitlines()[-1] == f"The demo is in {folder}"
     names = sorted(path.name for path in folder.iterdir())
-    assert names == ["convergence.png", "problem.npz", "report.json", "result.ply"]
+    assert names == sorted([*PICTURES, "problem.npz", "report.json", "result.npz", "result.ply", "view.html"])
     content = strict_json(folder / "report.json")
     assert content["input"] == {
         "path": "nested/demo/problem.npz",
@@ -32,6 +34,20 @@ def test_the_demo_solves_the_thesis_scene_down_to_its_noise(tmp_path: Path) -> N
     # 30,000 residuals of variance 1 less 1,673 free unknowns; two-sided at four standard errors.
     freedom = 2 * 15_000 - (6 * 30 + 3 * 500 - 7)
     assert 2 * content["final_cost"] == pytest.approx(freedom, abs=4 * np.sqrt(2 * freedom))
+
+
+def test_the_demo_does_without_pictures_where_nothing_draws_them(tmp_path: Path) -> None:
+    code = (
+        "import importlib.util, sys; from sfmcpp.cli.main import main; find = importlib.util.find_spec;"
+        "importlib.util.find_spec = lambda name, *rest: None if name == 'matplotlib' else find(name, *rest);"
+        "sys.modules['matplotlib'] = None; sys.exit(main(['demo', '-o', sys.argv[1]]))"
+    )
+    result = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "sfmcpp[plot]" in result.stdout
+    names = {path.name for path in tmp_path.iterdir()}
+    assert "view.html" in names
+    assert names.isdisjoint(PICTURES)
 
 
 def test_the_demo_keeps_the_noisy_start_it_was_asked_for(tmp_path: Path) -> None:

@@ -1,0 +1,79 @@
+"""`sfmcpp demo`: a scene that is solved and shown."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.run import Job, solve_file
+from sfmcpp.cli.targets import Targets
+from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.api import read, write
+from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.synthetic import circle_scene, perturb
+
+
+def run_demo(folder: Path, seed: int) -> ExitCode:
+    """Solve the thesis' circular scene (§4.4.1) from its noisy start, with all that shows it, in `folder`.
+
+    Pictures need Matplotlib; without it there are none.
+
+    Raises
+    ------
+    DatasetError
+        If the folder or a file in it cannot be written.
+    """
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    pictures = find_spec("matplotlib") is not None
+    source, result = folder / "problem.npz", folder / "result.npz"
+    targets = Targets(result, folder / "report.json", folder / "convergence.png" if pictures else None)
+    targets.check(source)
+    truth = circle_scene(seed=seed)
+    start = perturb(truth, point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=seed)
+    write(start, source)
+    code = solve_file(Job(source, targets, options={}))
+    if code == ExitCode.DONE:
+        solved = _aligned(read(result), truth)
+        write(solved, folder / "result.ply")
+        _show(solved, truth, folder, pictures)
+        say(f"The demo is in {folder.resolve()}")
+    return code
+
+
+def _aligned(solved: Problem, truth: Problem) -> Problem:
+    """The solved scene in the frame of the truth, which its images cannot tell."""
+    placed = fit_similarity(solved.centres, truth.centres)
+    solved.cameras[:] = placed.apply_to_poses(solved.cameras)
+    solved.points[:] = placed.apply(solved.points)
+    return solved
+
+
+def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None:
+    """Points and cameras beside the true ones: a page in three dimensions, and a picture from above."""
+    from sfmcpp.study.pages.scene_page import Scene, save_scene_page
+
+    scene = Scene(
+        "cameras on a circle",
+        solved.points,
+        solved.centres,
+        solved.cameras,
+        truth=truth.centres,
+        truth_name="true cameras",
+        unit="m",
+    )
+    save_scene_page(scene, folder / "view.html")
+    say(f"written               {folder / 'view.html'}: open it in a browser")
+    if not pictures:
+        say("no pictures: pip install 'sfmcpp[plot]'")
+        return
+    from sfmcpp.study.plotting import save_figure
+    from sfmcpp.study.plotting.trajectories import plot_top_view
+
+    centres, points, true = (
+        from_above[:, [0, 2, 1]] for from_above in (solved.centres, solved.points, truth.centres)
+    )
+    save_figure(plot_top_view(centres, centres, points, truth=true, unit="m"), folder / "scene.png")
+    say(f"written               {folder / 'scene.png'}")
