@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import time
 from types import ModuleType
 
@@ -28,6 +29,11 @@ MOST_KEYFRAMES = 40
 _EXTENT = 10.0
 _POINT, _FRUSTUM = 0.06, 0.25
 _PATH, _KEYFRAME, _CAMERA = (255, 50, 25), (90, 100, 110), (255, 255, 255)
+_GRID = (52, 64, 74)
+# A cell of the grid, at least, in units of the page.
+_CELL = 1.0
+# Share of the points below the grid.
+_BELOW = 0.03
 # Steps of a ramp from dark blue to pale yellow, even in lightness.
 _RAMP = np.array(
     [[58, 76, 150], [42, 120, 168], [32, 158, 158], [74, 190, 124], [160, 214, 76], [246, 230, 80]],
@@ -76,6 +82,7 @@ class LiveView:
         self._whole = (np.zeros(3), 1.0)
         self._around = (np.zeros(3), 1.0)
         self._turn: FloatArray = np.eye(3)
+        self._floor = 0.0
         self._scale: float | None = None
         self._metric = False
         self._add_controls(title)
@@ -127,11 +134,13 @@ class LiveView:
         self._status = gui.add_markdown("")
         self._choice = gui.add_dropdown("show", (_AROUND, _WHOLE), initial_value=_AROUND)
         self._choice.on_update(lambda _: self._place())
+        self._legend = gui.add_html("")
 
     def _add_scene(self) -> None:
         scene, camera = self._server.scene, self._server.initial_camera
         scene.set_up_direction("+z")
         camera.position, camera.look_at = (0.0, -_EXTENT, 0.7 * _EXTENT), (0.0, 0.2 * _EXTENT, 0.0)
+        self._grid = scene.add_grid("/grid", infinite_grid=True, cell_color=_GRID, section_color=_GRID)
         self._frame = scene.add_frame("/map", show_axes=False)
         nothing = np.zeros((0, 3), np.float32)
         self._points = scene.add_point_cloud(
@@ -155,7 +164,9 @@ class LiveView:
             self._scale, self._metric = _EXTENT / _distance(points, keyframes), result.metric
         self._turn = view_from_world(keyframes[:1])
         shown = points[:: -(-len(points) // MOST_POINTS) or 1]
-        self._points.colors = _colors_by_height(shown @ self._turn[2])
+        heights = shown @ self._turn[2]
+        self._floor = float(np.quantile(heights, _BELOW)) if len(heights) else 0.0
+        self._points.colors = _colors_by_height(heights)
         self._points.points = shown
         centres = path[:, :, 3]
         size = _FRUSTUM / self._scale
@@ -177,13 +188,36 @@ class LiveView:
     def _place(self) -> None:
         """Bring what is to be looked at to the middle, at its size."""
         centre, scale = self._whole if self._choice.value == _WHOLE else self._around
+        cell = _round_length(_CELL / scale)
         with self._server.atomic():
+            self._grid.cell_size = self._grid.section_size = cell * scale
+            self._grid.position = (0.0, 0.0, scale * (self._floor - float(self._turn[2] @ centre)))
+            self._legend.content = _legend(cell, "m" if self._metric else "")
             self._frame.wxyz = quaternion_from_rotation(self._turn[None])[0]
             self._frame.position = -scale * self._turn @ centre
             # The scale of a frame is that of its axes alone.
             for node in (self._points, *self._lines.values()):
                 node.scale = scale
             self._points.point_size = _POINT / scale
+
+
+def _round_length(least: float) -> float:
+    """The first of 1, 2, 5 times a power of ten that is no less."""
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= least)
+
+
+def _legend(cell: float, unit: str) -> str:
+    """What the colours are, and how wide a cell of the grid is."""
+    ramp = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _RAMP)
+    bars = {"path": _PATH, "keyframes": _KEYFRAME, "camera": _CAMERA}
+    looks = {name: f"rgb{color}" for name, color in bars.items()}
+    looks["points, low to high"] = f"linear-gradient(90deg, {ramp})"
+    bar = (
+        '<span style="display:inline-block;width:22px;height:4px;margin:0 8px 3px 0;background:{}"></span>{}'
+    )
+    rows = [bar.format(look, name) for name, look in looks.items()]
+    return f'<div style="padding:0 12px">{"<br>".join([*rows, f"grid: {cell:g} {unit}".rstrip()])}</div>'
 
 
 def _without_greeting() -> contextlib.AbstractContextManager[object]:

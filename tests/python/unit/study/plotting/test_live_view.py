@@ -64,6 +64,21 @@ def test_the_page_holds_all_points_the_path_and_the_keyframes(view: LiveView, re
     np.testing.assert_allclose(tips, np.repeat(world.poses[:, None, :, 3], 4, axis=1), atol=1e-5)
 
 
+def test_the_grid_lies_under_the_map_and_the_legend_tells_its_cells(
+    view: LiveView, result: SlamResult
+) -> None:
+    view.show(result, "done")
+    cell = view._grid.cell_size / view._around[1]
+    assert f"grid: {cell:g}" in view._legend.content
+    heights = (known_points(result) - view._around[0]) @ view._turn[2] * view._around[1]
+    assert np.mean(heights < view._grid.position[2]) < 0.05
+
+
+@pytest.mark.parametrize(("least", "found"), [(0.011, 0.02), (1.0, 1.0), (2.5, 5.0), (7.0, 10.0)])
+def test_cells_of_the_grid_are_round(least: float, found: float) -> None:
+    assert live_view._round_length(least) == pytest.approx(found)
+
+
 def test_the_page_follows_a_run_and_shows_the_last_of_it(view: LiveView, corridor: TrackSequence) -> None:
     counts: list[int] = []
 
