@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan asan-python tsan bench fuzz stubs docs wheel clean
+.PHONY: help demo test install lint format asan asan-python tsan bench fuzz fuzz-guided stubs docs wheel clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -107,6 +107,11 @@ asan-python: install ## the Python tests of the bindings under these sanitizers
 FUZZ_INPUTS ?= 1000000
 fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED
 	$(VENV)/bin/python tools/mutate_inputs.py --inputs $(FUZZ_INPUTS) --seed $(or $(FUZZ_SEED),0)
+
+FUZZ_SECONDS ?= 60
+fuzz-guided: install ## every reader for FUZZ_SECONDS, led by coverage
+	$(VENV)/bin/pip install --quiet atheris
+	$(VENV)/bin/python tools/guided_fuzz.py --seconds $(FUZZ_SECONDS)
 
 stubs: install ## write python/sfmcpp/_core.pyi anew from the installed module
 	tools/make_stub.sh $(VENV)/bin/python python/sfmcpp/_core.pyi

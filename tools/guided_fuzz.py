@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import io
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -40,6 +41,11 @@ def write_dictionary(path: Path) -> None:
     path.write_text("".join(f'"{line}"\n' for line in lines))
 
 
+def give_up(number: int, frame: object) -> None:
+    """Tell of a reader that works for too long, with the place where it does."""
+    raise TimeoutError(f"{mutate_inputs.SECONDS} s of work")
+
+
 def fuzz(name: str, corpus: Path, seconds: int) -> None:
     """Fuzz one reader; does not return."""
     with tempfile.TemporaryDirectory() as folder:
@@ -49,10 +55,16 @@ def fuzz(name: str, corpus: Path, seconds: int) -> None:
 
         def read(data: bytes) -> None:
             path.write_bytes(data)
+            signal.setitimer(signal.ITIMER_PROF, mutate_inputs.SECONDS)
             with contextlib.suppress(SfmcppError):
                 reader(path)
+            signal.setitimer(signal.ITIMER_PROF, 0)
 
-        limits = [f"-timeout={mutate_inputs.SECONDS}", f"-rss_limit_mb={mutate_inputs.MEMORY_BYTES >> 20}"]
+        signal.signal(signal.SIGPROF, give_up)
+        limits = [
+            f"-timeout={mutate_inputs.SECONDS_BY_THE_CLOCK}",
+            f"-rss_limit_mb={mutate_inputs.MEMORY_BYTES >> 20}",
+        ]
         budget = [f"-max_total_time={seconds}", f"-dict={folder}/words.dict", f"-artifact_prefix={corpus}/"]
         atheris.Setup([sys.argv[0], *limits, *budget, str(corpus)], read)
         # What is imported by the first file is counted, too.

@@ -83,7 +83,8 @@ def faults_of(solve: Solve, code: int, told: str, by: signal.Signals) -> list[st
     sfmcpp.read(solve.output)
     if by == signal.SIGKILL:
         return faults
-    unanswered = not solve.is_awaited and code in UNANSWERED and termination != "interrupted"
+    answered = {"interrupted", "earlier"} if solve.is_awaited else {"interrupted"}
+    unanswered = code in UNANSWERED and termination not in answered
     if code not in (0, 130) and not unanswered:
         faults.append(f"code {code}")
     if code == 130 and told.strip() != NOTHING_KEPT and KEPT not in told:

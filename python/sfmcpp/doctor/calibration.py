@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.case import Case, without_single_views
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.outliers import fits_poorly, gross_errors
+from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial, adjusted
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
@@ -74,7 +74,7 @@ def _without_gross_errors(case: Case, trial: Trial) -> Problem:
     """
     if fits_poorly(case, trial):
         return case.part
-    return without_single_views(trial.problem.with_observations(~gross_errors(case, trial)))
+    return without_single_views(trial.problem.with_observations(~trial.gross(case.sigma_px)))
 
 
 def _may_be_tested(problem: Problem) -> bool:

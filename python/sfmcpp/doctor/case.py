@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import Summary
 from sfmcpp.doctor.finding import named
-from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.doctor.trial import Trial, robust_trial
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import ConstraintGroup, Problem
@@ -138,7 +138,7 @@ class Case:
     @cached_property
     def trial(self) -> Trial | None:
         """The part adjusted by a robust loss; None, with the reason noted, where that cannot be."""
-        trial = adjusted(self.part, self.constraints)
+        trial = robust_trial(self.part, self.constraints, self.sigma_px)
         if isinstance(trial, str):
             self.skipped.append(f"no trial adjustment, and nothing that needs one: {trial}")
             return None

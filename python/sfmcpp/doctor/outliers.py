@@ -9,27 +9,25 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, numbers
-from sfmcpp.doctor.trial import Trial
+from sfmcpp.doctor.trial import GROSS, NOTABLE_SHARE, Trial
 from sfmcpp.model.arrays import BoolArray
 
-# An error of ten standard deviations costs as much as a hundred good observations, …
-_GROSS = 10.0
-# … so from this share on a sum of squares is more about the gross errors than about all the rest.
-_NOTABLE_SHARE = 1 / _GROSS**2
 # One hundredth of the image: less is a matter of calibration and noise.
 _VISIBLE = 0.01
-# A robust loss holds as long as the good are more than the wrong.
+# Most of a camera's observations are wrong; where half of all are, it takes more to stand out.
 _MOST = 0.5
 
 
-def gross_errors(case: Case, trial: Trial) -> BoolArray:
-    """(M,) observations of the trial farther off than ten standard deviations, as stated or as found."""
-    return np.asarray(trial.errors_px > _GROSS * max(trial.sigma_px, case.sigma_px))
+# By the loss that has found them.
+_ADVICE = {
+    "cauchy": "solve with --loss huber or cauchy, or drop them (--fix)",
+    "auto": "solve with --loss auto, or drop them (--fix): so many lead huber and cauchy away",
+}
 
 
 def fits_poorly(case: Case, trial: Trial) -> bool:
     """Whether the median error is gross: by the standard deviation stated, and to the eye."""
-    return trial.median_px > max(_GROSS * case.sigma_px, _VISIBLE * case.extent_px)
+    return trial.median_px > max(GROSS * case.sigma_px, _VISIBLE * case.extent_px)
 
 
 def outliers(case: Case) -> Iterator[Finding]:
@@ -40,9 +38,10 @@ def outliers(case: Case) -> Iterator[Finding]:
     if fits_poorly(case, trial):
         yield _poor_fit(case, trial)
         return
-    gross = gross_errors(case, trial)
+    gross = trial.gross(case.sigma_px)
     views, shares = _shares(trial, gross)
-    wrong = numbers(np.flatnonzero((shares > _MOST) & (views > 0)))
+    standing_out = max(_MOST, 0.5 * (1.0 + gross.mean()))
+    wrong = numbers(np.flatnonzero((shares > standing_out) & (views > 0)))
     if wrong:
         yield _cameras_wrong(case, wrong, shares)
     others = gross & ~np.isin(trial.problem.camera_index, wrong)
@@ -73,7 +72,7 @@ def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.floa
     return Finding(
         "camera-contradicts",
         "warning",
-        f"most observations of {counted(len(cameras), 'camera')} are off by more than {_GROSS:g} σ after a "
+        f"most observations of {counted(len(cameras), 'camera')} are off by more than {GROSS:g} σ after a "
         f"robust adjustment, {shares[worst]:.0%} of those of camera {case.name_of_camera(worst)}",
         "their start, calibration or matches are wrong: estimate these poses anew, or leave them out",
         case.named_cameras(cameras),
@@ -87,13 +86,13 @@ def _outliers(case: Case, trial: Trial, gross: BoolArray) -> Finding:
     _, shares = _shares(trial, gross)
     worst = numbers(np.argsort(-shares, kind="stable")[:3])
     listed = ", ".join(f"{case.name_of_camera(k)} {shares[k]:.0%}" for k in worst if shares[k] > 0)
-    limit = _GROSS * max(trial.sigma_px, case.sigma_px)
+    limit = GROSS * max(trial.sigma_px, case.sigma_px)
     return Finding(
         "outliers",
-        "warning" if share > _NOTABLE_SHARE else "note",
+        "warning" if share > NOTABLE_SHARE else "note",
         f"{counted(int(gross.sum()), 'observation')} ({share:.2%}) off by more than {limit:.3g} px after a "
         "robust adjustment",
-        "solve with --loss huber or cauchy, or drop them (--fix)",
+        _ADVICE[trial.loss],
         f"most in cameras {listed}",
         cameras=worst,
         measures={"share": share, "limit_px": limit},
@@ -107,7 +106,7 @@ def sigmas(case: Case) -> Iterator[Finding]:
     if case.is_misread or trial is None or not stated:
         return
     ratio = trial.sigma_px / case.sigma_px
-    if not 1 / _GROSS < ratio < _GROSS:
+    if not 1 / GROSS < ratio < GROSS:
         yield Finding(
             "wrong-sigmas",
             "warning",

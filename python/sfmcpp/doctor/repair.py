@@ -14,7 +14,6 @@ from sfmcpp.doctor.conventions import mirrored_y
 from sfmcpp.doctor.diagnose import diagnose
 from sfmcpp.doctor.duplicates import second_observations
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.outliers import gross_errors
 from sfmcpp.model import ConstraintGroup, Problem
 
 
@@ -105,7 +104,7 @@ def _without_gross_errors(problem: Problem, _: Finding, groups: list[ConstraintG
     case = Case(problem, groups, None)
     if case.trial is None:
         return problem
-    wrong = gross_errors(case, case.trial)
+    wrong = case.trial.gross(case.sigma_px)
     key = _keys(problem)
     return without_single_views(problem.with_observations(~np.isin(key, _keys(case.trial.problem)[wrong])))
 

@@ -7,15 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfmcpp.ba import SolveOptions, Summary, adjust
+from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 
 MAX_ITERATIONS = 30
 # Errors are told long before the digits of the cost that send badly determined intrinsics on their way.
 TOLERANCE = 1e-4
+# A sum of squares is more about gross errors than about all the rest from this share on: an error of ten
+# standard deviations costs as much as a hundred good observations.
+GROSS, NOTABLE_SHARE = 10.0, 0.01
+# What a loss keeps must be a good part of all, and fit twice as well as by another, to be believed.
+_LEAST_SHARE, _TWICE = 0.4, 0.5
 # The median of ‖r‖ of two normal coordinates, in standard deviations: √(2 ln 2).
 _MEDIAN_OF_NORM = np.sqrt(2 * np.log(2))
 
@@ -31,17 +36,24 @@ class Trial:
     errors_px : (M,) float64
         Distances of the observations from the images of their points; infinite behind the camera [px].
     sigma_px : float
-        Standard deviation that their median amounts to [px].
+        Standard deviation that the median of those that the loss has not let go of amounts to [px].
+    loss : str
+        The loss.
     """
 
     problem: Problem
     errors_px: FloatArray
     sigma_px: float
+    loss: str
 
     @property
     def median_px(self) -> float:
         """Median error [px]."""
         return float(self.sigma_px * _MEDIAN_OF_NORM)
+
+    def gross(self, sigma_px: float) -> BoolArray:
+        """(M,) observations off by more than ten standard deviations, as stated or as found."""
+        return np.asarray(self.errors_px > GROSS * max(self.sigma_px, sigma_px))
 
 
 def adjust_or_stop(
@@ -63,8 +75,31 @@ def adjusted(
         loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS, function_tolerance=TOLERANCE
     )
     try:
-        adjust_or_stop(moved, constraints, options)
+        summary = adjust_or_stop(moved, constraints, options)
     except InvalidArgument as error:
         return str(error)
     errors = reprojection_errors_px(moved, moved.points)
-    return Trial(moved, errors, float(np.median(errors) / _MEDIAN_OF_NORM))
+    kept = _kept(moved, summary) if loss == "auto" else slice(None)
+    return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
+
+
+def _kept(problem: Problem, summary: Summary) -> BoolArray:
+    """(M,) what a loss that is constant beyond its scale has not let go of; all, if that is hardly any."""
+    kept = np.linalg.norm(residuals(problem), axis=1) <= summary.loss_scale_px
+    return kept if kept.mean() >= _LEAST_SHARE else np.ones_like(kept)
+
+
+def robust_trial(problem: Problem, constraints: Sequence[ConstraintGroup], sigma_px: float) -> Trial | str:
+    """Adjust a copy by the loss that gross errors lead away least.
+
+    That is Cauchy's where they are few, and 'auto' where it shows that Cauchy's was led away: a good part of
+    the observations is within ten standard deviations then, and fits twice as well.
+    """
+    limit_px = GROSS * sigma_px
+    trial = adjusted(problem, constraints)
+    if isinstance(trial, str) or np.mean(trial.errors_px > limit_px) <= NOTABLE_SHARE:
+        return trial
+    other = adjusted(problem, constraints, "auto")
+    if isinstance(other, str) or np.mean(other.errors_px <= limit_px) < _LEAST_SHARE:
+        return trial
+    return other if other.sigma_px < _TWICE * trial.sigma_px else trial

@@ -145,11 +145,14 @@ def gross_noise(p: Problem, rng: Random) -> Problem:
     return add_outliers(p, 0.1, sigma_px=200.0, seed=int(rng.integers(1000)))[0]
 
 
-def wrong_anywhere(p: Problem, rng: Random) -> Problem:
-    low, high = p.pixels.min(axis=0), p.pixels.max(axis=0)
-    rows = np.flatnonzero(rng.uniform(size=p.num_observations) < 0.05)
-    p.pixels[rows] = rng.uniform(low, high, (len(rows), 2))
-    return p
+def wrong_anywhere(share: float) -> Callable[[Problem, Random], Problem]:
+    def change(p: Problem, rng: Random) -> Problem:
+        low, high = p.pixels.min(axis=0), p.pixels.max(axis=0)
+        rows = np.flatnonzero(rng.uniform(size=p.num_observations) < share)
+        p.pixels[rows] = rng.uniform(low, high, (len(rows), 2))
+        return p
+
+    return change
 
 
 def mixed_up_image(p: Problem, rng: Random) -> Problem:
@@ -315,8 +318,9 @@ FAULTS = (
           lambda p, rng: scaled_intrinsics(p, 0.5, 0.5), PIXEL_ORIGIN),
     Fault("principal point of a larger image", ("wrong-principal-point", "principal-point-off-middle"),
           lambda p, rng: scaled_intrinsics(p, 1.0, 1.6), PIXEL_ORIGIN),
-    Fault("outliers anywhere", ("outliers",), wrong_anywhere),
+    Fault("outliers anywhere", ("outliers",), wrong_anywhere(0.05)),
     Fault("outliers of 200 px", ("outliers",), gross_noise),
+    Fault("more outliers than a robust loss bears", ("outliers",), wrong_anywhere(0.4)),
     Fault("an image of other points", ("camera-contradicts",), mixed_up_image),
     Fault("points mixed up everywhere", ("poor-fit",), mixed_up_points),
     Fault("cameras turned around", ("cameras-look-away",), turned_around),

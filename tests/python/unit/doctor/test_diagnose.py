@@ -91,6 +91,15 @@ def test_a_diagnosis_is_the_same_in_every_run_and_leaves_the_problem_alone() -> 
         np.testing.assert_array_equal(getattr(problem, name), getattr(before, name))
 
 
+@pytest.mark.parametrize(("share", "loss"), [(0.05, "cauchy"), (0.3, "auto"), (0.5, "auto")])
+def test_many_outliers_are_told_with_the_loss_that_finds_them(share: float, loss: str) -> None:
+    start = perturb(scene(), point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=4)
+    found = diagnose(sfmcpp.add_outliers(start, share, seed=5)[0]).findings[0]
+    assert found.code == "outliers"
+    assert f"--loss {loss}" in found.advice.replace("huber or ", "")
+    assert found.measures["share"] == pytest.approx(share, abs=0.1 * share)
+
+
 def test_cameras_are_named_by_number_and_image() -> None:
     problem = scene()
     problem.metadata.image_names = [f"img_{k}.jpg" for k in range(8)]
