@@ -45,13 +45,14 @@ def own_part(whole: sfmcpp.Problem) -> sfmcpp.Problem:
 OPTIONS: dict[str, Any] = {"function_tolerance": 0.0, "max_iterations": 10, "threads": 1}
 
 
-def steps_of_the_whole(camera_model: str, method: str) -> None:
+def steps_of_the_whole(camera_model: str, method: str, line_search: str = "none") -> None:
     """Ten steps cost what those of one process do; cut by the solve or before it, with the same bits."""
+    how: Any = {"method": method, "line_search": line_search}
     start = sfmcpp.as_projective(scene()) if camera_model == "projective" else scene()
     alone, given, brought = start.copy(), start.copy(), own_part(start)
-    expected = sfmcpp.solve(alone, method=method, **OPTIONS)
-    found = sfmcpp.solve(given if COMM.rank == 0 else None, method=method, comm=COMM, **OPTIONS)
-    repeated = sfmcpp.solve(brought, method=method, comm=COMM, **OPTIONS)
+    expected = sfmcpp.solve(alone, **how, **OPTIONS)
+    found = sfmcpp.solve(given if COMM.rank == 0 else None, **how, comm=COMM, **OPTIONS)
+    repeated = sfmcpp.solve(brought, **how, comm=COMM, **OPTIONS)
     of_whole, of_given, of_brought = ([i.cost for i in s.iterations] for s in (expected, found, repeated))
     # Rounding decides when a step at the minimum is no longer one.
     both = min(len(of_whole), len(of_given))

@@ -87,7 +87,13 @@ def test_the_tests_that_solve_pass_on_several_ranks(
 
 
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("how", ["bal lm-nielsen", "projective lm-nielsen", "bal conjugate-gradient"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        *("bal lm-nielsen", "projective lm-nielsen", "bal conjugate-gradient"),
+        *("bal lm g-als", "projective lm t-als"),
+    ],
+)
 def test_steps_are_those_of_one_process(how: str, count: int) -> None:
     require_success(case(count, "steps_of_the_whole", *how.split()))
 
