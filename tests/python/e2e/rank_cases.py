@@ -137,6 +137,20 @@ def bad_files(folder: str) -> None:
         read_part(path.with_suffix(".parts"), Ranks(COMM))
 
 
+def weights_of_parts() -> None:
+    """Where each rank brings its part, weights are those of the whole."""
+    centres = scene().centres + np.random.default_rng(5).normal(size=(8, 3))
+
+    def weighted(problem: sfmcpp.Problem, **comm: Any) -> sfmcpp.Summary:
+        groups = [sfmcpp.ConstraintGroup("position", np.arange(8), centres)]
+        return sfmcpp.solve(problem, constraints=groups, weight="variance", **comm)
+
+    of_parts, of_whole = weighted(own_part(scene()), comm=COMM), weighted(scene())
+    [chosen], [expected] = of_parts.group_weights, of_whole.group_weights
+    assert chosen.weight == pytest.approx(expected.weight, rel=1e-6)
+    assert of_parts.final_cost == pytest.approx(of_whole.final_cost, rel=1e-9)
+
+
 def refused(message: str, problem: sfmcpp.Problem | None, **arguments: Any) -> None:
     """All ranks refuse a call, with the same reason."""
     with pytest.raises(InvalidArgument, match=re.escape(message)):
@@ -161,10 +175,6 @@ def refusals() -> None:
     if whole is not None:
         whole.point_index[7] = 5000
     refused("point_index[7] = 5000: must be in [0, 401)", whole)
-    group = sfmcpp.ConstraintGroup("position", [0, 1], np.zeros((2, 3)))
-    refused(
-        "weight = 'auto': weights are chosen from a whole problem", part, constraints=[group], weight="auto"
-    )
     assert sfmcpp.solve(part, comm=COMM).converged
 
 

@@ -120,6 +120,10 @@ def test_a_killed_command_goes_on_from_what_all_ranks_have_saved(tmp_path: Path)
     assert "holds the checkpoints of 2 ranks" in alone.stderr
 
 
+def test_weights_are_chosen_where_each_rank_brings_its_part() -> None:
+    require_success(case(3, "weights_of_parts"))
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_what_one_rank_gets_wrong_all_refuse(count: int) -> None:
     require_success(case(count, "refusals"))
