@@ -254,6 +254,16 @@ class OwnParts:
         """Each rank keeps its part."""
 
 
+def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
+    """Put the parts that the ranks have brought together on rank 0, one after the other; None elsewhere."""
+    mine = parts.mine
+    sizes = np.array(ranks.everyones((mine.num_points, mine.num_observations)))
+    point, observation = sizes[: ranks.rank].sum(axis=0)
+    numbers = point + np.arange(mine.num_points), observation + np.arange(mine.num_observations)
+    collected = ranks.collected(Part(replace(mine, metadata=Metadata()), *numbers))
+    return joined_parts(collected) if collected else None
+
+
 _REPLICATED = (
     "camera_model",
     "cameras",

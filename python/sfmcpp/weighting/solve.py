@@ -10,7 +10,7 @@ from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
 from sfmcpp.ba.check import check
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.options import SolveOptions, takes_options
-from sfmcpp.ba.parts import OwnParts, Scattered, is_whole_on_root, require_alike
+from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, require_alike
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
@@ -90,9 +90,9 @@ def solve(
         `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
         another number, steps of direct linear solvers have the same costs but for rounding, and those of
         iterative ones to their tolerance (preconditioners of blocks between cameras are left to one
-        process alone: several use "schur-jacobi"). Weights are chosen by rank 0 from a whole problem. Of
-        checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a program
-        by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
+        process alone: several use "schur-jacobi"). Weights are chosen by rank 0, which gathers parts for
+        it. Of checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a
+        program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
     **options
 
     Returns
@@ -175,20 +175,20 @@ def _solve_on_ranks(
     checkpoint: CheckpointStore | None,
     resume: CheckpointStore | None,
 ) -> Summary:
-    given = cast(Problem, problem)  # used where there is one
+    def weigh(whole: Problem | None) -> _Weights:
+        checked = cast(Problem, whole)  # used where there is one
+        check(checked)
+        return _weigh(checked, groups, weight, settings)
 
-    def weigh() -> _Weights:
-        check(given)
-        return _weigh(given, groups, weight, settings)
-
-    whole = is_whole_on_root(problem, ranks)
-    if weight is not None and not whole:
-        raise InvalidArgument(
-            f"weight = {weight!r}: weights are chosen from a whole problem; give rank 0 the whole, and the "
-            "others None"
-        )
-    weights = ranks.from_root(weigh) if whole else ranks.agreed(weigh)
+    parts: Scattered | OwnParts
+    if is_whole_on_root(problem, ranks):
+        weights = ranks.from_root(lambda: weigh(problem))
+        parts = Scattered(problem, ranks)
+    else:
+        parts = OwnParts(cast(Problem, problem), ranks)
+        ranks.agreed(lambda: check(parts.mine))
+        whole = parts.mine if weight is None else gathered(parts, ranks)
+        weights = ranks.from_root(lambda: weigh(whole))
     for group, value in zip(groups, weights.all, strict=True):
         group.weight = value
-    parts = Scattered(problem, ranks) if whole else OwnParts(given, ranks)
     return weights.describe(adjust_on_ranks(parts, groups, settings, callback, ranks, checkpoint, resume))

@@ -45,13 +45,14 @@ def own_part(whole: sfmcpp.Problem) -> sfmcpp.Problem:
 OPTIONS: dict[str, Any] = {"function_tolerance": 0.0, "max_iterations": 10, "threads": 1}
 
 
-def steps_of_the_whole(camera_model: str, method: str) -> None:
+def steps_of_the_whole(camera_model: str, method: str, line_search: str = "none") -> None:
     """Ten steps cost what those of one process do; cut by the solve or before it, with the same bits."""
+    how: Any = {"method": method, "line_search": line_search}
     start = sfmcpp.as_projective(scene()) if camera_model == "projective" else scene()
     alone, given, brought = start.copy(), start.copy(), own_part(start)
-    expected = sfmcpp.solve(alone, method=method, **OPTIONS)
-    found = sfmcpp.solve(given if COMM.rank == 0 else None, method=method, comm=COMM, **OPTIONS)
-    repeated = sfmcpp.solve(brought, method=method, comm=COMM, **OPTIONS)
+    expected = sfmcpp.solve(alone, **how, **OPTIONS)
+    found = sfmcpp.solve(given if COMM.rank == 0 else None, **how, comm=COMM, **OPTIONS)
+    repeated = sfmcpp.solve(brought, **how, comm=COMM, **OPTIONS)
     of_whole, of_given, of_brought = ([i.cost for i in s.iterations] for s in (expected, found, repeated))
     # Rounding decides when a step at the minimum is no longer one.
     both = min(len(of_whole), len(of_given))
@@ -136,6 +137,20 @@ def bad_files(folder: str) -> None:
         read_part(path.with_suffix(".parts"), Ranks(COMM))
 
 
+def weights_of_parts() -> None:
+    """Where each rank brings its part, weights are those of the whole."""
+    centres = scene().centres + np.random.default_rng(5).normal(size=(8, 3))
+
+    def weighted(problem: sfmcpp.Problem, **comm: Any) -> sfmcpp.Summary:
+        groups = [sfmcpp.ConstraintGroup("position", np.arange(8), centres)]
+        return sfmcpp.solve(problem, constraints=groups, weight="variance", **comm)
+
+    of_parts, of_whole = weighted(own_part(scene()), comm=COMM), weighted(scene())
+    [chosen], [expected] = of_parts.group_weights, of_whole.group_weights
+    assert chosen.weight == pytest.approx(expected.weight, rel=1e-6)
+    assert of_parts.final_cost == pytest.approx(of_whole.final_cost, rel=1e-9)
+
+
 def refused(message: str, problem: sfmcpp.Problem | None, **arguments: Any) -> None:
     """All ranks refuse a call, with the same reason."""
     with pytest.raises(InvalidArgument, match=re.escape(message)):
@@ -160,10 +175,6 @@ def refusals() -> None:
     if whole is not None:
         whole.point_index[7] = 5000
     refused("point_index[7] = 5000: must be in [0, 401)", whole)
-    group = sfmcpp.ConstraintGroup("position", [0, 1], np.zeros((2, 3)))
-    refused(
-        "weight = 'auto': weights are chosen from a whole problem", part, constraints=[group], weight="auto"
-    )
     assert sfmcpp.solve(part, comm=COMM).converged
 
 

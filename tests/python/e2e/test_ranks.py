@@ -87,7 +87,13 @@ def test_the_tests_that_solve_pass_on_several_ranks(
 
 
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("how", ["bal lm-nielsen", "projective lm-nielsen", "bal conjugate-gradient"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        *("bal lm-nielsen", "projective lm-nielsen", "bal conjugate-gradient"),
+        *("bal lm g-als", "projective lm t-als"),
+    ],
+)
 def test_steps_are_those_of_one_process(how: str, count: int) -> None:
     require_success(case(count, "steps_of_the_whole", *how.split()))
 
@@ -112,6 +118,10 @@ def test_a_killed_command_goes_on_from_what_all_ranks_have_saved(tmp_path: Path)
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     alone = run_here("solve", source, "--resume", kept)
     assert "holds the checkpoints of 2 ranks" in alone.stderr
+
+
+def test_weights_are_chosen_where_each_rank_brings_its_part() -> None:
+    require_success(case(3, "weights_of_parts"))
 
 
 @pytest.mark.parametrize("count", [2, 3])
