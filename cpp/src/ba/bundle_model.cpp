@@ -74,20 +74,26 @@ void BundleModel::let_scale_fall(const State& start, double least) {
 
 bool BundleModel::sharpen(State& state) {
   if (!falling_scale_) return false;
-  const double scale = images_.loss().scale, next = falling_scale_->after(scale, state);
-  if (next < scale) {
-    set_loss({LossKind::kAuto, next});
-    return true;
-  }
+  if (scale_moves_ && move_scale(state)) return true;
   if (rescues_left_ == 0) return false;
   --rescues_left_;
   return rescues_.rescue(state) > 0;
+}
+
+bool BundleModel::move_scale(const State& state) {
+  const double scale = images_.loss().scale;
+  double next = falling_scale_->after(scale, state);
+  scale_moves_ = next < scale;
+  if (!scale_moves_) next = falling_scale_->last(scale, state);
+  set_loss({LossKind::kAuto, next});
+  return next != scale;
 }
 
 void BundleModel::keep(optim::Memory& memory) {
   if (!falling_scale_) return;
   double scale = images_.loss().scale;
   memory.keep(scale);
+  memory.keep(scale_moves_);
   memory.keep(rescues_left_);
   if (!is_loss_scale(scale)) throw InvalidArgument("saved numbers: not those of these options");
   set_loss({LossKind::kAuto, scale});

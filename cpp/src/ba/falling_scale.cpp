@@ -17,7 +17,7 @@ namespace {
 using optim::State;
 
 // In one stage, so that what is not yet near is not let go.
-constexpr double kMostFall = 0.25;
+constexpr double kMostFall = 0.8;
 // Less is not worth another stage.
 constexpr double kLeastFall = 0.9;
 // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
@@ -27,6 +27,12 @@ constexpr double kMostScale = 1e150;  // whose square is a number
 // Observations that agree on a point, and the least share of all that are on such points.
 constexpr int kSupport = 4;
 constexpr double kLeastShare = 0.2;
+// The median of these, times this, is how far the scale falls.
+constexpr double kWidth = 2.0;
+// Of the scale it has fallen to, where the last is looked for, and how much rarer wrong
+// observations are to be there than right ones: pairs that agree by chance count fully up to the
+// scale.
+constexpr double kReach = 4.0, kRarer = 40.0;
 // Of the pairs that are nearest to each other.
 constexpr double kNearest = 0.02;
 
@@ -114,6 +120,24 @@ double radius_at(const ImageResiduals& images, double area, const State& state, 
   return radius_of_inliers(images.exchange().gather(kept), area);
 }
 
+// Of observations within `scale`, on points with so many of them that chance does not explain it.
+double median_within(const ImageResiduals& images, const State& state, double scale) {
+  const std::vector<double> norms = residual_norms(images, state);
+  const std::vector<int> support = views_within(images.graph(), norms, scale);
+  std::vector<double> kept;
+  for (std::size_t k = 0; k < norms.size(); ++k) {
+    if (norms[k] <= scale && support[images.graph().point[k]] >= kSupport) kept.push_back(norms[k]);
+  }
+  std::vector<double> of_all_ranks = images.exchange().gather(kept);
+  return of_all_ranks.empty() ? scale : median(std::move(of_all_ranks));
+}
+
+bool all_within(const ImageResiduals& images, const State& state, double scale) {
+  const std::vector<double> norms = residual_norms(images, state);
+  const bool beyond = std::ranges::any_of(norms, [&](double norm) { return norm > scale; });
+  return images.exchange().max(beyond ? 1.0 : 0.0) == 0.0;
+}
+
 }  // namespace
 
 FallingScale::FallingScale(const ImageResiduals& images, double least)
@@ -125,9 +149,14 @@ double FallingScale::at(const State& state) const {
 }
 
 double FallingScale::after(double scale, const State& state) const {
+  if (all_within(images_, state, scale)) return scale;
   const double next =
-      std::max({radius_at(images_, area_, state, scale), kMostFall * scale, least_});
+      std::max({kWidth * median_within(images_, state, scale), kMostFall * scale, least_});
   return next < kLeastFall * scale ? next : scale;
+}
+
+double FallingScale::last(double scale, const State& state) const {
+  return std::max(radius_at(images_, area_ / kRarer, state, kReach * scale), scale);
 }
 
 }  // namespace sfmcpp::ba

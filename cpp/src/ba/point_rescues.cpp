@@ -23,7 +23,10 @@ using optim::State;
 constexpr int kMostPairs = 32;
 constexpr int kViewsOfAllPairs = 8;
 // Of what a view that is let go of costs: to be saved.
-constexpr double kLeastGain = 0.5;
+constexpr double kLeastGain = 0.1;
+// Views that agree on a place, where the point has so many: two rays always nearly meet somewhere.
+constexpr int kSupport = 3;
+constexpr int kRefits = 3;
 constexpr int kPointsPerTask = 16;
 
 struct Ray {
@@ -79,24 +82,57 @@ class Search {
     return sum;
   }
 
-  // A place that costs less than `most`.
+  // A place that costs less than `most`, and on which enough views agree.
   std::optional<Vector3d> best(double most) const {
     std::vector<Ray> rays;
     for (int view : views_) rays.push_back(ray(view));
     std::optional<Vector3d> found;
     for (const auto& [a, b] : pairs_of(static_cast<int>(rays.size()))) {
       const std::optional<Vector3d> place = meeting_of(rays[a], rays[b]);
-      if (!place) continue;
-      const double there = cost(place->data(), most);
-      if (!(there < most)) continue;
-      most = there;
-      found = place;
+      if (place && is_supported(*place)) take(*place, most, found);
+    }
+    for (int k = 0; k < kRefits && found; ++k) {
+      if (!take(meeting_near(*found, rays), most, found)) break;
     }
     return found;
   }
 
  private:
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+  bool take(const Vector3d& place, double& most, std::optional<Vector3d>& found) const {
+    const double there = cost(place.data(), most);
+    if (!(there < most)) return false;
+    most = there;
+    found = place;
+    return true;
+  }
+
+  bool agrees(int view, const Vector3d& place) const {
+    const double scale = images_.loss().scale;
+    return images_.cost_of_place(state_, view, place.data()) <= scale * scale;
+  }
+
+  bool is_supported(const Vector3d& place) const {
+    const auto support =
+        std::ranges::count_if(views_, [&](int view) { return agrees(view, place); });
+    return support >= std::min(kSupport, static_cast<int>(views_.size()));
+  }
+
+  // Where the rays of the views that agree on a place are closest to each other, as seen from them.
+  Vector3d meeting_near(const Vector3d& place, const std::vector<Ray>& rays) const {
+    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+    Vector3d rhs = Vector3d::Zero();
+    for (std::size_t k = 0; k < rays.size(); ++k) {
+      if (!agrees(views_[k], place)) continue;
+      const Vector3d along = rays[k].along.normalized();
+      const Eigen::Matrix3d across = (Eigen::Matrix3d::Identity() - along * along.transpose()) /
+                                     (place - rays[k].from).squaredNorm();
+      sum += across;
+      rhs += across * rays[k].from;
+    }
+    return sum.ldlt().solve(rhs);
+  }
 
   Ray ray(int view) const {
     static constexpr std::array<double, 32> kNoChange{};

@@ -15,10 +15,11 @@ namespace sfmcpp::bindings {
 // The value of `f`. A daemon thread that asks for the GIL once the interpreter ends must not go on:
 // CPython before 3.14 ends it by pthread_exit, whose unwinding no destructor survives and the
 // process is aborted. Later versions let such a thread wait for the end of the process, as this
-// does. Such an unwinding has no object, and the reference to it is bound to none.
+// does. Such an unwinding has no object, and the reference to it is bound to none: inlined, it
+// would be checked as the caller is.
 template <class F>
 #if defined(__GNUC__)
-__attribute__((no_sanitize("null")))
+__attribute__((noinline, no_sanitize("null")))
 #endif
 auto or_wait_for_the_end(const F& f) {
 #if defined(__GLIBCXX__)

@@ -363,7 +363,7 @@ def linearize(
         The state, usually an optimum; left untouched.
     constraints : iterable of ConstraintGroup
         Groups with their weights.
-    loss : {"squared", "huber", "cauchy", "tukey", "auto"}
+    loss : {"squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"}
         Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.
     loss_scale_px : float or "auto"
         Where the loss leaves the parabola; "auto": told by the residuals, as at the start of a solve.

@@ -61,7 +61,8 @@ class ConstraintGroup:
         The images are those of a camera without distortion.
     loss : str
         Robust loss ρ of each member, for a sensor with outliers: ``"squared"`` (none), ``"huber"``,
-        ``"cauchy"`` or ``"tukey"``. The group then adds ``½ Σ ρ(weight · member_weight · ε)``.
+        ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or ``"truncated"``. The group then adds
+        ``½ Σ ρ(weight · member_weight · ε)``.
     loss_scale : float, optional
         Where the loss leaves the parabola, in standard deviations of the sensor, with the weight d / σ².
         Default: 95 % efficiency on normal errors, as for observations.

@@ -137,7 +137,22 @@ TEST(LossAuto, FindsPointsAgainThatOutliersHaveLedAway) {
   EXPECT_LT(std::abs(excess_of_loss_auto(0.3, 1, {3, 50, 101})), 0.01);
 }
 
-TEST(LossAuto, NeverRaisesTheCostAndReportsTheScaleItEndsWith) {
+// Of points with three right views a wrong one agrees by chance with two again and again.
+TEST(LossAuto, ComesToTheResidualsOfPointsThatFewSee) {
+  SceneOptions scene_options = support::perturbed(CameraModelId::kPerspective);
+  scene_options.num_cameras = 16;
+  scene_options.num_points = 400;
+  scene_options.window = 6;
+  OwnedProblem scene = make_circle_scene(scene_options);
+  support::spoil(scene, 0.5);
+  SolveOptions options;
+  options.loss = LossKind::kAuto;
+  options.minimizer.termination.max_iterations = 100;
+  State state = state_of(scene.view());
+  EXPECT_LT(solve(scene.view(), options, {}, state).loss_scale_px, 10.0 * scene_options.noise_px);
+}
+
+TEST(LossAuto, RaisesTheCostWithTheScaleAloneAndReportsTheScaleItEndsWith) {
   SceneOptions scene_options = support::perturbed(CameraModelId::kPerspective);
   scene_options.num_cameras = 12;
   scene_options.num_points = 150;
@@ -148,14 +163,17 @@ TEST(LossAuto, NeverRaisesTheCostAndReportsTheScaleItEndsWith) {
   State state = state_of(scene.view());
   const SolveSummary summary = solve(scene.view(), options, {}, state);
   double before = summary.minimizer.initial_cost;
+  int rises = 0;  // from the bulk of the residuals to their tails
   for (const optim::Iteration& now : summary.minimizer.iterations) {
-    EXPECT_LE(now.cost, before);
+    rises += now.cost > before ? 1 : 0;
     before = now.cost;
   }
+  EXPECT_LE(rises, 1);
+  EXPECT_LT(summary.minimizer.final_cost, summary.minimizer.initial_cost);
   EXPECT_LT(summary.loss_scale_px, 10.0);
   options.loss_scale_px = 25.0;
   state = state_of(scene.view());
-  EXPECT_EQ(solve(scene.view(), options, {}, state).loss_scale_px, 25.0);
+  EXPECT_GE(solve(scene.view(), options, {}, state).loss_scale_px, 25.0);
 }
 
 TEST(BehindCamera, ObservationsAreCountedAndTheSolveStaysFinite) {

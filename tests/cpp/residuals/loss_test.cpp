@@ -63,7 +63,8 @@ INSTANTIATE_TEST_SUITE_P(Kinds,
                                          LossKind::kHuber,
                                          LossKind::kCauchy,
                                          LossKind::kTukey,
-                                         LossKind::kAuto));
+                                         LossKind::kGemanMcClure,
+                                         LossKind::kTruncated));
 
 TEST(Huber, GrowsLinearlyInTheResidualBeyondTheScale) {
   const Loss huber{LossKind::kHuber, 2.0};
@@ -92,8 +93,15 @@ TEST(Tukey, IsTheBiweightAndSaturatesAtTheScale) {
   EXPECT_EQ(tukey.derivative(1e9), 0.0);
 }
 
+TEST(GemanMcClure, BendsToTheSquareOfTheScale) {
+  const Loss loss{LossKind::kGemanMcClure, 2.0};
+  EXPECT_DOUBLE_EQ(loss.rho(4.0), 2.0);
+  EXPECT_DOUBLE_EQ(loss.derivative(4.0), 0.25);
+  EXPECT_NEAR(loss.rho(1e12), 4.0, 1e-9);
+}
+
 TEST(Truncated, IsTheSquareUpToTheScaleAndConstantFromHalfAsMuchMoreOn) {
-  const Loss loss{LossKind::kAuto, 2.0};
+  const Loss loss{LossKind::kTruncated, 2.0};
   EXPECT_EQ(loss.rho(3.99), 3.99);
   EXPECT_EQ(loss.derivative(3.99), 1.0);
   EXPECT_NEAR(loss.rho(9.0 * (1 - 1e-14)), 1.5 * 4.0, 1e-12);
@@ -120,7 +128,9 @@ TEST(EfficientScale, GivesNinetyFivePercentEfficiencyOnNormalResiduals) {
   EXPECT_NEAR(efficiency(LossKind::kHuber), 0.95, 5e-4);
   EXPECT_NEAR(efficiency(LossKind::kCauchy), 0.95, 5e-4);
   EXPECT_NEAR(efficiency(LossKind::kTukey), 0.95, 5e-4);
-  EXPECT_NEAR(efficiency(LossKind::kAuto), 0.95, 5e-4);
+  EXPECT_NEAR(efficiency(LossKind::kGemanMcClure), 0.95, 5e-4);
+  EXPECT_NEAR(efficiency(LossKind::kTruncated), 0.95, 5e-4);
+  EXPECT_EQ(efficient_scale(LossKind::kAuto, 1.0), efficient_scale(LossKind::kTruncated, 1.0));
 }
 
 TEST(EfficientScale, IsProportionalToSigma) {

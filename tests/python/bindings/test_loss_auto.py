@@ -10,8 +10,10 @@ from sfmcpp import ConstraintGroup, InvalidArgument, Problem
 from sfmcpp.model.arrays import BoolArray
 
 
-def half_wrong(seed: int, camera_model: str = "calibrated") -> tuple[Problem, BoolArray]:
-    truth = sfmcpp.circle_scene(12, 150, pixel_sigma_px=0.5, camera_model=camera_model, seed=seed)
+def half_wrong(
+    seed: int, camera_model: str = "calibrated", cameras: int = 12, points: int = 150
+) -> tuple[Problem, BoolArray]:
+    truth = sfmcpp.circle_scene(cameras, points, pixel_sigma_px=0.5, camera_model=camera_model, seed=seed)
     spoiled, wrong = sfmcpp.add_outliers(truth, 0.5, seed=seed)
     start = sfmcpp.perturb(
         spoiled, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=seed
@@ -50,6 +52,23 @@ def test_the_unit_of_pixels_and_sigma_matter_only_through_their_ratio() -> None:
     theirs = sfmcpp.solve(other, loss="auto", loss_scale_px="auto")
     assert theirs.loss_scale_px == pytest.approx(4.0 * ours.loss_scale_px, rel=1e-9)
     assert theirs.final_cost == pytest.approx(16.0 * ours.final_cost, rel=1e-6)
+
+
+# A right observation and a wrong one often agree by chance on a point, where a third is missing.
+def test_points_of_three_right_views_and_as_many_wrong_ones() -> None:
+    problem, wrong = half_wrong(6, cameras=16, points=500)
+    first = np.random.default_rng(6).integers(0, 16, 500)
+    seen = (problem.camera_index - first[problem.point_index]) % 16 < 6
+    problem, right = problem.with_observations(seen), ~wrong[seen]
+    clean = problem.with_observations(right).copy()
+    sfmcpp.solve(clean, max_iterations=100)
+    sfmcpp.solve(problem, loss="auto", max_iterations=100)
+    told = (np.bincount(clean.point_index)[clean.point_index] >= 3).nonzero()
+    ours, best = (
+        (sfmcpp.linearize(solved).residuals ** 2)[told].sum()
+        for solved in (problem.with_observations(right), clean)
+    )
+    assert ours < 1.01 * best
 
 
 def test_a_projective_world_has_outliers_too() -> None:

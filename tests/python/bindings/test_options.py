@@ -27,7 +27,11 @@ def test_unknown_keyword_is_refused(problem: Problem) -> None:
     [
         ("method", "newton", "method = 'newton': must be one of lm, lm-nielsen, dog-leg, "),
         ("linear_solver", "qr", "linear_solver = 'qr': must be one of auto, dense, sparse, iterative"),
-        ("loss", "l1", "loss = 'l1': must be one of squared, huber, cauchy, tukey, auto"),
+        (
+            "loss",
+            "l1",
+            "must be one of squared, huber, cauchy, tukey, geman-mcclure, truncated, auto",
+        ),
         ("gauge", "none", "gauge = 'none': must be one of auto, free, fixed"),
         ("max_iterations", -1, "max_iterations = -1: must be at least 0"),
         ("function_tolerance", -1e-3, "function_tolerance = -0.001: must be at least 0"),

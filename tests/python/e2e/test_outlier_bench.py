@@ -37,7 +37,7 @@ def test_half_of_the_observations_wrong(
             "0.5",
             "--seeds",
             "2",
-            "--losses",
+            "--ways",
             "tukey",
             "auto",
             "--out",
@@ -45,8 +45,8 @@ def test_half_of_the_observations_wrong(
         ]
     )
     runs = json.loads(out.read_text())
-    assert len(runs) == 2 * 2 * 2  # kinds, seeds, losses
+    assert len(runs) == 2 * 2 * 2  # kinds, seeds, ways
     for run in runs:
-        assert (run["loss"] == "auto") == (run["excess 3"] <= 0.01)
-        assert run["told"] > 0.98 or run["loss"] == "tukey"
+        assert (run["way"] == "auto") == (run["excess"] <= 0.01)
+        assert run["told"] > 0.98 or run["way"] == "tukey"
     assert "2 of 2" in capsys.readouterr().out

@@ -67,10 +67,11 @@ class BundleModel final : public optim::LeastSquaresModel {
   const ImageFit& fit_where_linearized() const { return fit_; }
 
  private:
-  // How often points are looked for anew, once the scale of loss 'auto' falls no more: the cameras
+  // How often points are looked for anew, once the scale of loss 'auto' moves no more: the cameras
   // move once these are found.
   static constexpr int kRescues = 3;
 
+  bool move_scale(const optim::State& state);
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   ImageFit linearize_chunk(const optim::State& state, int chunk);
   void apply_loss(const linear::Chunk& part,
@@ -103,6 +104,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   Exchange& exchange_;
   ImageResiduals images_;
   std::optional<FallingScale> falling_scale_;
+  bool scale_moves_ = true;
   int rescues_left_ = kRescues;
   HeldPoints held_;
   PointRefits refits_;

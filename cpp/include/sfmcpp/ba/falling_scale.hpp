@@ -3,8 +3,11 @@
 // Far from a minimum good observations have large residuals, and a loss that lets go of these never
 // comes near. So the scale begins where the residuals of the start tell outliers from the rest, and
 // falls as the rest comes closer: graduated non-convexity (Blake & Zisserman 1987; Black &
-// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages told by the data. No
-// noise is assumed: the residuals may have any tails that are denser than the outliers.
+// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages told by the data.
+//
+// Where the right residuals have long tails, a scale that keeps them also keeps pairs of wrong
+// observations that agree by chance, and these hold the cameras off for good. So it falls to the
+// bulk of the residuals first, and rises to their tails once the cameras are right.
 #pragma once
 
 #include "sfmcpp/ba/image_residuals.hpp"
@@ -19,8 +22,12 @@ class FallingScale {
   FallingScale(const ImageResiduals& images, double least);
 
   double at(const optim::State& state) const;
-  // The scale that follows `scale`; itself if there is nothing to be gained by another.
+  // The scale that follows `scale`; itself where it has come to the bulk of the residuals, or where
+  // it lets go of none.
   double after(double scale, const optim::State& state) const;
+  // No smaller than `scale`, to which it has fallen: as far as residuals are much denser than
+  // outliers.
+  double last(double scale, const optim::State& state) const;
 
  private:
   const ImageResiduals& images_;

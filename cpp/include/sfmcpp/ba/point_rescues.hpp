@@ -2,8 +2,9 @@
 //
 // A loss that lets go of what is far off lets go of all views of a point that outliers have led
 // away, and nothing brings it back. Given the cameras each such point is a problem of its own:
-// places are tried where the rays of two of its views meet (Fischler & Bolles 1981), and the one
-// that costs least is taken if that saves most of what one view let go of costs.
+// places are tried where the rays of two of its views meet (Fischler & Bolles 1981) and a third
+// view agrees, and the one that costs least is taken if that saves a tenth of what a view let go of
+// costs.
 #pragma once
 
 #include "sfmcpp/ba/image_residuals.hpp"

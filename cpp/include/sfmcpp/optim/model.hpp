@@ -50,8 +50,8 @@ class LeastSquaresModel {
   virtual long refit(const linear::Step&, double /*cost*/, State& /*candidate*/) { return 0; }
 
   // Brings a cost that is to be approached in stages closer to the one that is meant, where `state`
-  // is good enough for that, or moves what it has let go of; whether it has. The cost of `state`
-  // does not grow by it, and the normal equations are to be filled anew.
+  // is good enough for that, or moves what it has let go of; whether it has. The cost is another
+  // one then, and the normal equations are to be filled anew.
   virtual bool sharpen(State&) { return false; }
   // Hands over what sharpen() has come to.
   virtual void keep(Memory&) {}

@@ -12,7 +12,7 @@
 
 namespace sfmcpp {
 
-enum class LossKind { kSquared, kHuber, kCauchy, kTukey, kAuto };
+enum class LossKind { kSquared, kHuber, kCauchy, kTukey, kGemanMcClure, kTruncated, kAuto };
 
 // Each: ρ; ρ′ = dρ/ds; d(s ρ′)/ds, with c the scale.
 struct SquaredLoss {
@@ -51,6 +51,19 @@ struct TukeyLoss {
   static double influence_slope(double s, double c) {
     const double share = s / (c * c);
     return share < 1.0 ? (1.0 - share) * (1.0 - 3.0 * share) : 0.0;
+  }
+};
+
+// Geman & McClure 1985, "Bayesian image analysis".
+struct GemanMcClureLoss {
+  static double rho(double s, double c) { return s / (1.0 + s / (c * c)); }
+  static double derivative(double s, double c) {
+    const double rest = 1.0 / (1.0 + s / (c * c));
+    return rest * rest;
+  }
+  static double influence_slope(double s, double c) {
+    const double share = s / (c * c);
+    return (1.0 - share) / ((1.0 + share) * (1.0 + share) * (1.0 + share));
   }
 };
 
@@ -101,11 +114,14 @@ struct EnumTraits<LossKind> {
       loss_facts<HuberLoss>(LossKind::kHuber, "huber", "linear beyond the scale", 1.345),
       loss_facts<CauchyLoss>(LossKind::kCauchy, "cauchy", "logarithmic", 2.3849),
       loss_facts<TukeyLoss>(LossKind::kTukey, "tukey", "constant beyond the scale", 4.6851),
+      loss_facts<GemanMcClureLoss>(
+          LossKind::kGemanMcClure, "geman-mcclure", "bends to a constant", 3.7874),
+      loss_facts<TruncatedLoss>(LossKind::kTruncated,
+                                "truncated",
+                                "squared up to the scale, constant from 1.5 times as much on",
+                                2.2100),
       loss_facts<TruncatedLoss>(
-          LossKind::kAuto,
-          "auto",
-          "squared up to a scale that falls to where outliers begin, then constant",
-          2.2100),
+          LossKind::kAuto, "auto", "truncated, at a scale that falls to the residuals", 2.2100),
   });
 };
 
