@@ -18,7 +18,15 @@ from sfmcpp.ba import (
 )
 from sfmcpp.doctor import Diagnosis, Finding, diagnose
 from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
-from sfmcpp.model import CAMERA_MODELS, CONSTRAINT_KINDS, CameraModel, ConstraintGroup, Metadata, Problem
+from sfmcpp.model import (
+    CAMERA_MODELS,
+    CONSTRAINT_KINDS,
+    CameraModel,
+    ConstraintGroup,
+    Metadata,
+    Problem,
+    ResidualGroup,
+)
 from sfmcpp.sources.io import CheckpointFolder, convert, formats, from_pycolmap, read, to_pycolmap, write
 from sfmcpp.sources.synthetic import (
     SCENES,
@@ -50,6 +58,7 @@ __all__ = [
     "LinearModel",
     "Metadata",
     "Problem",
+    "ResidualGroup",
     "SfmcppError",
     "SolveOptions",
     "Summary",

@@ -107,8 +107,7 @@ linear::CameraPairs ConstraintTerms::pairs() const {
 
 long ConstraintTerms::num_equations() const {
   long count = 0;
-  for (const auto& [group, member] : active_)
-    count += residuals::num_equations(group->kind, *member);
+  for (const auto& [group, member] : active_) count += residuals::num_equations(*group, *member);
   return count;
 }
 
@@ -122,38 +121,43 @@ std::vector<double> ConstraintTerms::costs(const optim::State& state) const {
   return problem_.constraints->costs(constrained_cameras(problem_, state));
 }
 
-void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& terms) const {
+void ConstraintTerms::for_each_active(
+    const optim::State& state,
+    const std::function<void(const ConstraintMember&, ConstraintResidual&)>& visit) const {
+  if (active_.empty()) return;
   const ConstrainedCameras cameras = constrained_cameras(problem_, state);
-  ConstraintResidual e;
+  for (const ConstraintGroup& group : problem_.constraints->groups()) {
+    residuals::evaluate_all(group, cameras, &columns_, [&](std::size_t k, ConstraintResidual& e) {
+      residuals::apply_loss(group.loss, e);
+      visit(group.members[k], e);
+    });
+  }
+}
+
+void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& terms) const {
   terms.set_zero();
-  for (const auto& [group, member] : active_) {
-    residuals::evaluate(*group, *member, cameras, &columns_, e);
-    residuals::apply_loss(group->loss, e);
+  for_each_active(state, [&](const ConstraintMember& member, ConstraintResidual& e) {
     for (double& value : e.residual) value = -value;  // e + J δ is −(r − J δ)
-    const bool two = member->previous != kNoPrevious;
+    const bool two = member.previous != kNoPrevious;
     terms.add({.rows = e.rows,
                .residual = e.residual.data(),
-               .camera = member->camera,
+               .camera = member.camera,
                .by_camera = e.by_camera.data(),
-               .other = two ? member->previous : linear::kNoCamera,
+               .other = two ? member.previous : linear::kNoCamera,
                .by_other = two ? e.by_previous.data() : nullptr});
-  }
+  });
 }
 
 double ConstraintTerms::slope(const optim::State& state,
                               const std::vector<double>& camera_step) const {
-  const ConstrainedCameras cameras = constrained_cameras(problem_, state);
-  ConstraintResidual e;
   double sum = 0.0;
-  for (const auto& [group, member] : active_) {
-    residuals::evaluate(*group, *member, cameras, &columns_, e);
-    residuals::apply_loss(group->loss, e);
+  for_each_active(state, [&](const ConstraintMember& member, const ConstraintResidual& e) {
     std::vector<double> moved(e.rows, 0.0);
-    add_product(e.by_camera, map_, camera_step, member->camera, moved);
-    if (member->previous != kNoPrevious)
-      add_product(e.by_previous, map_, camera_step, member->previous, moved);
+    add_product(e.by_camera, map_, camera_step, member.camera, moved);
+    if (member.previous != kNoPrevious)
+      add_product(e.by_previous, map_, camera_step, member.previous, moved);
     for (int row = 0; row < e.rows; ++row) sum += e.residual[row] * moved[row];
-  }
+  });
   return sum;
 }
 

@@ -6,10 +6,10 @@
 #include <Eigen/Core>
 #include <Eigen/Householder>
 
+#include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/math/so3.hpp"
-#include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -121,30 +121,31 @@ class GaugeChooser {
 
   void add_constraints(Similarities& held) const {
     if (problem_.constraints == nullptr) return;
+    const residuals::ConstrainedCameras cameras = constrained_cameras(problem_, state_);
+    const residuals::ConstraintColumns poses{.width = kPoseTangent, .of_intrinsics = {}};
     for (const residuals::ConstraintGroup& group : problem_.constraints->groups()) {
-      if (!facts_of(group.kind).is_on_poses()) continue;
-      for (const residuals::ConstraintMember& member : group.members) {
-        if (!residuals::is_active(group, member)) continue;
-        const Motions rows = response_of_constraint(member);
-        held += rows.transpose() * rows;
-      }
+      if (!residuals::is_on_poses(group)) continue;
+      residuals::evaluate_all(
+          group, cameras, &poses, [&](std::size_t k, const residuals::ConstraintResidual& e) {
+            const Motions rows = response_of_constraint(group.members[k], e);
+            held += rows.transpose() * rows;
+          });
     }
   }
 
   // In units of the change by the whole Jacobian, so that neither pixels nor weights matter.
-  Motions response_of_constraint(const residuals::ConstraintMember& member) const {
-    const residuals::PoseConstraint constraint = residuals::measurement_of(member);
-    const int size = residual_size(constraint);
-    Eigen::VectorXd e(size);
-    RowMajor by_pose = RowMajor::Zero(size, kPoseTangent), by_previous = by_pose;
+  Motions response_of_constraint(const residuals::ConstraintMember& member,
+                                 const residuals::ConstraintResidual& e) const {
+    const auto jacobian = [&](const std::vector<double>& values) {
+      return scene_units(Eigen::Map<const RowMajor>(values.data(), e.rows, kPoseTangent));
+    };
     const bool two = member.previous != residuals::kNoPrevious;
-    evaluate(constraint,
-             camera(member.camera).data(),
-             two ? camera(member.previous).data() : nullptr,
-             {e.data(), by_pose.data(), two ? by_previous.data() : nullptr});
-    Motions rows = scene_units(by_pose) * motion_of(member.camera);
-    if (two) rows += scene_units(by_previous) * motion_of(member.previous);
-    const double norm = std::hypot(scene_units(by_pose).norm(), scene_units(by_previous).norm());
+    const RowMajor by_pose = jacobian(e.by_camera);
+    const RowMajor by_previous =
+        two ? jacobian(e.by_previous) : RowMajor::Zero(e.rows, kPoseTangent);
+    Motions rows = by_pose * motion_of(member.camera);
+    if (two) rows += by_previous * motion_of(member.previous);
+    const double norm = std::hypot(by_pose.norm(), by_previous.norm());
     return norm > 0.0 ? Motions(rows / norm) : rows;
   }
 

@@ -143,7 +143,7 @@ class Search {
   bool is_determined(const std::vector<Tie>& ties, int poses) {
     Envelope matrix(poses);
     for (const Tie& tie : ties) {
-      if (!facts_of(tie.group->kind).is_on_poses()) continue;
+      if (tie.group->function || !residuals::is_on_poses(*tie.group)) continue;
       const ConstraintMember& member = tie.member();
       residuals::evaluate(*tie.group, member, cameras_, &columns_, error_);
       const double factor = 1.0 / std::sqrt(tie.group->weight * member.weight);

@@ -72,18 +72,16 @@ void LinearModel::name_columns() {
 void LinearModel::fill_groups() {
   const residuals::ConstrainedCameras cameras = constrained_cameras(problem_, state_);
   const residuals::ConstraintColumns& columns = work_->space.model.constraints().columns();
-  residuals::ConstraintResidual e;
   for (const residuals::ConstraintGroup& group : constraints_.groups()) {
-    const residuals::ConstraintGroup unweighted{group.name, group.kind, 1.0, {}};
+    residuals::ConstraintGroup unweighted = group;
+    unweighted.weight = 1.0;
     ConstraintRows rows;
     rows.name = group.name;
     rows.weight = group.weight;
     std::vector<double> errors;
     std::vector<Entry> entries;
-    for (std::size_t k = 0; k < group.members.size(); ++k) {
+    const auto add = [&](std::size_t k, residuals::ConstraintResidual& e) {
       const residuals::ConstraintMember& member = group.members[k];
-      if (!(member.weight > 0.0)) continue;
-      residuals::evaluate(unweighted, member, cameras, &columns, e);
       residuals::apply_loss(per_unit_weight(group), e);
       for (long row = 0; row < e.rows; ++row) {
         const auto place = static_cast<int>(errors.size());
@@ -94,7 +92,8 @@ void LinearModel::fill_groups() {
         errors.push_back(e.residual[row]);
         rows.member.push_back(static_cast<int>(k));
       }
-    }
+    };
+    residuals::evaluate_all(unweighted, cameras, &columns, add);
     rows.errors = Eigen::Map<const VectorXd>(errors.data(), static_cast<Index>(errors.size()));
     rows.jacobian.resize(rows.errors.size(), map_.num_columns);
     rows.jacobian.setFromTriplets(entries.begin(), entries.end());

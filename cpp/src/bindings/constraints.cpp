@@ -2,13 +2,17 @@
 
 #include <algorithm>
 #include <array>
+#include <exception>
+#include <limits>
 #include <string>
 
 #include <Eigen/Core>
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
+#include "gil.hpp"
 #include "options.hpp"
+#include "sfmcpp/cameras/pose.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -22,6 +26,58 @@ using residuals::Measurement;
 
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RotationMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+// `function(poses, wanted)` gives residuals (members, rows) and, where they are wanted, Jacobians
+// (members, rows, poses, 6); Python has checked the shapes. Called without the GIL or with it.
+class PythonResiduals : public residuals::ResidualFunction {
+ public:
+  PythonResiduals(py::object function, int members, int poses, int rows)
+      : function_(std::move(function)), members_(members), poses_(poses), rows_(rows) {}
+
+  int rows() const override { return rows_; }
+
+  void evaluate(const double* poses, double* residuals, double* jacobian) const override {
+    const long size = static_cast<long>(members_) * rows_;
+    if (!failure_) {
+      const HeldGil held;
+      try {
+        const py::tuple answer = call(poses, jacobian != nullptr);
+        copy(answer[0], size, residuals);
+        if (jacobian != nullptr) copy(answer[1], size * poses_ * kPoseTangent, jacobian);
+        return;
+      } catch (...) {
+        failure_ = std::current_exception();
+      }
+    }
+    constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+    std::fill_n(residuals, size, kNoNumber);
+    if (jacobian != nullptr) std::fill_n(jacobian, size * poses_ * kPoseTangent, kNoNumber);
+  }
+
+  const std::exception_ptr& failure() const { return failure_; }
+
+ private:
+  py::tuple call(const double* poses, bool wanted) const {
+    const py::array_t<double> array(std::vector<py::ssize_t>{members_, poses_, 3, 4}, poses);
+    const py::bool_ with_jacobian(wanted);
+    PyObject* answer = or_wait_for_the_end([&] {
+      return PyObject_CallFunctionObjArgs(
+          function_.ptr(), array.ptr(), with_jacobian.ptr(), nullptr);
+    });
+    if (answer == nullptr) throw py::error_already_set();
+    return py::reinterpret_steal<py::tuple>(answer);
+  }
+
+  static void copy(const py::handle& value, long size, double* out) {
+    const auto array = value.cast<py::array_t<double, py::array::c_style>>();
+    if (array.size() != size) throw InvalidArgument("function: the shape of its answer changed");
+    std::copy_n(array.data(), size, out);
+  }
+
+  py::object function_;
+  int members_, poses_, rows_;
+  mutable std::exception_ptr failure_;
+};
 
 void set_measurement(const ConstraintKindFacts& kind,
                      std::span<const double> values,
@@ -98,12 +154,41 @@ Loss loss_of(const py::dict& arrays, const std::string& group) {
   return loss;
 }
 
-ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
+// One weight for each member, or one for each entry of each.
+void set_weights(std::span<const double> weights, std::vector<ConstraintMember>& members) {
+  const std::size_t size = members.empty() ? 1 : weights.size() / members.size();
+  for (ConstraintMember& member : members) {
+    const auto own = weights.first(size);
+    member.weight = *std::ranges::max_element(own);
+    if (size > 1) member.entry_weights.assign(own.begin(), own.end());
+    for (double& weight : member.entry_weights) weight /= member.weight > 0.0 ? member.weight : 1.0;
+    weights = weights.subspan(size);
+  }
+}
+
+ConstraintGroup group_by_function(const py::dict& arrays) {
+  ConstraintGroup group;
+  const auto cameras = view<const int>(arrays, "cameras");
+  const auto weights = view<const double>(arrays, "member_weights");
+  group.members.resize(cameras.size() / 2);
+  for (std::size_t k = 0; k < group.members.size(); ++k) {
+    group.members[k].previous = cameras[2 * k];
+    group.members[k].camera = cameras[2 * k + 1];
+  }
+  require_size(group, "member_weights", weights.size(), group.members.size(), group.members.size());
+  set_weights(weights, group.members);
+  const bool two = !cameras.empty() && cameras[0] != kNoPrevious;
+  group.function = std::make_shared<PythonResiduals>(arrays["function"],
+                                                     static_cast<int>(group.members.size()),
+                                                     two ? 2 : 1,
+                                                     arrays["rows"].cast<int>());
+  return group;
+}
+
+ConstraintGroup group_by_kind(const py::dict& arrays, const ba::Problem& problem) {
   ConstraintGroup group;
   group.name = arrays["name"].cast<std::string>();
   group.kind = parse_enum<residuals::ConstraintKind>(arrays["kind"].cast<std::string>());
-  group.weight = arrays["weight"].cast<double>();
-  group.loss = loss_of(arrays, group.name);
   const ConstraintKindFacts& kind = facts_of(group.kind);
   const auto cameras = view<const int>(arrays, "cameras");  // previous, this
   auto values = view<const double>(arrays, "values");
@@ -115,13 +200,14 @@ ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
   for (std::size_t k = 0; k < count; ++k) measured += measured_numbers(kind, cameras[2 * k]);
   require_size(group, "cameras", cameras.size(), 2 * count, count);
   require_size(group, "values", values.size(), measured, count);
-  require_size(group, "member_weights", weights.size(), count, count);
+  const bool of_members = weights.size() == count || kind.entries != kind.freedom;
+  const std::size_t each = of_members ? 1 : static_cast<std::size_t>(kind.entries);
+  require_size(group, "member_weights", weights.size(), each * count, count);
   require_ranges(group, points_begin, points.size(), count);
   for (std::size_t k = 0; k < count; ++k) {
     ConstraintMember member;
     member.previous = cameras[2 * k];
     member.camera = cameras[2 * k + 1];
-    member.weight = weights[k];
     const std::size_t size = measured_numbers(kind, member.previous);
     if (size > 0) set_measurement(kind, values.first(size), member);
     values = values.subspan(size);
@@ -130,6 +216,16 @@ ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
                          points.begin() + 3L * points_begin[k + 1]);
     group.members.push_back(std::move(member));
   }
+  set_weights(weights, group.members);
+  return group;
+}
+
+ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
+  ConstraintGroup group =
+      arrays.contains("function") ? group_by_function(arrays) : group_by_kind(arrays, problem);
+  group.name = arrays["name"].cast<std::string>();
+  group.weight = arrays["weight"].cast<double>();
+  group.loss = loss_of(arrays, group.name);
   return group;
 }
 
@@ -206,6 +302,13 @@ residuals::ConstraintSet constraints_of(const py::dict& arrays, const ba::Proble
   for (const py::handle group : arrays["constraints"])
     set.add(group_of(py::reinterpret_borrow<py::dict>(group), problem));
   return set;
+}
+
+void rethrow_failures(const residuals::ConstraintSet& constraints) {
+  for (const ConstraintGroup& group : constraints.groups()) {
+    const auto* own = dynamic_cast<const PythonResiduals*>(group.function.get());
+    if (own != nullptr && own->failure()) std::rethrow_exception(own->failure());
+  }
 }
 
 }  // namespace sfmcpp::bindings

@@ -29,8 +29,12 @@ std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
-  const ReleasedGil released;
-  return std::make_unique<LinearModel>(problem, options, ridge);
+  auto model = or_failures_of(constraints, [&] {
+    const ReleasedGil released;
+    return std::make_unique<LinearModel>(problem, options, ridge);
+  });
+  rethrow_failures(constraints);
+  return model;
 }
 
 py::tuple jacobian(const LinearModel& model) {
@@ -100,7 +104,9 @@ std::vector<double> constraint_costs(const py::dict& arrays) {
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   const optim::State state = ba::state_of(problem);
   constraints.check(ba::constrained_cameras(problem, state));
-  return constraints.costs(ba::constrained_cameras(problem, state));
+  std::vector<double> costs = constraints.costs(ba::constrained_cameras(problem, state));
+  rethrow_failures(constraints);
+  return costs;
 }
 
 using Terms = double (Loss::*)(double) const;

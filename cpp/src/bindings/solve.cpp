@@ -155,14 +155,14 @@ ba::SolveSummary solve(const py::dict& arrays,
   auto* const communicator = ranks.is_none() ? nullptr : ranks.cast<CommunicatorExchange*>();
   Exchange& exchange = communicator ? communicator->exchange() : this_process();
   Listener listener(callback, checkpoint, communicator);
-  ba::SolveSummary summary;
-  {
+  const ba::SolveSummary summary = or_failures_of(constraints, [&] {
     const ReleasedGil released;
-    summary = ba::solve(
+    return ba::solve(
         problem, options, listener.events(), state, exchange, before ? &*before : nullptr);
-  }
+  });
   unknowns.write(state);
   listener.rethrow();
+  rethrow_failures(constraints);
   return summary;
 }
 

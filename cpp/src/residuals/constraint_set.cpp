@@ -18,6 +18,28 @@ void scale(double factor, std::vector<double>& values) {
   for (double& value : values) value *= factor;
 }
 
+// Each of the rows of a residual or of a Jacobian.
+void scale_rows(std::span<const double> factors, std::vector<double>& values) {
+  const std::size_t width = values.size() / factors.size();
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] *= factors[i / width];
+}
+
+void apply_weights(const ConstraintGroup& group,
+                   const ConstraintMember& member,
+                   ConstraintResidual& e) {
+  const double factor = std::sqrt(group.weight * member.weight);
+  for (std::vector<double>* values : {&e.residual, &e.by_camera, &e.by_previous}) {
+    scale(factor, *values);
+  }
+  if (member.entry_weights.empty()) return;
+  std::vector<double> roots(member.entry_weights.size());
+  std::ranges::transform(
+      member.entry_weights, roots.begin(), [](double weight) { return std::sqrt(weight); });
+  for (std::vector<double>* values : {&e.residual, &e.by_camera, &e.by_previous}) {
+    scale_rows(roots, *values);
+  }
+}
+
 // rows × 6 → rows × D, the other columns zero.
 void widen(int rows, int width, std::vector<double>& jacobian) {
   if (width == kPoseTangent) return;
@@ -86,16 +108,66 @@ void evaluate_intrinsics(ConstraintKind kind,
   if (two) place(e.by_reference, indices, *columns, out.by_previous);
 }
 
-double group_cost(const ConstraintGroup& group,
-                  const ConstrainedCameras& cameras,
-                  ConstraintResidual& scratch) {
+double group_cost(const ConstraintGroup& group, const ConstrainedCameras& cameras) {
   double sum = 0.0;
-  for (const ConstraintMember& member : group.members) {
-    if (!is_active(group, member)) continue;
-    evaluate(group, member, cameras, nullptr, scratch);
-    sum += group.loss.rho(squared_error(scratch));
-  }
+  evaluate_all(group, cameras, nullptr, [&](std::size_t, const ConstraintResidual& e) {
+    sum += group.loss.rho(squared_error(e));
+  });
   return 0.5 * sum;
+}
+
+bool has_previous(const ConstraintGroup& group) {
+  return !group.members.empty() && group.members[0].previous != kNoPrevious;
+}
+
+std::vector<double> poses_of(const ConstraintGroup& group, const ConstrainedCameras& cameras) {
+  std::vector<double> poses;
+  poses.reserve(2UL * kCameraStorage * group.members.size());
+  for (const ConstraintMember& member : group.members) {
+    for (int camera : {member.previous, member.camera}) {
+      if (camera == kNoPrevious) continue;
+      poses.insert(poses.end(), cameras.pose(camera), cameras.pose(camera) + kCameraStorage);
+    }
+  }
+  return poses;
+}
+
+// Row by row, the columns of `pose` among those of all.
+void take_columns(
+    const double* jacobian, int rows, int poses, int pose, std::vector<double>& result) {
+  double* out = resized(result, 1L * kPoseTangent * rows);
+  for (long row = 0; row < rows; ++row) {
+    std::copy_n(
+        jacobian + kPoseTangent * (poses * row + pose), kPoseTangent, out + kPoseTangent * row);
+  }
+}
+
+void evaluate_function(const ConstraintGroup& group,
+                       const ConstrainedCameras& cameras,
+                       const ConstraintColumns* columns,
+                       const ResidualVisitor& visit) {
+  const int rows = group.function->rows(), poses = has_previous(group) ? 2 : 1;
+  const long size = static_cast<long>(rows) * poses * kPoseTangent;
+  std::vector<double> residuals(group.members.size() * rows);
+  std::vector<double> jacobian(columns == nullptr ? 0 : group.members.size() * size);
+  group.function->evaluate(poses_of(group, cameras).data(),
+                           residuals.data(),
+                           columns == nullptr ? nullptr : jacobian.data());
+  ConstraintResidual e{.rows = rows, .residual = {}, .by_camera = {}, .by_previous = {}};
+  for (std::size_t k = 0; k < group.members.size(); ++k) {
+    if (!is_active(group, group.members[k])) continue;
+    e.residual.assign(residuals.begin() + rows * k, residuals.begin() + rows * (k + 1));
+    if (columns != nullptr) {
+      take_columns(jacobian.data() + size * k, rows, poses, poses - 1, e.by_camera);
+      widen(rows, columns->width, e.by_camera);
+      if (poses == 2) {
+        take_columns(jacobian.data() + size * k, rows, poses, 0, e.by_previous);
+        widen(rows, columns->width, e.by_previous);
+      }
+    }
+    apply_weights(group, group.members[k], e);
+    visit(k, e);
+  }
 }
 
 [[noreturn]] void refuse(const std::string& name, const std::string& rule) {
@@ -114,7 +186,8 @@ void check_weight(const std::string& name, double weight) {
 void check_previous(const ConstraintGroup& group, std::size_t k) {
   const ConstraintMember& member = group.members[k];
   const bool has_previous = member.previous != kNoPrevious;
-  const CamerasOfMember wanted = facts_of(group.kind).cameras;
+  const CamerasOfMember wanted =
+      group.function ? CamerasOfMember::kOneOrTwo : facts_of(group.kind).cameras;
   if (wanted != CamerasOfMember::kOneOrTwo && (wanted == CamerasOfMember::kTwo) != has_previous) {
     refuse(name_of(group, k),
            kind_text(group) + " is on " +
@@ -220,7 +293,9 @@ void check_group(const ConstraintGroup& group) {
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
     check_weight(name_of(group, k) + ".weight", member.weight);
+    for (double weight : member.entry_weights) check_weight(name_of(group, k) + ".weight", weight);
     check_previous(group, k);
+    if (group.function) continue;
     if (facts_of(group.kind).is_on_poses()) {
       validate(measurement_of(member), name_of(group, k));
     } else {
@@ -239,6 +314,7 @@ void check_member(const ConstraintGroup& group, std::size_t k, const Constrained
   check_camera(name_of(group, k), member.camera, cameras.count);
   if (member.previous != kNoPrevious)
     check_camera(name_of(group, k), member.previous, cameras.count);
+  if (group.function) return;
   if (!facts_of(group.kind).is_on_poses()) check_intrinsics(group, k, cameras);
   if (facts_of(group.kind).compares_images()) check_frozen_points(group, k, cameras);
 }
@@ -274,10 +350,9 @@ void ConstraintSet::check(const ConstrainedCameras& cameras) const {
 }
 
 std::vector<double> ConstraintSet::costs(const ConstrainedCameras& cameras) const {
-  ConstraintResidual scratch;
   std::vector<double> costs;
   costs.reserve(groups_.size());
-  for (const ConstraintGroup& group : groups_) costs.push_back(group_cost(group, cameras, scratch));
+  for (const ConstraintGroup& group : groups_) costs.push_back(group_cost(group, cameras));
   return costs;
 }
 
@@ -314,8 +389,13 @@ std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model
   return indices;
 }
 
-int num_equations(ConstraintKind kind, const ConstraintMember& member) {
-  const ConstraintKindFacts& facts = facts_of(kind);
+bool is_on_poses(const ConstraintGroup& group) {
+  return group.function != nullptr || facts_of(group.kind).is_on_poses();
+}
+
+int num_equations(const ConstraintGroup& group, const ConstraintMember& member) {
+  if (group.function) return group.function->rows();
+  const ConstraintKindFacts& facts = facts_of(group.kind);
   const int images = static_cast<int>(member.points.size()) / 3;
   return std::min(facts.compares_images() ? 2 * images : facts.entries, facts.freedom);
 }
@@ -344,11 +424,23 @@ void evaluate(const ConstraintGroup& group,
   } else {
     evaluate_intrinsics(group.kind, member, cameras, columns, out);
   }
-  const double factor = std::sqrt(group.weight * member.weight);
-  scale(factor, out.residual);
-  if (columns == nullptr) return;
-  scale(factor, out.by_camera);
-  scale(factor, out.by_previous);
+  apply_weights(group, member, out);
+}
+
+void evaluate_all(const ConstraintGroup& group,
+                  const ConstrainedCameras& cameras,
+                  const ConstraintColumns* columns,
+                  const ResidualVisitor& visit) {
+  if (group.function) {
+    if (group.weight > 0.0) evaluate_function(group, cameras, columns, visit);
+    return;
+  }
+  ConstraintResidual e;
+  for (std::size_t k = 0; k < group.members.size(); ++k) {
+    if (!is_active(group, group.members[k])) continue;
+    evaluate(group, group.members[k], cameras, columns, e);
+    visit(k, e);
+  }
 }
 
 }  // namespace sfmcpp::residuals

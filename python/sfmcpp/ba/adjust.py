@@ -13,9 +13,10 @@ from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import number_array
+from sfmcpp.model.residual_group import Group, require_kinds
 
 Callback = Callable[[Iteration], "bool | None"]
 
@@ -23,7 +24,7 @@ Callback = Callable[[Iteration], "bool | None"]
 @checked()
 def adjust(
     problem: Problem,
-    constraints: Sequence[ConstraintGroup],
+    constraints: Sequence[Group],
     options: SolveOptions,
     callback: Callback | None = None,
     checkpoint: CheckpointStore | None = None,
@@ -35,7 +36,7 @@ def adjust(
     ----------
     problem : Problem
         Holds the best state found afterwards.
-    constraints : sequence of ConstraintGroup
+    constraints : sequence of ConstraintGroup or ResidualGroup
         Groups of constraints.
     options : SolveOptions
         All options.
@@ -57,7 +58,9 @@ def adjust(
         If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
-    arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
+    if checkpoint is not None or resume is not None:
+        require_kinds(constraints, "in a run that is saved")
+    arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
@@ -66,7 +69,7 @@ def adjust(
 
 def adjust_on_ranks(
     parts: Scattered | OwnParts,
-    constraints: Sequence[ConstraintGroup],
+    constraints: Sequence[Group],
     options: SolveOptions,
     callback: Callback | None,
     ranks: Ranks,
@@ -102,7 +105,8 @@ def adjust_on_ranks(
     DatasetError
         As :func:`adjust`, on all ranks; also if `resume` is of another number of ranks.
     """
-    arrays = ranks.agreed(lambda: {**core_arrays(parts.mine), "constraints": core_constraints(constraints)})
+    ranks.agreed(lambda: require_kinds(constraints, "on several ranks"))
+    arrays = ranks.agreed(lambda: _arrays(parts.mine, constraints))
     alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
     require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
     own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
@@ -177,6 +181,10 @@ def _load(part: Problem, core: _core.CoreSummary, exchange: _core.CommunicatorEx
         messages=exchange.messages,
         bytes_sent=exchange.bytes_sent,
     )
+
+
+def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
+    return {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
 
 
 def _facts(arrays: dict[str, Any], options: SolveOptions) -> dict[str, Any]:

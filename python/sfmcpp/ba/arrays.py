@@ -10,7 +10,8 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem, camera_model
 from sfmcpp.model.arrays import number_array
-from sfmcpp.model.constraints import NO_CAMERA, checked_groups
+from sfmcpp.model.constraints import NO_CAMERA
+from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
 
 _NUMBERS = ("cameras", "intrinsics", "points", "pixels", "sigma_px", "covariance_px2")
 _STRUCTURE = (
@@ -36,25 +37,33 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
     return {"camera_model": model, **views, **copies}
 
 
-def core_constraints(groups: Iterable[ConstraintGroup]) -> list[dict[str, Any]]:
+def core_constraints(groups: Iterable[Group], problem: Problem) -> list[dict[str, Any]]:
     """Groups as the core takes them: pairs (previous, this) of cameras, the points of all members in one."""
-    return [_core_constraint(group) for group in checked_groups(groups)]
+    return [_core_constraint(group, problem) for group in checked_groups(groups)]
 
 
-def _core_constraint(group: ConstraintGroup) -> dict[str, Any]:
+def _core_constraint(group: Group, problem: Problem) -> dict[str, Any]:
     pairs = group.cameras
     if pairs.ndim == 1:
         pairs = np.stack([np.full_like(pairs, NO_CAMERA), pairs], axis=1)
-    sizes = [len(x) for x in group.points] or [0] * len(pairs)
-    return {
+    common = {
         "name": group.name,
-        "kind": group.kind,
         "weight": group.weight,
         "loss": group.loss,
         "loss_scale": group.loss_scale,
         "cameras": np.ascontiguousarray(pairs),
-        "values": np.zeros(0) if group.values is None else group.values,
         "member_weights": group.member_weights,
+    }
+    if isinstance(group, ResidualGroup):
+        return common | {"function": group.evaluate, "rows": group.rows_at(problem)}
+    return common | _measured(group)
+
+
+def _measured(group: ConstraintGroup) -> dict[str, Any]:
+    sizes = [len(x) for x in group.points] or [0] * group.num_members
+    return {
+        "kind": group.kind,
+        "values": np.zeros(0) if group.values is None else group.values,
         "points": np.concatenate([np.zeros((0, 3)), *group.points]),
         "points_begin": np.cumsum([0, *sizes], dtype=np.int32),
     }

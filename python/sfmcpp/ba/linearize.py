@@ -13,9 +13,10 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.residual_group import Group
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -122,7 +123,7 @@ class LinearModel:
     ----------
     problem : Problem
         The state; the arrays may change afterwards.
-    constraints : iterable of ConstraintGroup
+    constraints : iterable of ConstraintGroup or ResidualGroup
         Groups with their weights.
     options : SolveOptions
         Of these, the loss, the gauge ("auto" is "free") and the threads matter.
@@ -161,12 +162,12 @@ class LinearModel:
     def __init__(
         self,
         problem: Problem,
-        constraints: Iterable[ConstraintGroup],
+        constraints: Iterable[Group],
         options: SolveOptions,
         ridge: float = 0.0,
     ) -> None:
         self._problem = problem
-        arrays = {**core_arrays(problem), "constraints": core_constraints(constraints)}
+        arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
@@ -349,7 +350,7 @@ class LinearModel:
 def linearize(
     problem: Problem,
     *,
-    constraints: Iterable[ConstraintGroup] = (),
+    constraints: Iterable[Group] = (),
     loss: str = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
     gauge: str = "auto",
@@ -361,7 +362,7 @@ def linearize(
     ----------
     problem : Problem
         The state, usually an optimum; left untouched.
-    constraints : iterable of ConstraintGroup
+    constraints : iterable of ConstraintGroup or ResidualGroup
         Groups with their weights.
     loss : {"squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"}
         Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.

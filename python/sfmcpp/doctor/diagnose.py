@@ -21,7 +21,7 @@ from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.constraints import checked_groups
+from sfmcpp.model.residual_group import checked_groups, require_kinds
 
 # Causes before what follows from them: of one severity, findings stay in this order.
 _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
@@ -74,7 +74,7 @@ def diagnose(
     KeyboardInterrupt
         On Ctrl-C, during adjustments too.
     """
-    groups = checked_groups(constraints)
+    groups = require_kinds(checked_groups(constraints), "where a problem is diagnosed")
     refused = _refused(problem)
     if refused is not None:
         return Diagnosis([refused], ["everything else: the arrays break a rule"])

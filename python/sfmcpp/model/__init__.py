@@ -3,6 +3,7 @@
 from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model
 from sfmcpp.model.constraints import CONSTRAINT_KINDS, ConstraintGroup, ConstraintKind, constraint_kind
 from sfmcpp.model.problem import Metadata, Problem
+from sfmcpp.model.residual_group import ResidualGroup
 from sfmcpp.model.sensor_stream import Gap, SensorStream
 from sfmcpp.model.trajectory import Trajectory
 from sfmcpp.model.weight_selection import WeightSelection
@@ -16,6 +17,7 @@ __all__ = [
     "Gap",
     "Metadata",
     "Problem",
+    "ResidualGroup",
     "SensorStream",
     "Trajectory",
     "WeightSelection",

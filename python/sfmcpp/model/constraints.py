@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass, field
 from unicodedata import combining
 
@@ -52,8 +52,10 @@ class ConstraintGroup:
     weight : float
         Weight of the group; 0: as if it were not there. Change it between solves as you like, or have it
         chosen: ``solve(..., weight="auto")``.
-    member_weights : (n,) float64, optional
-        Weight of each member. Default: 1.
+    member_weights : (n,) or (n, d) float64, optional
+        Weight of each member; of kinds whose values are vectors of d numbers also of each number, along the
+        axes of the frame: 1 / σ² of each beside the weight d, σ relative to one another beside a weight
+        that is chosen. Default: 1.
     name : str
         Name of the group in summaries and messages, unique in a solve. Default: the kind.
     points : sequence of n (k, 3) float64, optional
@@ -100,9 +102,7 @@ class ConstraintGroup:
         self.cameras = _cameras(self._label("cameras"), self.cameras, kind)
         count = len(self.cameras)
         self.values = self._values(kind, count)
-        if self.member_weights is None:
-            self.member_weights = np.ones(count)
-        self.member_weights = finite_array(self._label("member_weights"), self.member_weights, (count,))
+        self.member_weights = self._member_weights(kind, count)
         self.points = self._points(kind, count)
         self.weight = self._number("weight", self.weight)
         if self.loss_scale is not None:
@@ -132,6 +132,13 @@ class ConstraintGroup:
         if self.values is None:
             raise InvalidArgument(f"{self._label('values')}: missing, kind {kind.name!r} needs a measurement")
         return finite_array(self._label("values"), self.values, (count, *kind.values))
+
+    def _member_weights(self, kind: ConstraintKind, count: int) -> FloatArray:
+        if self.member_weights is None:
+            return np.ones(count)
+        by_entry = np.ndim(self.member_weights) == 2 and kind.values is not None and len(kind.values) == 1
+        shape = (count, *kind.values) if by_entry and kind.values else (count,)
+        return finite_array(self._label("member_weights"), self.member_weights, shape)
 
     def _points(self, kind: ConstraintKind, count: int) -> list[FloatArray]:
         if not isinstance(self.points, Sized):
@@ -191,19 +198,6 @@ def constraint_kind(name: str) -> ConstraintKind:
         If there is no kind of that name.
     """
     return looked_up("kind", name, CONSTRAINT_KINDS)
-
-
-def checked_groups(groups: Iterable[object]) -> list[ConstraintGroup]:
-    """All groups of a solve, each valid now; InvalidArgument if one is not, or is no group."""
-    if not isinstance(groups, Iterable):
-        raise InvalidArgument(f"constraints = {groups!r}: must be a sequence of ConstraintGroup")
-    checked = []
-    for number, group in enumerate(groups):
-        if not isinstance(group, ConstraintGroup):
-            raise InvalidArgument(f"constraints[{number}] = {group!r}: must be a ConstraintGroup")
-        group.validate()
-        checked.append(group)
-    return checked
 
 
 def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:

@@ -203,7 +203,7 @@ class WeightFits:
     def squared_errors(self, problem: Problem) -> FloatArray:
         """(k,) Σ m ε of each group at a state."""
         ones = np.ones(len(self.groups))
-        arrays = {**core_arrays(problem), "constraints": core_constraints(self._weighted(ones))}
+        arrays = {**core_arrays(problem), "constraints": core_constraints(self._weighted(ones), problem)}
         return 2 * np.array(_core.constraint_costs(arrays))
 
 

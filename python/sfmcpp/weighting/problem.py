@@ -10,6 +10,7 @@ from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.residual_group import Group, require_kinds
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.conflict import member_conflict
 from sfmcpp.weighting.fits import WeightFit, WeightFits
@@ -30,7 +31,7 @@ VARIANCE = "variance"
 
 def select_group_weights(
     problem: Problem,
-    groups: Sequence[ConstraintGroup],
+    given: Sequence[Group],
     weight: str | Mapping[str, str],
     options: SolveOptions,
 ) -> list[WeightSelection]:
@@ -44,8 +45,9 @@ def select_group_weights(
     ----------
     problem : Problem
         The start; left untouched.
-    groups : sequence of ConstraintGroup
-        All groups; the attribute `weight` of those named is set to the choice, if nothing raises.
+    given : sequence of ConstraintGroup or ResidualGroup
+        All groups, all of them constraints; the attribute `weight` of those named is set to the choice, if
+        nothing raises.
     weight : str or mapping
         A method for all groups, or the method of some by name; the others keep their weights.
     options : SolveOptions
@@ -64,6 +66,7 @@ def select_group_weights(
     KeyboardInterrupt
         On Ctrl-C; nothing is changed then.
     """
+    groups = require_kinds(given, "where weights are chosen")
     methods = _methods(groups, weight)
     for k in methods:
         apart = frame_conflict(problem, groups[k])

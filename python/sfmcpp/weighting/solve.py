@@ -14,8 +14,8 @@ from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, req
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.constraints import checked_groups
+from sfmcpp.model import Problem
+from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def solve(
     problem: Problem | None,
     *,
-    constraints: Iterable[ConstraintGroup] = (),
+    constraints: Iterable[Group] = (),
     weight: str | Mapping[str, str] | None = None,
     callback: Callback | None = None,
     checkpoint: CheckpointStore | None = None,
@@ -47,9 +47,10 @@ def solve(
     problem : Problem
         Its arrays `cameras`, `intrinsics` and `points` hold the best state found afterwards, however the
         solve ends. Use ``problem.copy()`` to keep the start.
-    constraints : iterable of ConstraintGroup
-        Named weighted groups of constraints on the cameras; see :class:`ConstraintGroup`. For metric
-        camera models. An algebraic line search proposes its lengths by the pixels alone.
+    constraints : iterable of ConstraintGroup or ResidualGroup
+        Named weighted groups of constraints on the cameras; see :class:`ConstraintGroup`, and
+        :class:`ResidualGroup` for residuals by a function of your own. For metric camera models. An algebraic
+        line search proposes its lengths by the pixels alone.
     weight : str or mapping of str to str, optional
         How to choose the weights of the groups from the data before the solve: one method for all, or the
         method of some by their names, the others keeping their weights. None: all keep theirs. The chosen
@@ -126,8 +127,8 @@ def solve(
 
 
 def _checked(
-    constraints: Iterable[ConstraintGroup], callback: Callback | None, options: SolveKeywords
-) -> tuple[list[ConstraintGroup], SolveOptions]:
+    constraints: Iterable[Group], callback: Callback | None, options: SolveKeywords
+) -> tuple[list[Group], SolveOptions]:
     settings = SolveOptions(**options)
     settings.validate()
     if callback is not None and not callable(callback):
@@ -156,18 +157,19 @@ class _Weights:
 
 def _weigh(
     problem: Problem,
-    groups: list[ConstraintGroup],
+    groups: list[Group],
     weight: str | Mapping[str, str] | None,
     settings: SolveOptions,
 ) -> _Weights:
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
-    apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
+    measured = [group for group in groups if not isinstance(group, ResidualGroup)]
+    apart = [message for group in measured if (message := frame_conflict(problem, group)) is not None]
     return _Weights([group.weight for group in groups], chosen, apart)
 
 
 def _solve_on_ranks(
     problem: Problem | None,
-    groups: list[ConstraintGroup],
+    groups: list[Group],
     weight: str | Mapping[str, str] | None,
     settings: SolveOptions,
     ranks: Ranks,

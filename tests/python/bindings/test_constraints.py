@@ -39,6 +39,40 @@ def test_intrinsics_may_be_compared_with_those_of_another_camera() -> None:
     assert summary.constraint_costs["focal"][0] == pytest.approx(expected, rel=1e-12)
 
 
+def test_each_number_of_a_vector_may_have_a_weight() -> None:
+    """Against three groups of SciPy's making: a receiver with 3 cm along x and y and 12 cm along z."""
+    problem = scene()
+    sigma = np.array([0.03, 0.03, 0.12]) * np.arange(1, 7)[:, None]
+    values = problem.centres + np.random.default_rng(2).normal(0, 0.1, (6, 3))
+    group = ConstraintGroup("position", np.arange(6), values, 3.0, 1 / sigma**2, name="rtk")
+    summary = sfmcpp.solve(problem.copy(), constraints=[group], max_iterations=0)
+    expected = 0.5 * np.sum(((problem.centres - values) / sigma) ** 2)
+    assert summary.constraint_costs["rtk"][0] == pytest.approx(expected, rel=1e-9)
+    one_each = replace(group, member_weights=np.tile(np.arange(1.0, 7)[:, None], 3))
+    by_member = replace(group, member_weights=np.arange(1.0, 7))
+    costs = [sfmcpp.solve(problem.copy(), constraints=[g]).final_cost for g in (one_each, by_member, group)]
+    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
+    assert costs[2] != pytest.approx(costs[1], rel=1e-3)
+
+
+def test_a_number_of_weight_zero_holds_nothing() -> None:
+    """Heights alone leave a world free to move aside and to turn about them."""
+    problem, truth = scene("calibrated"), scene("calibrated")
+    group = ConstraintGroup(
+        "position", np.arange(6), truth.centres + np.array([50.0, 0, 0]), 1e4, np.tile([0, 1, 1.0], (6, 1))
+    )
+    sfmcpp.solve(problem, constraints=[group])
+    assert np.abs(problem.centres - truth.centres)[:, 0].max() < 5
+
+
+def test_weights_of_numbers_are_for_kinds_of_vectors() -> None:
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"member_weights: shape \(2, 3\), must be \(2\)"):
+        ConstraintGroup("orientation", [0, 1], np.tile(np.eye(3), (2, 1, 1)), member_weights=np.ones((2, 3)))
+    group = ConstraintGroup("position", [0], np.zeros((1, 3)), member_weights=[[1, -1, 1]])
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"weight = -1.0.*not negative"):
+        sfmcpp.solve(scene(), constraints=[group])
+
+
 # ρ(s) at scale 1.5, as thesis §2.3 and docs/equations.md have them.
 RHO: dict[str, Callable[[float], float]] = {
     "squared": lambda s: s,

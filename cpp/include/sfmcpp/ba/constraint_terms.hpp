@@ -3,6 +3,7 @@
 // the observations does not apply to them: a group may have its own.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
@@ -46,6 +47,11 @@ class ConstraintTerms {
     const residuals::ConstraintGroup* group;
     const residuals::ConstraintMember* member;
   };
+
+  // Those that were active at the start must be so still: weights stay during a solve.
+  void for_each_active(const optim::State& state,
+                       const std::function<void(const residuals::ConstraintMember&,
+                                                residuals::ConstraintResidual&)>& visit) const;
 
   const Problem& problem_;
   const linear::ParameterMap& map_;

@@ -9,10 +9,15 @@
 // A group may have a robust loss, with the cost ½ Σ ρ(s), s = weight · member weight · ‖e‖²: the
 // squared error over σ² where the weight is d/σ², so that the loss has its scale in σ.
 //
+// The weight of a member may be one for each entry of e: a receiver that knows its height less well
+// than its place. A group may have a function from outside in place of the equation of a kind.
+//
 // Changing a weight rebuilds nothing.
 #pragma once
 
 #include <array>
+#include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -32,9 +37,20 @@ struct ConstraintMember {
   int camera = 0;
   int previous = kNoPrevious;
   double weight = 1.0;
+  std::vector<double> entry_weights;           // beside `weight`, of each entry of e; empty: 1
   PoseConstraint pose;                         // its kind and points are the set's to fill in
   std::array<double, 2> intrinsics{1.0, 0.0};  // f̂, or ĉx and ĉy [px]
   std::vector<double> points;                  // N × 3, of kinds that compare images
+};
+
+// Residuals of poses by a function from outside, of all members of a group in one call.
+class ResidualFunction {
+ public:
+  virtual ~ResidualFunction() = default;
+  virtual int rows() const = 0;  // of each member
+  // `poses`: of each member the previous one, if it has one, and this, 12 numbers each. Writes the
+  // residuals, members × rows, and, where it is not null, the Jacobian, members × rows × poses × 6.
+  virtual void evaluate(const double* poses, double* residuals, double* jacobian) const = 0;
 };
 
 struct ConstraintGroup {
@@ -43,6 +59,9 @@ struct ConstraintGroup {
   double weight = 1.0;
   std::vector<ConstraintMember> members;
   Loss loss{};  // of each member
+  // In place of the equation of the kind: e is what it gives, with no mean taken. All members then
+  // have a previous camera, or none has.
+  std::shared_ptr<const ResidualFunction> function{};
 };
 
 // The cameras that the constraints are on, as ba/problem.hpp and optim/state.hpp have them.
@@ -109,7 +128,10 @@ std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model
 PoseConstraint measurement_of(const ConstraintMember& member);
 
 // Rank of the Jacobian at most.
-int num_equations(ConstraintKind kind, const ConstraintMember& member);
+int num_equations(const ConstraintGroup& group, const ConstraintMember& member);
+
+// Whether it is on poses; else on intrinsics.
+bool is_on_poses(const ConstraintGroup& group);
 
 // ‖e‖² of what evaluate() gives: with all weights.
 double squared_error(const ConstraintResidual& e);
@@ -118,11 +140,20 @@ double squared_error(const ConstraintResidual& e);
 // robust cost, the Hessian its positive part.
 void apply_loss(const Loss& loss, ConstraintResidual& e);
 
-// Without Jacobians if `columns` is null. Weights as in ConstraintResidual.
+// One member of a group without a function. Without Jacobians if `columns` is null. Weights as in
+// ConstraintResidual.
 void evaluate(const ConstraintGroup& group,
               const ConstraintMember& member,
               const ConstrainedCameras& cameras,
               const ConstraintColumns* columns,
               ConstraintResidual& out);
+
+// Calls visit(k, e) with the position and the residual of each active member, in their order; e may
+// be changed.
+using ResidualVisitor = std::function<void(std::size_t, ConstraintResidual&)>;
+void evaluate_all(const ConstraintGroup& group,
+                  const ConstrainedCameras& cameras,
+                  const ConstraintColumns* columns,
+                  const ResidualVisitor& visit);
 
 }  // namespace sfmcpp::residuals
