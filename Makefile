@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test install lint format asan asan-python tsan bench fuzz fuzz-guided stubs docs wheel clean
+.PHONY: help demo test install lint format asan asan-python tsan tsan-python bench fuzz fuzz-guided stubs docs wheel clean
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
@@ -96,13 +96,17 @@ asan tsan: $(BUILD_PACKAGES_STAMP)
 	cmake --build --preset $@
 	$(call run_cpp_tests,build/$@)
 
-# In the build folder of asan: the objects of the core are the same. The end of a daemon thread is unwinding without an
-# object, which the sanitizer takes for a null reference where it is caught.
+# In the build folders of the C++ tests: the objects of the core are the same.
 asan-python: install ## the Python tests of the bindings under these sanitizers
-	cmake --preset asan -DSFMCPP_BUILD_PYTHON=ON -DPYBIND11_FINDPYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python \
+tsan-python: install ## those that solve from several threads, in callbacks, or are interrupted
+asan-python: SANITIZED_TESTS = tests/python/bindings
+tsan-python: SANITIZED_TESTS = tests/python/bindings/test_solve.py tests/python/bindings/test_callers_arrays.py
+
+asan-python tsan-python:
+	cmake --preset $(@:-python=) -DSFMCPP_BUILD_PYTHON=ON -DPYBIND11_FINDPYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python \
 	  -Dpybind11_DIR=$$($(VENV)/bin/python -m pybind11 --cmakedir)
-	cmake --build --preset asan --target _core
-	tools/sanitized_pytest.sh $(CURDIR)/$(VENV)/bin/python build/asan tests/python/bindings
+	cmake --build --preset $(@:-python=) --target _core
+	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python build/$(@:-python=) $(SANITIZED_TESTS)
 
 FUZZ_INPUTS ?= 1000000
 fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED

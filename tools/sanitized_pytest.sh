@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Usage: sanitized_pytest.sh PYTHON BUILD_FOLDER [PYTEST_ARGUMENT…]: runs tests with the _core of BUILD_FOLDER, which was
-# built with the address sanitizer, in place of an installed one.
+# Usage: sanitized_pytest.sh asan|tsan PYTHON BUILD_FOLDER [PYTEST_ARGUMENT…]: runs tests with the _core of BUILD_FOLDER, which
+# was built with that sanitizer, in place of an installed one.
 set -euo pipefail
-python=$1 build=$2
-shift 2
+sanitizer=$1 python=$2 build=$3
+shift 3
 cd "$(dirname "$0")/.."
 
 # The package as it stands in the sources, beside that _core.
@@ -13,7 +13,7 @@ find "$PWD/python/sfmcpp" -mindepth 1 -maxdepth 1 -not -name '_core*.so' -not -n
 ln -s "$PWD/$build"/cpp/_core*.so "$package"
 
 # Python itself is not sanitized: the runtime must be there before it starts, and libstdc++ before that looks for its throw.
-runtime="$("${CXX:-g++}" -print-file-name=libasan.so) $("${CXX:-g++}" -print-file-name=libstdc++.so)"
+runtime="$("${CXX:-g++}" -print-file-name=lib$sanitizer.so) $("${CXX:-g++}" -print-file-name=libstdc++.so)"
 # Python keeps much to its end and calls that a leak: the C++ tests look for ours. With malloc of its own it would hide what
 # is read or written beyond its objects.
 export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc

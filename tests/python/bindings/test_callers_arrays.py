@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,20 @@ def test_a_daemon_thread_that_solves_does_not_change_the_exit_code(tmp_path: Pat
         [sys.executable, "-c", AT_EXIT.format(call=call)], cwd=tmp_path, capture_output=True, check=False
     )
     assert (done.returncode, done.stderr) == (7, b"")
+
+
+def test_threads_that_solve_at_once_find_the_same_bits() -> None:
+    problems = [scene() for _ in range(4)]
+    for problem in problems[1:]:
+        problem.point_index = problems[0].point_index  # what is only read may be shared
+    solve = partial(sfmcpp.solve, threads=2, callback=lambda _: time.sleep(0), loss="huber")
+    threads = [threading.Thread(target=solve, args=(problem,)) for problem in problems]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for problem in problems[1:]:
+        np.testing.assert_array_equal(problem.points, problems[0].points)
 
 
 def test_other_threads_go_on_while_jacobians_are_checked() -> None:
