@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -266,6 +267,13 @@ class Summary:
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<22}{value}" for name, value in self._rows())
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in self._rows()
+        )
+        return f"<table>{rows}</table>"
 
     def _rows(self) -> list[tuple[str, str]]:
         accepted = sum(i.accepted for i in self.iterations[1:])

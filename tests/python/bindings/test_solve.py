@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -215,3 +216,16 @@ def test_the_history_is_a_table_of_columns_and_prints_stay_short() -> None:
         assert "array(" not in repr(thing)
     assert repr(problem.metadata) == "Metadata(6 image_names; 6 image_sizes)"
     assert repr(Metadata()) == "Metadata()"
+
+
+def test_a_summary_draws_itself_as_a_table_in_notebooks() -> None:
+    problem = sfmcpp.circle_scene(4, 10, seed=0)
+    centres = problem.centres.copy()
+    gps = sfmcpp.ConstraintGroup("position", [0, 1, 2, 3], centres, name="<script>")
+    summary = sfmcpp.solve(problem, constraints=[gps])
+    (table,) = ElementTree.fromstring(f"<page>{summary._repr_html_()}</page>")
+    rows = {row[0].text: row[1].text for row in table}
+    assert rows.keys() >= {"cost", "cost of '<script>'", "RMS [px]", "termination"}
+    assert rows["termination"] == f"{summary.termination}: {summary.message}"
+    lengths = {len(column) for column in summary.history().values()}
+    assert lengths == {len(summary.iterations)}  # columns of one length, as a data frame takes them
