@@ -97,7 +97,9 @@ def test_steps_are_those_of_one_process(count: int, how: str) -> None:
     require_success(case(count, "steps_of_the_whole", *how.split()))
 
 
-@pytest.mark.parametrize(("name", "count"), [("parts_of_files", 2), ("parts_of_files", 4), ("bad_files", 3)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("parts_of_files", 2), ("parts_of_files", 4), ("bad_files", 3), ("slow_locks", 2)]
+)
 def test_each_rank_reads_its_part_of_a_file(name: str, count: int, tmp_path: Path) -> None:
     require_success(case(count, name, tmp_path))
 
