@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +24,9 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli import display
 from sfmcpp.cli.main import main
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sources.io import atomic
 from sfmcpp.sources.io import checkpoints as files_of_checkpoints
+from sfmcpp.sources.io import parts as parts_files
 from sfmcpp.sources.io.api import read_part, write_part
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.parts import write_parts
@@ -96,6 +99,21 @@ def parts_of_files(folder: str) -> None:
         for out in ("out.parts", "out.npz"):
             assert_same_part(part_of(sfmcpp.read(path / out), part.point_numbers), part)
         COMM.barrier()
+
+
+def slow_locks(folder: str) -> None:
+    """A file that one rank has made and not yet locked is not taken by another for one that was left."""
+    part, path = part_of(scene(), np.flatnonzero(np.arange(401) % COMM.size == COMM.rank)), Path(folder)
+    name, call = ("flock", atomic.fcntl.flock) if COMM.rank == 0 else ("digest", parts_files.digest)
+
+    def slow(*arguments: Any) -> Any:
+        time.sleep(0.5 if COMM.rank == 0 else 0.2)
+        return call(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(atomic.fcntl if COMM.rank == 0 else parts_files, name, slow)
+        write_part(part, path / "out.parts", Ranks(COMM))
+    assert len(sfmcpp.read(path / "out.parts").points) == 401
 
 
 def bytes_read() -> int:

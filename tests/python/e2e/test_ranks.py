@@ -86,19 +86,20 @@ def test_the_tests_that_solve_pass_on_several_ranks(
     assert int(result.stdout.split(" passed")[0].split()[-1]) >= least
 
 
-@pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize(
-    "how",
+    ("count", "how"),
     [
-        *("bal lm-nielsen", "projective lm-nielsen", "bal conjugate-gradient"),
-        *("bal lm g-als", "projective lm t-als"),
+        *((count, how) for count in (2, 3) for how in ("bal lm-nielsen", "projective lm-nielsen")),
+        *((2, "bal conjugate-gradient"), (3, "bal lm g-als"), (2, "projective lm t-als")),
     ],
 )
-def test_steps_are_those_of_one_process(how: str, count: int) -> None:
+def test_steps_are_those_of_one_process(count: int, how: str) -> None:
     require_success(case(count, "steps_of_the_whole", *how.split()))
 
 
-@pytest.mark.parametrize(("name", "count"), [("parts_of_files", 2), ("parts_of_files", 4), ("bad_files", 3)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("parts_of_files", 2), ("parts_of_files", 4), ("bad_files", 3), ("slow_locks", 2)]
+)
 def test_each_rank_reads_its_part_of_a_file(name: str, count: int, tmp_path: Path) -> None:
     require_success(case(count, name, tmp_path))
 

@@ -45,7 +45,7 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
     """
     resolved = [_replaceable(target) for target in targets]
     for folder in {path.parent for path in resolved}:
-        _sweep(folder)
+        sweep(folder)
     temporaries = [_beside(path, _TEMPORARY) for path in resolved]
     try:
         with failures_named(targets[0]), ExitStack() as stack:
@@ -147,8 +147,12 @@ def _remember(folders: set[Path]) -> None:
 
 
 @cache
-def _sweep(folder: Path) -> None:
-    """Remove what killed processes have left in a folder; once for each, which may hold many files."""
+def sweep(folder: Path) -> None:
+    """Remove what killed processes have left in a folder; once for each, which may hold many files.
+
+    Processes that write to one folder together do so before any of them writes: what one has just made and
+    not yet locked looks left.
+    """
     with suppress(OSError):
         for path in folder.iterdir():
             if path.name.startswith((_TEMPORARY, _BEFORE)) and _is_left(path):

@@ -9,6 +9,7 @@ new ones stand beside old ones until the list names them.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -24,7 +25,7 @@ from sfmcpp.ba.parts import Part, Rows, cameras_alone, joined_rows, part_from_ro
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.atomic import atomic_files, sweep
 from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.format import Format
@@ -187,6 +188,7 @@ def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
         As :func:`write_parts`, on all ranks.
     """
     ranks.from_root(lambda: _make(folder))
+    ranks.agreed(lambda: sweep(Path(os.path.realpath(folder))))
     entries = ranks.everyones(ranks.agreed(lambda: _write(part, folder, ranks.rank)))
     ranks.from_root(lambda: _complete(folder, part.problem, entries))
 
