@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arguments import checked
 
 # They say how far a run goes and what it may use, and nothing of its steps.
@@ -64,6 +64,14 @@ class CheckpointStore(Protocol):
     def save(self, facts: Mapping[str, Any], where: Where) -> bool:
         """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
 
+    def load(self) -> Checkpoint:
+        """Give the newest."""
+
+
+@runtime_checkable
+class SharedCheckpointStore(CheckpointStore, Protocol):
+    """Where several ranks keep theirs; :class:`sfmcpp.CheckpointFolder` is one."""
+
     def load(self, sequence: int | None = None) -> Checkpoint:
         """Give the newest, or that one."""
 
@@ -73,7 +81,7 @@ class CheckpointStore(Protocol):
     def take_back(self, failure: DatasetError) -> None:
         """Let what was saved last be replaced by the next."""
 
-    def of_rank(self, rank: int) -> CheckpointStore:
+    def of_rank(self, rank: int) -> SharedCheckpointStore:
         """Give the one for the checkpoints of one of several ranks."""
 
 
@@ -169,8 +177,8 @@ class RankCheckpoints:
         ranks: Ranks,
     ) -> None:
         self._ranks = ranks
-        resumed = None if resume is None else ranks.agreed(lambda: resume.of_rank(ranks.rank))
-        saved = None if save is None else ranks.agreed(lambda: save.of_rank(ranks.rank))
+        resumed = ranks.agreed(lambda: _of_rank(resume, ranks.rank))
+        saved = ranks.agreed(lambda: _of_rank(save, ranks.rank))
         self._save, self._facts = saved, facts() if save or resume else {}
         self._facts |= {"ranks": [ranks.rank, ranks.size]}
         self.taken = None if resumed is None else self._newest_of_all(resumed)
@@ -198,12 +206,20 @@ class RankCheckpoints:
         if failures and is_saved:
             store.take_back(failures[0])
 
-    def _newest_of_all(self, store: CheckpointStore) -> Checkpoint:
+    def _newest_of_all(self, store: SharedCheckpointStore) -> Checkpoint:
         of_all = self._ranks.everyones(store.sequences())
         common = set.intersection(*of_all)
         taken = self._ranks.agreed(lambda: store.load(max(common, default=None)))
         self._ranks.agreed(lambda: _require_same_run(taken, self._facts))
         return taken
+
+
+def _of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore | None:
+    if store is None:
+        return None
+    if not isinstance(store, SharedCheckpointStore):
+        raise InvalidArgument(f"{store!r}: on several ranks checkpoints need a store like CheckpointFolder")
+    return store.of_rank(rank)
 
 
 def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:

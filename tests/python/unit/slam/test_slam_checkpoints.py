@@ -75,8 +75,9 @@ class InMemory:
     def is_due(self) -> bool:
         return True
 
-    def save(self, facts: Mapping[str, Any], where: Where) -> None:
+    def save(self, facts: Mapping[str, Any], where: Where) -> bool:
         self.all.append(Checkpoint("memory", facts, where(), len(self.all) + 1))
+        return True
 
     def load(self) -> Checkpoint:
         return self.all[-1]
