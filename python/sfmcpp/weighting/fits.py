@@ -155,7 +155,8 @@ class WeightFits:
 
     def measurements(self, k: int) -> int:
         """Independent numbers measured by group k."""
-        return self.units[k].freedom * int(np.count_nonzero(self.groups[k].member_weights))
+        weights = self.groups[k].member_weights
+        return (self.units[k].freedom if weights.ndim == 1 else 1) * int(np.count_nonzero(weights))
 
     def bounded(self, k: int, weight: float) -> float:
         """A weight of group k within reason, in three digits.
@@ -220,4 +221,6 @@ def _without_unmoved(group: ConstraintGroup, problem: Problem) -> ConstraintGrou
     seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
     poses_matter = CONSTRAINT_KINDS[group.kind].on_poses
     moved = (seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1)
-    return replace(group, member_weights=np.where(moved, group.member_weights, 0.0))
+    member_weights = group.member_weights.copy()
+    member_weights[~moved] = 0.0
+    return replace(group, member_weights=member_weights)

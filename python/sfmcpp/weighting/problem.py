@@ -207,7 +207,7 @@ class _Selection:
             weight=weight,
             weights=trials.weights,
             vision=np.array([fit.images for fit in trials.fits]) / fits.alone.problem.num_observations,
-            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / group.member_weights.sum(),
+            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / _total(group.member_weights),
             score=trials.score,
             admissible=trials.admissible,
             sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
@@ -215,3 +215,8 @@ class _Selection:
             conflict=member_conflict(group.name, unit, at.linear.groups[k].member, at.errors[k], at.hats[k]),
             redundancy=None if at.too_large else float(at.redundancy.groups[k]),
         )
+
+
+def _total(member_weights: FloatArray) -> float:
+    """Sum of the weights (n,) of members, those (n, d) of single numbers counting by their mean."""
+    return float(member_weights.sum() / np.prod(member_weights.shape[1:]))

@@ -55,6 +55,18 @@ def test_the_noise_of_a_gps_is_recovered(drift: tuple[Problem, Problem], sigma_m
     assert not chosen.conflict.conflicting
 
 
+def test_numbers_of_members_have_weights_of_their_own() -> None:
+    truth = sfmcpp.circle_scene(20, 200, pixel_sigma_px=1.0, seed=2)
+    alike, group = gps(truth, 0.2), gps(truth, 0.2)
+    group.member_weights = np.ones((20, 3))
+    (one,), (by_number,) = choose(truth, alike), choose(truth, group)
+    assert by_number.weight == pytest.approx(one.weight, rel=1e-2)
+    np.testing.assert_allclose(by_number.constraint_error[-1], one.constraint_error[-1], rtol=0.02)
+    group.values[:, 2] += np.random.default_rng(0).normal(0, 2.0, 20)
+    group.member_weights[:, 2] = 0.01
+    assert is_recovered(choose(truth, group)[0], 0.2)
+
+
 def test_the_noises_of_two_sensors_are_recovered_together(drift: tuple[Problem, Problem]) -> None:
     found = choose(drift[0], gps(drift[1], 0.1, seed=1), odometer(drift[1], 0.02, seed=1))
     assert [chosen.name for chosen in found] == ["gps", "odometer"]
