@@ -7,7 +7,7 @@ from os import PathLike, fspath
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions, positions_of
+from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, positions_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 
 WORDS = ("auto", "exif", "none")

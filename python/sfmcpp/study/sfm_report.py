@@ -111,7 +111,7 @@ class SfmReport(ReportTable):
             "track_lengths": largest.get("track_lengths", {}),
             "cameras": largest.get("cameras", []),
             "models": [measures.to_dict() for measures in self.measures],
-            "gps": self._gps(),
+            "gps": None if self.run.gps is None else self.run.gps.to_dict(),
             "images": self.images(),
             "pairs": [self.pair(pair) for pair in graph.pairs],
         }
@@ -164,19 +164,6 @@ class SfmReport(ReportTable):
             "kind": geometry.kind,
             "median_angle_deg": geometry.median_angle_deg,
             "reason": geometry.message,
-        }
-
-    def _gps(self) -> dict[str, Any] | None:
-        gps = self.run.gps
-        if gps is None:
-            return None
-        names = ("latitude_deg", "longitude_deg", "height_m")
-        return {
-            "sigma_m": gps.sigma_m,
-            "accuracy_m": gps.accuracy_m,
-            "outliers": list(gps.outliers),
-            "origin": dict(zip(names, np.asarray(gps.origin).tolist(), strict=True)),
-            "residuals_m": dict(gps.residuals_m),
         }
 
     def write(self, folder: str | PathLike[str]) -> list[Path]:
