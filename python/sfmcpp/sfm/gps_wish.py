@@ -50,7 +50,7 @@ def positions_wanted(
     """
     names = [photo.name for photo in photos]
     if known is not None:
-        return positions_of(names, known.positions, geodetic=known.geodetic)
+        return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
     told = {photo.name: photo.position for photo in photos if photo.position is not None}
     if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
         return None
