@@ -107,9 +107,16 @@ def georeference(
     """
     require_seed(seed)
     known = local_positions(_rows("positions", positions, problem), geodetic, _sigmas(sigmas_m, problem))
+    return georeference_to(problem, known, seed, **options)
+
+
+def georeference_to(
+    problem: Problem, positions: Positions, seed: int = 0, **options: Unpack[SolveKeywords]
+) -> Georeferenced:
+    """:func:`georeference` by positions that are in a metric frame already."""
     _require_movable(problem)
     solve(problem, **options).require_uninterrupted()
-    return _georeferenced(problem, known, image_names(problem), seed, dict(options), lambda _: None)
+    return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
 
 
 def georeference_map(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
