@@ -28,6 +28,7 @@ from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
+from sfmcpp.weighting.agreeing import LIE_SIGMAS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
-# Standard deviations, of a coordinate, beyond which a position lies: one of 10,000 honest ones does.
-_LIE_SIGMAS = 4.6
 _ROUNDS = 8
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
@@ -201,7 +200,7 @@ def _georeferenced(
         group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], options)
         apart = problem.centres[images] - metres
         misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
-        agrees = misses <= _LIE_SIGMAS * np.sqrt(3) * sigma_m
+        agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
         if (agrees == good).all():
             break
         good = agrees

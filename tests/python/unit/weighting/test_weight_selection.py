@@ -209,6 +209,33 @@ def test_a_wrong_scale_of_an_odometer_is_told_by_its_mean(drift: tuple[Problem, 
     assert lying.sensor_sigma > 10 * 0.02
 
 
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
+@pytest.mark.parametrize("liars", [1, 8])
+def test_members_that_lie_have_no_say_in_the_weight_of_a_robust_group(loss: str, liars: int) -> None:
+    truth = sfmcpp.circle_scene(40, 200, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=1)
+    group = gps(truth, 0.3)
+    group.values[:liars, 0] += 8.0
+    (squares,) = choose(truth, group)
+    group.loss = loss
+    (robust,) = choose(truth, group)
+    assert squares.sensor_sigma > 0.6
+    assert is_recovered(robust, 0.3)
+    assert group.loss == loss
+    assert group.weight == robust.weight
+    np.testing.assert_array_equal(group.member_weights, np.ones(40))
+
+
+@pytest.mark.parametrize("method", ["auto", "loo-approx", "l-curve"])
+def test_a_robust_group_of_honest_members_has_the_weight_of_squares(
+    drift: tuple[Problem, Problem], method: str
+) -> None:
+    weights = [
+        choose(drift[0], gps(drift[1], 0.2, loss=loss), weight=method)[0].weight
+        for loss in ("squared", "huber")
+    ]
+    assert weights[0] == weights[1]
+
+
 def test_outliers_of_the_images_do_not_spoil_the_choice_under_a_robust_loss(
     drift: tuple[Problem, Problem],
 ) -> None:
