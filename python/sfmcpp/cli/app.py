@@ -86,6 +86,14 @@ def solve(
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,
+    gps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Positions of the cameras, to align to and to solve with: name or index, lat, lon, height "
+            "or x, y, z; and sigma_x, sigma_y, sigma_z if known.",
+        ),
+    ] = None,
     mpi: Annotated[
         bool, typer.Option("--mpi", help="Ask MPI for other ranks; under mpiexec that is done anyway.")
     ] = False,
@@ -93,13 +101,14 @@ def solve(
 ) -> ExitCode:
     """Adjust cameras, intrinsics and points of a problem."""
     from sfmcpp.cli.checkpoints import Checkpoints
+    from sfmcpp.cli.georeferencing import Gps
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
 
     targets = Targets(output, report, plot)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
-    return solve_file(Job(source, targets, options, refined, camera_model, quiet, kept, mpi))
+    return solve_file(Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps)))
 
 
 @app.command()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -39,13 +39,18 @@ TERMINATIONS = {
 
 
 def print_summary(
-    source: Path, size: ProblemSize, summary: Summary, seconds_read: float, targets: Targets
+    source: Path,
+    size: ProblemSize,
+    summary: Summary,
+    seconds_read: float,
+    targets: Targets,
+    georeferenced: Iterable[Row] = (),
 ) -> None:
-    """Print what was solved, how it ended and what was written."""
+    """Print what was solved, how it ended, where the world is and what was written."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [*_size(source, size), *_result(summary), *_means(summary, seconds_read)]
+    rows = [*_size(source, size), *_result(summary), *georeferenced, *_means(summary, seconds_read)]
     for name, value in rows:
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
     for warning in summary.warnings:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
@@ -14,6 +14,7 @@ from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
+from sfmcpp.cli.georeferencing import Gps
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
@@ -21,6 +22,10 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read, read_part, write, write_part
 from sfmcpp.weighting import solve
+
+if TYPE_CHECKING:
+    from sfmcpp.sfm.georeference import Georeferenced
+    from sfmcpp.sfm.result import GpsOutcome
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,8 @@ class Job:
         Where to save and to resume.
     mpi : bool
         Whether to ask MPI for other processes even where no known launcher has left a trace.
+    gps : Gps
+        Positions to bring the problem to.
     """
 
     source: Path
@@ -55,6 +62,7 @@ class Job:
     quiet: bool = False
     checkpoints: Checkpoints = field(default_factory=Checkpoints)
     mpi: bool = False
+    gps: Gps = field(default_factory=Gps)
 
 
 def solve_file(job: Job) -> ExitCode:
@@ -78,22 +86,25 @@ def solve_file(job: Job) -> ExitCode:
     problem = _problem(job)
     job.targets.check_fits(problem)
     seconds_read = time.perf_counter() - started
-    summary = _solve(job, problem)
+    georeferenced = job.gps.georeference(problem, job.options)
+    summary = _solve(job, problem, georeferenced)
     with ctrl_c_noted():
         complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
-        return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints)
+        outcome = None if georeferenced is None else georeferenced.outcome
+        return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints, gps=outcome)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
     from sfmcpp.study.report_files import peak_memory_bytes
 
     ranks.from_root(lambda: _check(job))
+    ranks.from_root(job.gps.refuse_ranks)
     started = time.perf_counter()
     part = _part(job, ranks)
     ranks.from_root(lambda: job.targets.check_fits(part.problem))
     size = ProblemSize.of(part.problem, ranks)
     seconds_read = time.perf_counter() - started
-    summary = _solve(job, part.problem, ranks)
+    summary = _solve(job, part.problem, ranks=ranks)
     if summary.termination == "interrupted":
         heeded()
     with ctrl_c_noted():
@@ -115,15 +126,19 @@ def _finished(
     seconds_read: float,
     complaints: list[DatasetError],
     memory: Sequence[float] = (),
+    gps: GpsOutcome | None = None,
 ) -> ExitCode:
     """Report and print; `memory` is the largest that each rank has used [bytes]."""
     report = _report(job.source, size, summary, seconds_read)
     report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
+    report |= {} if gps is None else {"gps": gps.to_dict()}
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
+        from sfmcpp.study.gps_rows import gps_rows
 
-        print_summary(job.source, size, summary, seconds_read, job.targets)
+        placed = () if gps is None else gps_rows(gps)
+        print_summary(job.source, size, summary, seconds_read, job.targets, placed)
     return _exit_code(job, summary, complaints)
 
 
@@ -156,13 +171,16 @@ def _check_options(values: dict[str, Any]) -> None:
     options.validate()
 
 
-def _solve(job: Job, problem: Problem, ranks: Ranks | None = None) -> Summary:
+def _solve(
+    job: Job, problem: Problem, georeferenced: Georeferenced | None = None, ranks: Ranks | None = None
+) -> Summary:
     from sfmcpp.cli.display import shown_progress
 
     try:
         with shown_progress(quiet=job.quiet or not (ranks is None or ranks.is_root)) as listener:
             return solve(
                 problem,
+                constraints=() if georeferenced is None else [georeferenced.group],
                 callback=listener,
                 checkpoint=job.checkpoints.save,
                 resume=job.checkpoints.resume,

@@ -2,6 +2,7 @@
 
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
+from sfmcpp.sfm.georeference import Georeferenced, georeference
 from sfmcpp.sfm.given_matches import match_graph_of_arrays
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import GpsOutcome, ImageOutcome, SfmRun
@@ -11,6 +12,7 @@ from sfmcpp.sfm.settings import IncrementalSettings
 __all__ = [
     "Cache",
     "FrontEndSettings",
+    "Georeferenced",
     "GpsOutcome",
     "ImageOutcome",
     "IncrementalSettings",
@@ -18,6 +20,7 @@ __all__ = [
     "Pair",
     "SfmRun",
     "build_match_graph",
+    "georeference",
     "match_graph_of_arrays",
     "reconstruct",
 ]

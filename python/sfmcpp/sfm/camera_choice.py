@@ -12,7 +12,7 @@ from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.adjusting import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
-from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions
+from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # What is freed, each on top of what was worth it before, and what the model is called then.

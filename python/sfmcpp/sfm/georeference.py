@@ -8,89 +8,117 @@ none is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.ba.check import residuals
-from sfmcpp.ba.linearize import linearize
+from sfmcpp.ba.linearize import LinearModel, linearize
+from sfmcpp.ba.options import takes_options
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
-from sfmcpp.map import LocalProblem, Map
-from sfmcpp.model import ConstraintGroup
-from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.gps import east_north_up
+from sfmcpp.map import Map
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.arrays import FloatArray, number_array
+from sfmcpp.model.checks import require_seed
 from sfmcpp.sfm.adjusting import FINE
+from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
+from sfmcpp.weighting.agreeing import LIE_SIGMAS
 
-# Fewer positions leave nothing to judge them by.
-LEAST_POSITIONS = 5
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from sfmcpp._core import SolveKeywords
+
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
-# Standard deviations, of a coordinate, beyond which a position lies: one of 10,000 honest ones does.
-_LIE_SIGMAS = 4.6
 _ROUNDS = 8
+# What of the options of a solve a linear model takes.
+_LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 
 
 @dataclass(frozen=True, eq=False)
-class Positions:
-    """Positions of images in a metric frame.
+class Georeferenced:
+    """A problem in the world of positions of its cameras.
 
     Attributes
     ----------
-    metres : (I, 3) float64
-        East, north, up of the origin, or in the user's frame [m]; not a number where unknown.
-    origin : (3,) float64
-        Latitude, longitude [deg, WGS84] and height [m] of the origin; not a number of a frame of the user's.
+    outcome : GpsOutcome
+        What the positions amount to, which of them lie, and the origin of the world.
+    group : ConstraintGroup
+        The positions that do not lie, of kind "position", with the weight that was chosen: for any later
+        solve of the problem.
     """
 
-    metres: FloatArray
-    origin: FloatArray
+    outcome: GpsOutcome
+    group: ConstraintGroup
 
 
-def positions_of(
-    names: list[str], known: Mapping[str, tuple[float, float, float]], *, geodetic: bool
-) -> Positions:
-    """Put positions of images in the order of the images.
+@takes_options
+def georeference(
+    problem: Problem,
+    positions: ArrayLike,
+    *,
+    geodetic: bool = False,
+    sigmas_m: ArrayLike | None = None,
+    seed: int = 0,
+    **options: Unpack[SolveKeywords],
+) -> Georeferenced:
+    """Bring a problem into the world of positions of its cameras, and adjust both together, in place.
+
+    The images are adjusted alone first. Then the problem is moved to most of the positions, and adjusted
+    with them at the weight that restricted likelihood gives them; positions that lie are left out.
 
     Parameters
     ----------
-    names : list of I str
-        Names of images.
-    known : mapping
-        Positions by name; names that are no image's are left alone.
+    problem : Problem
+        Of a metric camera model; no camera and no point fixed. Afterwards it is in metres from
+        ``outcome.origin``.
+    positions : (C, 3) array-like
+        x, y, z [m] of each camera, or latitude, longitude [deg, WGS84] and height [m]; not a number where
+        unknown. At least five, not on a line.
     geodetic : bool
-        Whether they are latitude, longitude [deg, WGS84] and height [m]; else x, y, z [m].
+        Whether they are latitude, longitude and height; axes of the world are then east, north, up.
+    sigmas_m : (C, 3) array-like, optional
+        Standard deviations along the axes of the world as a receiver states them [m]. They count relative
+        to one another; how far they are right is found. Default: all alike.
+    seed : int
+        Of the search for the positions that agree.
+    **options
 
     Returns
     -------
-    Positions
-        Geodetic ones in the tangent plane of their mean.
+    Georeferenced
+        What was found, and the group of positions.
 
     Raises
     ------
     InvalidArgument
-        If no name is an image's, or a latitude is out of range.
+        If an argument breaks a rule, too few positions are known or they lie on a line, or the problem is
+        too large for a weight to be chosen (see ``weight`` of :func:`sfmcpp.solve`).
+    KeyboardInterrupt
+        On Ctrl-C.
     """
-    rows = np.array([known.get(name, (np.nan,) * 3) for name in names]).reshape(-1, 3)
-    told = np.isfinite(rows[:, 0])
-    if not told.any():
-        listed = ", ".join(list(known)[:3])
-        raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image")
-    if not geodetic:
-        return Positions(rows, np.full(3, np.nan))
-    origin = np.asarray(rows[told].mean(axis=0))
-    metres = np.full(rows.shape, np.nan)
-    metres[told] = east_north_up(rows[told], origin)
-    return Positions(metres, origin)
+    require_seed(seed)
+    known = local_positions(_rows("positions", positions, problem), geodetic, _sigmas(sigmas_m, problem))
+    return georeference_to(problem, known, seed, **options)
 
 
-def georeference(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
+def georeference_to(
+    problem: Problem, positions: Positions, seed: int = 0, **options: Unpack[SolveKeywords]
+) -> Georeferenced:
+    """:func:`georeference` by positions that are in a metric frame already."""
+    _require_movable(problem)
+    solve(problem, **options).require_uninterrupted()
+    return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
+
+
+def georeference_map(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
     """Bring a model into the world of positions of its images, and adjust both together.
 
     Parameters
@@ -112,26 +140,81 @@ def georeference(world: Map, positions: Positions, settings: IncrementalSettings
     InvalidArgument
         If there are too few positions, or they lie on a line, which leaves the model free to turn round it.
     """
-    images = np.flatnonzero(world.registered & np.isfinite(positions.metres[:, 0]))
-    _require_enough(positions.metres[images])
-    good = _placed(world.poses[images][:, :, 3], positions.metres[images], settings)[1]
+    local = world.whole_problem(2)
+    names = [world.image_names[image] for image in local.images]
+    options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, **FINE}
+    # Points seen once are no part of the problem, and move with it all the same.
+    found = _georeferenced(
+        local.problem, positions.of(local.images), names, settings.seed, options, world.transform
+    )
+    world.take(local)
+    return found.outcome
+
+
+def image_names(problem: Problem) -> list[str]:
+    """Names of the images of a problem; their numbers from 0 where its file told none."""
+    return list(problem.metadata.image_names) or [str(camera) for camera in range(problem.num_cameras)]
+
+
+def _rows(name: str, value: ArrayLike, problem: Problem) -> FloatArray:
+    rows = number_array(name, value).astype(np.float64)
+    if rows.shape != (problem.num_cameras, 3):
+        raise InvalidArgument(f"{name}: shape {rows.shape}, must be ({problem.num_cameras}, 3)")
+    return rows
+
+
+def _sigmas(value: ArrayLike | None, problem: Problem) -> FloatArray | None:
+    return None if value is None else _rows("sigmas_m", value, problem)
+
+
+def _require_movable(problem: Problem) -> None:
+    if not problem.is_metric:
+        raise InvalidArgument(f"problem: {problem.camera_model} cameras have no positions to compare")
+    for what, fixed in (("cameras", problem.fixed_cameras), ("points", problem.fixed_points)):
+        if fixed.any():
+            raise InvalidArgument(
+                f"problem: {np.count_nonzero(fixed)} {what} are fixed, which positions would have to move"
+            )
+
+
+def _georeferenced(
+    problem: Problem,
+    positions: Positions,
+    names: list[str],
+    seed: int,
+    options: dict[str, Any],
+    moved: Callable[[Similarity], None],
+) -> Georeferenced:
+    """Move and adjust a problem whose images alone are adjusted; `moved` hears of each move."""
+    images = np.flatnonzero(positions.known)
+    told = positions.of(images)
+    metres, weights = told.metres, told.member_weights
+    _require_enough(metres)
+    good = agreeing_pairs(problem.centres[images], metres, seed=seed)
     for _ in range(_ROUNDS):
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
-        world.transform(fit_similarity(world.poses[images[good]][:, :, 3], positions.metres[images[good]]))
-        sigma_m, accuracy_m = _adjust(world, images[good], positions.metres, settings)
-        apart = np.linalg.norm(world.poses[images][:, :, 3] - positions.metres[images], axis=1)
-        agrees = apart <= _LIE_SIGMAS * np.sqrt(3) * sigma_m
+        placed = _placed(problem.centres[images[good]], metres[good], weights[good])
+        problem.cameras[:] = placed.apply_to_poses(problem.cameras)
+        problem.points[:] = placed.apply(problem.points)
+        moved(placed)
+        group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], options)
+        apart = problem.centres[images] - metres
+        misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
+        agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
         if (agrees == good).all():
             break
         good = agrees
-    names = [world.image_names[image] for image in images]
-    return GpsOutcome(
+    distances = np.linalg.norm(apart, axis=1)
+    outcome = GpsOutcome(
         sigma_m=sigma_m,
-        accuracy_m=accuracy_m,
-        outliers=[name for name, agree in zip(names, good, strict=True) if not agree],
+        accuracy_m=_centre_sigma_m(problem, group, options),
+        outliers=[names[image] for image in images[~good]],
         origin=positions.origin,
-        residuals_m={name: float(distance) for name, distance in zip(names, apart, strict=True)},
+        geodetic=positions.geodetic,
+        stated_sigma_m=told.stated_sigma_m,
+        residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
     )
+    return Georeferenced(outcome, group)
 
 
 def _require_enough(metres: FloatArray) -> None:
@@ -146,42 +229,39 @@ def _require_enough(metres: FloatArray) -> None:
         )
 
 
-def _placed(
-    centres: FloatArray, metres: FloatArray, settings: IncrementalSettings
-) -> tuple[Similarity, BoolArray]:
-    """Similarity that brings most `centres` (n, 3) to `metres` (n, 3), and which of them it does (n,)."""
-    good = agreeing_pairs(centres, metres, seed=settings.seed)
+def _placed(centres: FloatArray, metres: FloatArray, weights: FloatArray) -> Similarity:
+    """Similarity that brings `centres` (n, 3) nearest to `metres` (n, 3)."""
     try:
-        return fit_similarity(centres[good], metres[good]), good
+        return fit_similarity(centres, metres, weights.mean(axis=1))
     except InvalidArgument as error:
         raise InvalidArgument(f"gps: no positions tell where the model is: {error}") from error
 
 
 def _adjust(
-    world: Map, images: NDArray[np.intp], metres: FloatArray, settings: IncrementalSettings
-) -> tuple[float, float]:
-    """Adjust images and positions together; σ of a coordinate of a position, and of a centre [m]."""
-    local = world.whole_problem(2)
-    cameras = np.searchsorted(local.images, images).astype(np.int32)
-    group = ConstraintGroup("position", cameras, metres[images], name="gps")
-    loss: dict[str, Any] = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas}
-    summary = solve(local.problem, constraints=[group], weight="auto", **loss, **FINE)
+    problem: Problem,
+    images: NDArray[np.intp],
+    metres: FloatArray,
+    weights: FloatArray,
+    options: dict[str, Any],
+) -> tuple[ConstraintGroup, float]:
+    """Adjust images and their positions together; σ of a coordinate of a position [m]."""
+    cameras = images.astype(np.int32)
+    group = ConstraintGroup("position", cameras, metres, member_weights=weights, name="gps")
+    summary = solve(problem, constraints=[group], weight="auto", **options)
     (chosen,) = summary.require_uninterrupted().group_weights
-    world.take(local)
-    return chosen.sensor_sigma, _centre_sigma_m(local, group, loss)
+    return group, chosen.sensor_sigma
 
 
-def _centre_sigma_m(local: LocalProblem, group: ConstraintGroup, loss: Mapping[str, Any]) -> float:
+def _centre_sigma_m(problem: Problem, group: ConstraintGroup, options: dict[str, Any]) -> float:
     """Standard deviation of a coordinate of a camera's centre in the world, RMS over the images [m]."""
-    model = linearize(local.problem, constraints=[group], **loss)
+    known = {name: options[name] for name in _LINEAR if name in options}
+    model = linearize(problem, constraints=[group], **known)
     variances = [np.diag(block)[3:6] for block in model.covariance(cameras="all").cameras]
-    return float(np.sqrt(np.mean(variances) * _pixel_variance(local, loss)))
+    return float(np.sqrt(np.mean(variances) * _pixel_variance(model)))
 
 
-def _pixel_variance(local: LocalProblem, loss: Mapping[str, Any]) -> float:
+def _pixel_variance(model: LinearModel) -> float:
     """Variance of a coordinate of an observation, over that which it was taken to have."""
-    problem = local.problem
-    squared = (residuals(problem) ** 2).sum(axis=1)
-    weights = 1 / (1 + squared / loss["loss_scale_px"] ** 2)
-    parameters = 6 * problem.num_cameras + 3 * problem.num_points
-    return float((weights * squared).sum() / (2 * problem.num_observations - parameters))
+    squared = (model.residuals**2).sum(axis=1)
+    redundancy = 2 * len(squared) - model.num_columns
+    return float((model.observation_weights * squared).sum() / max(redundancy, 1))

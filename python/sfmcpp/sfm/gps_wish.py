@@ -7,7 +7,7 @@ from os import PathLike, fspath
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.georeference import LEAST_POSITIONS, Positions, positions_of
+from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, positions_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 
 WORDS = ("auto", "exif", "none")
@@ -50,7 +50,7 @@ def positions_wanted(
     """
     names = [photo.name for photo in photos]
     if known is not None:
-        return positions_of(names, known.positions, geodetic=known.geodetic)
+        return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
     told = {photo.name: photo.position for photo in photos if photo.position is not None}
     if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
         return None

@@ -45,9 +45,15 @@ class GpsOutcome:
     outliers : list of str
         Images whose position lies.
     origin : (3,) float64
-        Latitude, longitude [deg, WGS84] and height [m] of the model's origin; its axes are east, north, up.
+        Of the model: latitude, longitude [deg, WGS84] and height [m], with axes east, north, up; or x, y, z
+        in the frame of the positions [m], with its axes.
     residuals_m : dict
         Distance of each image's centre from its position, by name [m].
+    geodetic : bool
+        Whether the origin is latitude, longitude and height.
+    stated_sigma_m : float or None
+        Where positions came with standard deviations: their median [m], beside which `sigma_m` is what it
+        turned out to be. The others are right or wrong by the same factor.
     """
 
     sigma_m: float
@@ -55,6 +61,13 @@ class GpsOutcome:
     outliers: list[str]
     origin: FloatArray
     residuals_m: dict[str, float]
+    geodetic: bool = True
+    stated_sigma_m: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for a report."""
+        names = ("latitude_deg", "longitude_deg", "height_m") if self.geodetic else ("x_m", "y_m", "z_m")
+        return {**vars(self), "origin": dict(zip(names, np.asarray(self.origin).tolist(), strict=True))}
 
 
 @dataclass(eq=False)

@@ -23,13 +23,14 @@ from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
-from sfmcpp.sfm.georeference import Positions, georeference
+from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
 from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
 from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
+from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.refining import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
@@ -275,7 +276,7 @@ def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: boo
     """Bring the largest model into the world; positions that nobody asked for may turn out to be useless."""
     world = found.models[0]
     try:
-        found.gps = georeference(world, positions, run.settings)
+        found.gps = georeference_map(world, positions, run.settings)
     except InvalidArgument as error:
         if needed:
             raise

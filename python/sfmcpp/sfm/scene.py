@@ -8,8 +8,8 @@ import numpy as np
 
 from sfmcpp.map import Map
 from sfmcpp.sfm.cameras import Cameras
-from sfmcpp.sfm.georeference import Positions
 from sfmcpp.sfm.match_graph import MatchGraph
+from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.tracks import Tracks, build_tracks
 
 # Standard deviation of a blob of scale s: ``σ² = least² + (factor s)²``. From residuals of SIFT on photos.

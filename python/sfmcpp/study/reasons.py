@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
+NAMES_LISTED = 4
 _NUMBER = re.compile(r"\b\d[\d.,]*\b")
 
 
@@ -37,3 +38,10 @@ def _name(shared: str, reasons: set[str]) -> str:
         if len(told) == 1:
             return told.pop()
     return shared
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, and how many more there are."""
+    shown = ", ".join(names[:NAMES_LISTED])
+    more = len(names) - NAMES_LISTED
+    return f"{shown} and {more:,} more" if more > 0 else shown

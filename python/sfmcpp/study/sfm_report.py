@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfmcpp.study.reasons import by_reason
+from sfmcpp.study.gps_rows import gps_rows
+from sfmcpp.study.reasons import NAMES_LISTED, by_reason, listed
 from sfmcpp.study.report_files import peak_memory_bytes, plain
 from sfmcpp.study.report_table import ReportTable
 from sfmcpp.study.sfm_measures import ModelMeasures
@@ -26,7 +27,7 @@ Thumbnail = Callable[["Photo"], "bytes | None"]
 THUMBNAIL_PX = 256
 # How a run was carried out changes no result: the report leaves it out, so that it is the same for all.
 _OF_THE_MACHINE = frozenset({"threads", "resume", "cache", "progress"})
-_NAMES_LISTED, _REASONS_LISTED = 4, 5
+_REASONS_LISTED = 5
 _FOLDERS_OF_ANY_SET = frozenset({"images", "photos", "pictures", "img", "jpg"})
 
 
@@ -79,7 +80,7 @@ class SfmReport(ReportTable):
             told = f"no model: none of {len(run.images):,} images could be placed"
         else:
             told = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
-        reasons = [f"{_listed(names)}: {reason}" for reason, names in self.left_out().items()]
+        reasons = [f"{listed(names)}: {reason}" for reason, names in self.left_out().items()]
         if len(reasons) > _REASONS_LISTED:
             reasons[_REASONS_LISTED:] = [f"and {len(reasons) - _REASONS_LISTED:,} more reasons"]
         return f"{told} ({'; '.join(reasons)})" if reasons else told
@@ -111,7 +112,7 @@ class SfmReport(ReportTable):
             "track_lengths": largest.get("track_lengths", {}),
             "cameras": largest.get("cameras", []),
             "models": [measures.to_dict() for measures in self.measures],
-            "gps": self._gps(),
+            "gps": None if self.run.gps is None else self.run.gps.to_dict(),
             "images": self.images(),
             "pairs": [self.pair(pair) for pair in graph.pairs],
         }
@@ -166,19 +167,6 @@ class SfmReport(ReportTable):
             "reason": geometry.message,
         }
 
-    def _gps(self) -> dict[str, Any] | None:
-        gps = self.run.gps
-        if gps is None:
-            return None
-        names = ("latitude_deg", "longitude_deg", "height_m")
-        return {
-            "sigma_m": gps.sigma_m,
-            "accuracy_m": gps.accuracy_m,
-            "outliers": list(gps.outliers),
-            "origin": dict(zip(names, np.asarray(gps.origin).tolist(), strict=True)),
-            "residuals_m": dict(gps.residuals_m),
-        }
-
     def write(self, folder: str | PathLike[str]) -> list[Path]:
         """Write models, report and pages; without a model the report and its page alone.
 
@@ -208,7 +196,7 @@ class SfmReport(ReportTable):
         yield "images", f"{run.num_registered:,} of {len(run.images):,} in the model"
         reasons = list(self.left_out().items())
         for reason, names in reasons[:_REASONS_LISTED]:
-            yield "left out", f"{_listed(names)}: {reason}"
+            yield "left out", f"{listed(names)}: {reason}"
         if len(reasons) > _REASONS_LISTED:
             yield "left out", f"and {len(reasons) - _REASONS_LISTED:,} more reasons"
         matched = sum(pair.geometry.kind != "none" for pair in graph.pairs)
@@ -216,14 +204,12 @@ class SfmReport(ReportTable):
         for number, measures in enumerate(self.measures):
             yield "model" if number == 0 else f"model {number}", _model_line(measures)
         for measures in self.measures[:1]:
-            for camera in measures.cameras[:_NAMES_LISTED]:
+            for camera in measures.cameras[:NAMES_LISTED]:
                 yield "camera", camera_line(measures, camera)
-            if len(measures.cameras) > _NAMES_LISTED:
-                yield "camera", f"and {len(measures.cameras) - _NAMES_LISTED:,} more"
+            if len(measures.cameras) > NAMES_LISTED:
+                yield "camera", f"and {len(measures.cameras) - NAMES_LISTED:,} more"
         if run.gps is not None:
-            yield "GPS", f"σ {run.gps.sigma_m:.3g} m; the model lies within {run.gps.accuracy_m:.3g} m (1 σ)"
-            if run.gps.outliers:
-                yield "GPS lies", _listed(run.gps.outliers)
+            yield from gps_rows(run.gps)
         stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in run.seconds.items())
         yield "seconds", f"{sum(run.seconds.values()):.1f} ({stages})"
         yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
@@ -260,10 +246,3 @@ def _model_line(measures: ModelMeasures) -> str:
     if measures.mean_error_px is None:
         return counts
     return f"{counts}, mean error {measures.mean_error_px:.3f} px, RMS {measures.rms_px:.3f} px"
-
-
-def _listed(names: list[str]) -> str:
-    """Some names, and how many more there are."""
-    shown = ", ".join(names[:_NAMES_LISTED])
-    more = len(names) - _NAMES_LISTED
-    return f"{shown} and {more:,} more" if more > 0 else shown

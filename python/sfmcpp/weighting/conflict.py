@@ -112,8 +112,7 @@ def member_conflict(
     measured = np.bincount(places, errors**2)
     squared = measured / np.maximum(free, _LEAST_FREE)
     worst = int(np.argmax(squared))
-    median = unit.freedom * (1 - 2 / (9 * unit.freedom)) ** 3  # Wilson and Hilferty's, of a chi-square number
-    variance = float(np.median(squared)) / median
+    variance = float(np.median(squared)) / chi_square_median(unit.freedom)
     discrepancy = math.sqrt(unit.spread * measured[worst])
     if variance <= np.finfo(float).tiny:
         return ConflictReport(
@@ -139,6 +138,11 @@ def member_conflict(
         bias_sigmas=bias,
         alike_sigmas=alike,
     )
+
+
+def chi_square_median(degrees_of_freedom: int) -> float:
+    """The median of a number from the chi-square distribution, after Wilson and Hilferty."""
+    return degrees_of_freedom * (1 - 2 / (9 * degrees_of_freedom)) ** 3
 
 
 def equivalent_sigmas(squared_mahalanobis: float, degrees_of_freedom: int) -> float:

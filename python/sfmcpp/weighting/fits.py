@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,6 +115,13 @@ class WeightFits:
         self.noise = max(math.sqrt(float(np.median(squared)) / _MEDIAN_OF_TWO), LEAST_NOISE)
         self.alone = self._result(state, summary)
 
+    def among(self, members: Mapping[int, BoolArray]) -> WeightFits:
+        """The same with some members (n,) of some groups alone, by number of the group."""
+        other = copy(self)
+        other.groups = [_among(g, members[k]) if k in members else g for k, g in enumerate(self.groups)]
+        other.alone = replace(self.alone, errors=other.squared_errors(self.alone.problem))
+        return other
+
     def fit(self, weights: FloatArray, start: Problem, brief: bool = False) -> WeightFit:
         """Fit at the given weights (k,), from a start that is left untouched; if `brief`, less sharply."""
         state, options = start.copy(), self.options
@@ -155,7 +163,8 @@ class WeightFits:
 
     def measurements(self, k: int) -> int:
         """Independent numbers measured by group k."""
-        return self.units[k].freedom * int(np.count_nonzero(self.groups[k].member_weights))
+        weights = self.groups[k].member_weights
+        return (self.units[k].freedom if weights.ndim == 1 else 1) * int(np.count_nonzero(weights))
 
     def bounded(self, k: int, weight: float) -> float:
         """A weight of group k within reason, in three digits.
@@ -219,5 +228,12 @@ def _without_unmoved(group: ConstraintGroup, problem: Problem) -> ConstraintGrou
         return group  # the core says which
     seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
     poses_matter = CONSTRAINT_KINDS[group.kind].on_poses
-    moved = (seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1)
-    return replace(group, member_weights=np.where(moved, group.member_weights, 0.0))
+    moved = np.asarray((seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1))
+    return _among(group, moved)
+
+
+def _among(group: ConstraintGroup, members: BoolArray) -> ConstraintGroup:
+    """A group whose other members have no weight."""
+    member_weights = group.member_weights.copy()
+    member_weights[~members] = 0.0
+    return replace(group, member_weights=member_weights)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.residual_group import Group, require_kinds
 from sfmcpp.model.weight_selection import WeightSelection
+from sfmcpp.weighting.agreeing import agreeing_members
 from sfmcpp.weighting.conflict import member_conflict
 from sfmcpp.weighting.fits import WeightFit, WeightFits
 from sfmcpp.weighting.methods import selection_method
@@ -27,6 +29,9 @@ _ROUNDS = 2
 # Positions farther from the cameras than this many times the extent of both are in another frame.
 _FARTHEST = 100.0
 VARIANCE = "variance"
+_SQUARED = "squared"
+# Rounds over the members that agree with the fit.
+_ROUNDS_OF_MEMBERS = 8
 
 
 def select_group_weights(
@@ -39,7 +44,8 @@ def select_group_weights(
 
     All weights start where images and constraints balance. Groups of method "variance" are weighed together,
     others one after the other with the rest held, and twice round if there are several
-    (:func:`sfmcpp.weighting.select_weights` does so for one pose).
+    (:func:`sfmcpp.weighting.select_weights` does so for one pose). A weight is that of errors that count by
+    their squares; of a group with a robust loss, of the members that are within 4.6 standard deviations.
 
     Parameters
     ----------
@@ -72,11 +78,36 @@ def select_group_weights(
         apart = frame_conflict(problem, groups[k])
         if apart is not None:
             raise InvalidArgument(apart)
-    selection = _Selection(WeightFits(problem, groups, options), methods)
-    chosen = selection.run(np.array([float(group.weight) for group in groups]))
+    by_squares = [replace(g, loss=_SQUARED) if k in methods else g for k, g in enumerate(groups)]
+    fits = WeightFits(problem, by_squares, options)
+    robust = [k for k in methods if groups[k].loss != _SQUARED]
+    chosen = _selected_among(fits, methods, robust, np.array([float(group.weight) for group in groups]))
     for k, found in zip(methods, chosen, strict=True):
         groups[k].weight = found.weight
     return chosen
+
+
+def _selected_among(
+    fits: WeightFits, methods: Mapping[int, str], robust: Sequence[int], weights: FloatArray
+) -> list[WeightSelection]:
+    """Weights by the squares of all members, and of robust groups of those that agree with the fit.
+
+    These are first those that the median allows at the optimum of the images alone, then those that the
+    chosen weight does, until they stay.
+    """
+
+    def agreeing(at: Problem, sigmas: Mapping[int, float]) -> dict[int, BoolArray]:
+        return {k: agreeing_members(fits.groups[k], fits.units[k], at, sigmas.get(k)) for k in robust}
+
+    members = agreeing(fits.alone.problem, {})
+    for _ in range(_ROUNDS_OF_MEMBERS):
+        selection = _Selection(fits.among(members), methods)
+        found = dict(zip(methods, selection.run(weights), strict=True))
+        before = members
+        members = agreeing(selection.optimum, {k: found[k].sensor_sigma for k in robust})
+        if all((members[k] == before[k]).all() for k in robust):
+            break
+    return list(found.values())
 
 
 def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
@@ -127,18 +158,14 @@ def _methods(groups: Sequence[ConstraintGroup], weight: str | Mapping[str, str])
         if name not in names:
             raise InvalidArgument(f"weight[{name!r}]: no such group, must be one of {', '.join(names)}")
         selection_method(method, "problem", "weight")
-    robust = next((group for group in groups if group.name in wanted and group.loss != "squared"), None)
-    if robust is not None:
-        raise InvalidArgument(
-            f"constraints[{robust.name!r}].loss = {robust.loss!r}: a weight is chosen for errors that count "
-            "by their squares; choose it with loss = 'squared' first"
-        )
     resolved = {name: VARIANCE if method == "auto" else method for name, method in wanted.items()}
     return {k: resolved[name] for k, name in enumerate(names) if name in resolved}
 
 
 class _Selection:
-    """The weights of all groups, on their way."""
+    """The weights of all groups, on their way; `optimum` is the state at those that were chosen."""
+
+    optimum: Problem
 
     def __init__(self, fits: WeightFits, methods: Mapping[int, str]) -> None:
         self._fits, self._methods = fits, methods
@@ -156,6 +183,7 @@ class _Selection:
                 at = self._by_variance(at)
             for k in self._alone:
                 at = self._by_sweep(at, k)
+        self.optimum = at.step.problem
         return [self._described(k, at) for k in self._methods]
 
     def _balanced(self, weights: FloatArray) -> tuple[FloatArray, WeightFit]:
@@ -207,7 +235,7 @@ class _Selection:
             weight=weight,
             weights=trials.weights,
             vision=np.array([fit.images for fit in trials.fits]) / fits.alone.problem.num_observations,
-            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / group.member_weights.sum(),
+            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / _total(group.member_weights),
             score=trials.score,
             admissible=trials.admissible,
             sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
@@ -215,3 +243,8 @@ class _Selection:
             conflict=member_conflict(group.name, unit, at.linear.groups[k].member, at.errors[k], at.hats[k]),
             redundancy=None if at.too_large else float(at.redundancy.groups[k]),
         )
+
+
+def _total(member_weights: FloatArray) -> float:
+    """Sum of the weights (n,) of members, those (n, d) of single numbers counting by their mean."""
+    return float(member_weights.sum() / np.prod(member_weights.shape[1:]))

@@ -72,6 +72,8 @@ def solve(
         weight at all; trade-off criteria 1 to 330 %. A sensor that is wrong where the images drift as far
         bends the result, and its equivalent standard deviation grows less than it should.
 
+        Of a group with a robust loss, members beyond 4.6 standard deviations have no say in its weight.
+
         Every weight keeps 90 % of the inliers of the images alone, if any does. All fits use the loss,
         linear solver, gauge and limits given here, each for itself; Ctrl-C during the choice raises
         KeyboardInterrupt and leaves everything as it was.

@@ -12,17 +12,20 @@ import pytest
 import sfmcpp
 from sfm_scenes import match_graph
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import Similarity
+from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.gps import east_north_up
 from sfmcpp.sfm.cameras import cameras_of
-from sfmcpp.sfm.georeference import Positions, georeference, positions_of
+from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
+from sfmcpp.sfm.positions import Positions, local_positions, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
 SETTINGS = IncrementalSettings()
-NOWHERE = np.full(3, np.nan)
 
 
 @lru_cache
@@ -59,8 +62,8 @@ def test_positions_that_lie_are_named_and_cost_nothing(seed: int) -> None:
     by_hand = honest.copy()
     by_hand[liars] = np.nan
     world, control = model_of(seed), model_of(seed)
-    found = georeference(world, Positions(lies, NOWHERE), SETTINGS)
-    georeference(control, Positions(by_hand, NOWHERE), SETTINGS)
+    found = georeference_map(world, Positions(lies), SETTINGS)
+    georeference_map(control, Positions(by_hand), SETTINGS)
     assert found.outliers == [world.image_names[liar] for liar in liars]
     assert error_m(world, truth) <= 1.05 * error_m(control, truth)
     assert found.sigma_m == pytest.approx(1.0, rel=0.35)  # of 51 numbers: 10 % is one standard deviation
@@ -72,14 +75,14 @@ def test_the_stated_accuracy_is_that_of_the_model_in_the_world() -> None:
         truth = truth_of(seed)
         gps = truth.centres + np.random.default_rng(seed + 9).normal(0, 0.5, truth.centres.shape)
         world = model_of(seed)
-        stated.append(georeference(world, Positions(gps, NOWHERE), SETTINGS).accuracy_m ** 2)
+        stated.append(georeference_map(world, Positions(gps), SETTINGS).accuracy_m ** 2)
         true.append(error_m(world, truth) ** 2 / 3)
     assert (
         0.4 < np.mean(true) / np.mean(stated) < 2.5
     )  # 28 numbers: a factor of 1.3 is one standard deviation
 
 
-def test_geodetic_positions_are_metres_east_north_up_of_their_mean() -> None:
+def test_geodetic_positions_are_metres_east_north_up_of_their_median() -> None:
     known = {"a": (46.0, 9.0, 100.0), "b": (46.001, 9.0, 100.0), "unknown": (0.0, 0.0, 0.0)}
     found = positions_of(["a", "b", "c"], known, geodetic=True)
     assert np.isnan(found.metres[2]).all()
@@ -95,19 +98,114 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
     few = np.full(truth.centres.shape, np.nan)
     few[:4] = truth.centres[:4]
     with pytest.raises(InvalidArgument, match=r"4 images of the model have a position, 5 are needed"):
-        georeference(world, Positions(few, NOWHERE), SETTINGS)
+        georeference_map(world, Positions(few), SETTINGS)
     line = np.outer(np.arange(len(few)), [1.0, 2.0, 0.0])
     with pytest.raises(InvalidArgument, match=r"lie on a line"):
-        georeference(world, Positions(line, NOWHERE), SETTINGS)
+        georeference_map(world, Positions(line), SETTINGS)
     with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image"):
         positions_of(["a"], {"x": (0.0, 0.0, 0.0)}, geodetic=False)
+
+
+def camera_errors_m(problem: Problem, truth: FloatArray) -> FloatArray:
+    return np.linalg.norm(problem.centres - truth, axis=1)
+
+
+UTM = np.array([691_500.0, 5_334_500.0, 520.0])
+
+
+def in_a_frame_of_its_own(truth: Problem, seed: int) -> Problem:
+    """Far off, turned, of another scale, and perturbed."""
+    random = np.random.default_rng([seed, 4])
+    turn = nearest_rotation(random.normal(size=(3, 3)))
+    away = Similarity(0.07, turn, random.normal(0, 50.0, 3))
+    problem = sfmcpp.perturb(
+        truth, point_sigma_m=0.3, position_sigma_m=0.3, rotation_sigma_deg=0.3, seed=seed
+    )
+    problem.cameras[:] = away.apply_to_poses(problem.cameras)
+    problem.points[:] = away.apply(problem.points)
+    return problem
+
+
+def scene(seed: int) -> Problem:
+    return sfmcpp.circle_scene(40, 300, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=seed)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_problem_ends_in_utm_and_one_outlier_among_forty_leaves_sigma(seed: int) -> None:
+    truth = scene(seed)
+    random = np.random.default_rng(seed)
+    gps = truth.centres + UTM + random.normal(0, 0.3, truth.centres.shape)
+    gps[7] += 8.0 * random.permutation([1.0, 0.0, 0.0])
+    problem = in_a_frame_of_its_own(truth, seed)
+    found = georeference(problem, gps)
+    assert found.outcome.outliers == ["7"]
+    assert found.outcome.sigma_m == pytest.approx(0.3, rel=0.2)  # of 110 numbers: 7 % is one σ
+    assert found.outcome.origin.tolist() == [691_000.0, 5_334_000.0, 0.0]
+    errors = camera_errors_m(problem, truth.centres + UTM - found.outcome.origin)
+    assert np.sqrt((errors**2).mean() / 3) < 3 * found.outcome.accuracy_m < 0.3
+    assert sfmcpp.solve(problem.copy(), constraints=[found.group]).final_rms_px == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_problem_ends_where_latitude_longitude_and_height_say() -> None:
+    truth = scene(0)
+    origin = np.array([46.5, 9.25, 800.0])
+    # Metres to degrees at the origin, to first order, refined by what the first answer misses.
+    gps = np.tile(origin, (40, 1))
+    for _ in range(5):
+        missed = truth.centres - east_north_up(gps, origin)
+        gps += missed[:, [1, 0, 2]] * [1 / 111_150, 1 / (111_320 * np.cos(np.deg2rad(46.5))), 1.0]
+    gps[[3, 30]] = np.nan
+    problem = in_a_frame_of_its_own(truth, 1)
+    found = georeference(problem, gps, geodetic=True)
+    assert found.outcome.geodetic
+    assert found.group.num_members == 38
+    assert set(found.outcome.residuals_m) == {str(k) for k in range(40) if k not in (3, 30)}
+    middle = east_north_up(found.outcome.origin[None], origin)
+    # Planes tangent at places 100 m apart differ by millimetres.
+    assert camera_errors_m(problem, truth.centres - middle).max() < 0.1
+
+
+def test_stated_deviations_count_relative_to_one_another() -> None:
+    ratios, gains = [], []
+    for seed in range(3):
+        truth = scene(seed)
+        random = np.random.default_rng(seed)
+        sigmas = np.where(random.random((40, 1)) < 0.5, 0.02, 1.0) * [1.0, 1.0, 2.0]
+        gps = truth.centres + random.normal(0, 1, (40, 3)) * sigmas
+        stated, alike = in_a_frame_of_its_own(truth, seed), in_a_frame_of_its_own(truth, seed)
+        found = georeference(stated, gps, sigmas_m=sigmas / 3).outcome
+        georeference(alike, gps)
+        assert not found.outliers
+        ratios.append(found.sigma_m / found.stated_sigma_m)
+        gains.append(np.mean([camera_errors_m(p, truth.centres) for p in (alike, stated)], axis=1))
+    assert np.mean(ratios) == pytest.approx(3.0, rel=0.2)
+    alike_m, stated_m = np.mean(gains, axis=0)
+    assert stated_m < 0.5 * alike_m
+
+
+def test_what_a_problem_lacks_is_refused() -> None:
+    truth = scene(0)
+    with pytest.raises(InvalidArgument, match=r"positions: shape \(39, 3\), must be \(40, 3\)"):
+        georeference(truth, truth.centres[:39])
+    with pytest.raises(InvalidArgument, match="gps: no position is known"):
+        georeference(truth, np.full((40, 3), np.nan))
+    with pytest.raises(InvalidArgument, match=r"sigmas_m\[0\] = .*: must be positive"):
+        georeference(truth, truth.centres, sigmas_m=np.zeros((40, 3)))
+    truth.fixed_cameras[0] = True
+    with pytest.raises(InvalidArgument, match="1 cameras are fixed"):
+        georeference(truth, truth.centres)
+
+
+def test_a_fix_at_zero_zero_does_not_move_the_origin() -> None:
+    rows = np.array([[46.0, 9.0, 1.0], [46.1, 9.1, 2.0], [0.0, 0.0, 0.0], [46.2, 9.2, 3.0], [46.3, 9.3, 4.0]])
+    assert local_positions(rows, geodetic=True).origin.tolist() == [46.1, 9.1, 2.0]
 
 
 def test_the_same_bits_for_the_same_seed() -> None:
     truth = truth_of(1)
     gps = truth.centres + np.random.default_rng(0).normal(0, 1, truth.centres.shape)
     a, b = model_of(1), model_of(1)
-    one = georeference(a, Positions(gps, NOWHERE), replace(SETTINGS, seed=3))
-    two = georeference(b, Positions(gps, NOWHERE), replace(SETTINGS, seed=3))
+    one = georeference_map(a, Positions(gps), replace(SETTINGS, seed=3))
+    two = georeference_map(b, Positions(gps), replace(SETTINGS, seed=3))
     assert np.array_equal(a.poses, b.poses)
     assert one.sigma_m == two.sigma_m

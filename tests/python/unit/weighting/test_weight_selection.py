@@ -55,6 +55,18 @@ def test_the_noise_of_a_gps_is_recovered(drift: tuple[Problem, Problem], sigma_m
     assert not chosen.conflict.conflicting
 
 
+def test_numbers_of_members_have_weights_of_their_own() -> None:
+    truth = sfmcpp.circle_scene(20, 200, pixel_sigma_px=1.0, seed=2)
+    alike, group = gps(truth, 0.2), gps(truth, 0.2)
+    group.member_weights = np.ones((20, 3))
+    (one,), (by_number,) = choose(truth, alike), choose(truth, group)
+    assert by_number.weight == pytest.approx(one.weight, rel=1e-2)
+    np.testing.assert_allclose(by_number.constraint_error[-1], one.constraint_error[-1], rtol=0.02)
+    group.values[:, 2] += np.random.default_rng(0).normal(0, 2.0, 20)
+    group.member_weights[:, 2] = 0.01
+    assert is_recovered(choose(truth, group)[0], 0.2)
+
+
 def test_the_noises_of_two_sensors_are_recovered_together(drift: tuple[Problem, Problem]) -> None:
     found = choose(drift[0], gps(drift[1], 0.1, seed=1), odometer(drift[1], 0.02, seed=1))
     assert [chosen.name for chosen in found] == ["gps", "odometer"]
@@ -195,6 +207,33 @@ def test_a_wrong_scale_of_an_odometer_is_told_by_its_mean(drift: tuple[Problem, 
     assert lying.conflict.conflicting
     assert lying.conflict.bias_sigmas > 4
     assert lying.sensor_sigma > 10 * 0.02
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
+@pytest.mark.parametrize("liars", [1, 8])
+def test_members_that_lie_have_no_say_in_the_weight_of_a_robust_group(loss: str, liars: int) -> None:
+    truth = sfmcpp.circle_scene(40, 200, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=1)
+    group = gps(truth, 0.3)
+    group.values[:liars, 0] += 8.0
+    (squares,) = choose(truth, group)
+    group.loss = loss
+    (robust,) = choose(truth, group)
+    assert squares.sensor_sigma > 0.6
+    assert is_recovered(robust, 0.3)
+    assert group.loss == loss
+    assert group.weight == robust.weight
+    np.testing.assert_array_equal(group.member_weights, np.ones(40))
+
+
+@pytest.mark.parametrize("method", ["auto", "loo-approx", "l-curve"])
+def test_a_robust_group_of_honest_members_has_the_weight_of_squares(
+    drift: tuple[Problem, Problem], method: str
+) -> None:
+    weights = [
+        choose(drift[0], gps(drift[1], 0.2, loss=loss), weight=method)[0].weight
+        for loss in ("squared", "huber")
+    ]
+    assert weights[0] == weights[1]
 
 
 def test_outliers_of_the_images_do_not_spoil_the_choice_under_a_robust_loss(

@@ -1,0 +1,22 @@
+"""How a model was brought into the world of positions, as rows of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from sfmcpp.study.reasons import listed
+
+if TYPE_CHECKING:
+    from sfmcpp.sfm import GpsOutcome
+
+
+def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
+    """σ of the positions, accuracy of the model, positions that lie, origin."""
+    stated = "" if gps.stated_sigma_m is None else f" where {gps.stated_sigma_m:.3g} m are stated"
+    yield "GPS", f"σ {gps.sigma_m:.3g} m{stated}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
+    if gps.outliers:
+        yield "GPS lies", listed(gps.outliers)
+    origin = gps.to_dict()["origin"]
+    if any(origin.values()):
+        yield "origin", ", ".join(f"{name} {value:.10g}" for name, value in origin.items())

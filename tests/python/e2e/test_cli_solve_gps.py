@@ -1,0 +1,83 @@
+"""`sfmcpp solve --gps`: the result is in the world of the positions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import run_here, strict_json
+from sfmcpp.model.arrays import FloatArray
+
+UTM = np.array([691_500.0, 5_334_500.0, 520.0])
+
+
+def scene(folder: Path, names: bool) -> tuple[Path, FloatArray]:
+    """A file of a problem that is perturbed and twice as small as its centres, and these in the world."""
+    truth = sfmcpp.circle_scene(40, 200, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=5)
+    problem = sfmcpp.perturb(truth, point_sigma_m=0.2, position_sigma_m=0.2, rotation_sigma_deg=0.3, seed=5)
+    problem.cameras[:, :, 3] /= 2
+    problem.points /= 2
+    if names:
+        problem.metadata.image_names = [f"IMG_{k:03d}.jpg" for k in range(40)]
+    path = folder / "start.npz"
+    sfmcpp.write(problem, path)
+    return path, truth.centres + UTM
+
+
+def write_csv(path: Path, columns: str, rows: list[list[object]]) -> Path:
+    path.write_text("\n".join([columns, *(",".join(map(str, row)) for row in rows)]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("names", [True, False])
+def test_a_file_ends_in_the_world_of_its_positions(tmp_path: Path, names: bool) -> None:
+    source, centres = scene(tmp_path, names)
+    gps = centres + np.random.default_rng(0).normal(0, 0.3, centres.shape)
+    gps[11] += [0.0, 8.0, 0.0]
+    labels = [f"IMG_{k:03d}.jpg" if names else k for k in range(40)]
+    rows = [[label, *row] for label, row in zip(labels, gps, strict=True)][::-1]
+    table = write_csv(tmp_path / "gps.csv", "name,x,y,z" if names else "index,x,y,z", rows)
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    result = run_here("solve", source, "--gps", table, "-o", output, "--report", report)
+    assert (result.returncode, result.stderr) == (0, "")
+    told = strict_json(report)["gps"]
+    assert told["outliers"] == [str(labels[11])]
+    assert told["sigma_m"] == pytest.approx(0.3, rel=0.2)
+    assert told["origin"] == {"x_m": 691_000.0, "y_m": 5_334_000.0, "z_m": 0.0}
+    there = sfmcpp.read(output).centres + list(told["origin"].values())
+    assert np.linalg.norm(there - centres, axis=1).max() < 0.3
+    shown = [line.split(maxsplit=2) for line in result.stdout.splitlines()]
+    assert ["GPS", "lies", str(labels[11])] in shown
+    assert ["origin", "x_m", "691000, y_m 5334000, z_m 0"] in shown
+
+
+def test_positions_without_names_or_numbers_go_by_their_line_and_have_deviations(tmp_path: Path) -> None:
+    source, centres = scene(tmp_path, names=True)
+    sigmas = np.where(np.arange(40) % 2, 0.02, 1.0)[:, None] * [1.0, 1.0, 2.0]
+    gps = centres + np.random.default_rng(1).normal(0, 1, centres.shape) * sigmas
+    table = write_csv(
+        tmp_path / "gps.csv", "x,y,z,sigma_x,sigma_y,sigma_z", np.hstack([gps, sigmas]).tolist()
+    )
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    assert run_here("solve", source, "--gps", table, "-o", output, "--report", report).returncode == 0
+    told = strict_json(report)["gps"]
+    assert told["sigma_m"] == pytest.approx(told["stated_sigma_m"], rel=0.25)
+    there = sfmcpp.read(output).centres + list(told["origin"].values())
+    assert np.linalg.norm(there - centres, axis=1).max() < 0.1
+
+
+def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:
+    source, centres = scene(tmp_path, names=True)
+    alien = write_csv(tmp_path / "alien.csv", "name,x,y,z", [["x.jpg", 1, 2, 3]])
+    few = write_csv(tmp_path / "few.csv", "index,x,y,z", [[k, *centres[k]] for k in range(3)])
+    for table, reason in (
+        (alien, "none of its names (x.jpg) is the name of an image"),
+        (few, "3 images of the model have a position, 5 are needed"),
+        (tmp_path / "missing.csv", "no such file or directory"),
+    ):
+        result = run_here("solve", source, "--gps", table)
+        assert result.returncode == 2
+        assert result.stderr == f"sfmcpp: error: {table}: {reason}\n"
