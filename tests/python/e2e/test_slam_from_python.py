@@ -129,7 +129,9 @@ def test_a_run_without_a_world_is_measured_as_evaluate_measures_it_and_by_its_dr
     drive = georeferenced(bend())
     drifting = study.SlamReport(slam.run(drive))
     assert not drifting.run.georeferenced
-    assert drifting.comparison is not None and drifting.drift is not None and drive.truth is not None
+    assert drifting.comparison is not None
+    assert drifting.drift is not None
+    assert drive.truth is not None
     expected = evaluate(drifting.run.trajectory(), drive.truth)
     assert drifting.comparison.mean_3d_error_m == expected.mean_3d_error_m < drifting.drift.mean_3d_error_m
     rows = dict(line.split(maxsplit=1) for line in str(drifting).splitlines())
