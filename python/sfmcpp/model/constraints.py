@@ -137,9 +137,10 @@ class ConstraintGroup:
     def _member_weights(self, kind: ConstraintKind, count: int) -> FloatArray:
         if self.member_weights is None:
             return np.ones(count)
-        by_entry = np.ndim(self.member_weights) == 2 and kind.values is not None and len(kind.values) == 1
+        given = number_array(self._label("member_weights"), self.member_weights)
+        by_entry = given.ndim == 2 and kind.values is not None and len(kind.values) == 1
         shape = (count, *kind.values) if by_entry and kind.values else (count,)
-        return finite_array(self._label("member_weights"), self.member_weights, shape)
+        return finite_array(self._label("member_weights"), given, shape)
 
     def _points(self, kind: ConstraintKind, count: int) -> list[FloatArray]:
         if not isinstance(self.points, Sized):
