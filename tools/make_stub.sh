@@ -12,8 +12,14 @@ sed -E 's/^(\w+: str) = .*/\1/' "$folder/sfmcpp/_core.pyi" >"$output"
 "$python" - >>"$output" <<'PYTHON'
 from sfmcpp._core import SOLVE_OPTIONS
 
+
+def literal(names: list[str]) -> str:
+    return f"typing.Literal[{', '.join(map(repr, names))}]"
+
+
 print("class SolveKeywords(typing.TypedDict, total=False):")
 for option in SOLVE_OPTIONS:
-    other = f" | typing.Literal[{option.unset!r}]" if option.unset else " | None" if option.optional else ""
-    print(f"    {option.name}: {option.type}{other}")
+    names = [name for name, _ in option.choices]
+    other = f" | {literal([option.unset])}" if option.unset else " | None" if option.optional else ""
+    print(f"    {option.name}: {literal(names) if names else option.type}{other}")
 PYTHON

@@ -725,18 +725,18 @@ INSTRUCTION_SET: str
 SOLVE_OPTIONS: tuple
 __version__: str
 class SolveKeywords(typing.TypedDict, total=False):
-    method: str
-    line_search: str
+    method: typing.Literal['lm', 'lm-nielsen', 'dog-leg', 'gauss-newton', 'gradient-descent', 'conjugate-gradient', 'alternation']
+    line_search: typing.Literal['none', 'g-als', 't-als', 'exact', 'soft', 'backtracking']
     line_search_iterations: int
     line_search_damping: float | None
     line_search_on_rejection: bool
-    backtracking_test: str
-    algebraic_weights: str
-    acceleration: str
-    point_steps: str
-    linear_solver: str
-    precision: str
-    loss: str
+    backtracking_test: typing.Literal['armijo', 'strong-wolfe', 'goldstein']
+    algebraic_weights: typing.Literal['uniform', 'inverse-depth']
+    acceleration: typing.Literal['auto', 'none', 'points', 'geodesic']
+    point_steps: typing.Literal['auto', 'whole', 'held-back', 'refitted']
+    linear_solver: typing.Literal['auto', 'dense', 'sparse', 'iterative']
+    precision: typing.Literal['auto', 'single', 'double']
+    loss: typing.Literal['squared', 'huber', 'cauchy', 'tukey', 'geman-mcclure', 'truncated', 'auto']
     loss_scale_px: float | typing.Literal['auto']
     max_iterations: int
     max_seconds: float | None
@@ -744,12 +744,12 @@ class SolveKeywords(typing.TypedDict, total=False):
     gradient_tolerance: float
     parameter_tolerance: float
     threads: int
-    gauge: str
+    gauge: typing.Literal['auto', 'free', 'fixed']
     initial_damping: float | None
     initial_radius: float | None
-    damping_matrix: str
+    damping_matrix: typing.Literal['identity', 'diagonal']
     pcg_tolerance: float | None
     pcg_max_iterations: int
     pcg_forcing: float
-    preconditioner: str
+    preconditioner: typing.Literal['auto', 'schur-jacobi', 'clusters', 'two-levels']
     max_memory_bytes: float | None

@@ -16,6 +16,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.names import Gauge, Loss
 from sfmcpp.model.residual_group import Group
 
 if TYPE_CHECKING:
@@ -351,9 +352,9 @@ def linearize(
     problem: Problem,
     *,
     constraints: Iterable[Group] = (),
-    loss: str = "squared",
+    loss: Loss = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
-    gauge: str = "auto",
+    gauge: Gauge = "auto",
     threads: int = 0,
 ) -> LinearModel:
     """Linearise a problem at its present state, for Jacobians, covariances and other statistics.

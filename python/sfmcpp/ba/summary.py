@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.model.html import html_table
+from sfmcpp.model.names import Loss
 from sfmcpp.model.weight_selection import WeightSelection
 
 
@@ -209,7 +210,7 @@ class Summary:
     line_search: str
     linear_solver: str
     linear_solver_reason: str
-    loss: str
+    loss: Loss
     loss_scale_px: float
     threads: int
     seconds_setup: float
@@ -270,10 +271,7 @@ class Summary:
 
     def _repr_html_(self) -> str:
         """The same as a table, for notebooks."""
-        rows = "".join(
-            f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in self._rows()
-        )
-        return f"<table>{rows}</table>"
+        return html_table(self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
         accepted = sum(i.accepted for i in self.iterations[1:])

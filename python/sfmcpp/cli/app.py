@@ -24,7 +24,6 @@ from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     # Plain help: the rich one takes longer to import than the rest of the command line.
     rich_markup_mode=None,

@@ -12,6 +12,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.names import Loss
 
 MAX_ITERATIONS = 30
 # Errors are told long before the digits of the cost that send badly determined intrinsics on their way.
@@ -44,7 +45,7 @@ class Trial:
     problem: Problem
     errors_px: FloatArray
     sigma_px: float
-    loss: str
+    loss: Loss
 
     @property
     def median_px(self) -> float:
@@ -67,7 +68,7 @@ def adjust_or_stop(
 
 
 def adjusted(
-    problem: Problem, constraints: Sequence[ConstraintGroup] = (), loss: str = "cauchy"
+    problem: Problem, constraints: Sequence[ConstraintGroup] = (), loss: Loss = "cauchy"
 ) -> Trial | str:
     """Adjust a copy of `problem`, or say why that cannot be done."""
     moved = problem.copy()

@@ -14,6 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.checks import looked_up
+from sfmcpp.model.names import ConstraintKindName
 
 NO_CAMERA = -1
 
@@ -75,7 +76,7 @@ class ConstraintGroup:
         If a shape is wrong or a number is not finite. Indices, rotations and weights wait for the solve.
     """
 
-    kind: str
+    kind: ConstraintKindName | str
     cameras: IndexArray
     values: FloatArray | None = None
     weight: float = 1.0

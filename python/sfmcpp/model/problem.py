@@ -19,6 +19,8 @@ from sfmcpp.model.arrays import (
     require_int32,
 )
 from sfmcpp.model.camera_models import camera_model
+from sfmcpp.model.html import html_table
+from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
 
@@ -98,7 +100,7 @@ class Problem:
         range, finite numbers, rotations) are checked by :meth:`check` and by every solve.
     """
 
-    camera_model: str
+    camera_model: CameraModelName | str
     cameras: FloatArray
     intrinsics: FloatArray
     points: FloatArray
@@ -243,6 +245,18 @@ class Problem:
         """An independent copy; the metadata is shared."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return Problem(**{k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items()})
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        facts = {
+            "camera model": self.camera_model,
+            "cameras": f"{self.num_cameras:,}",
+            "intrinsics": f"{len(self.intrinsics):,} of {', '.join(self.intrinsic_names) or 'no parameters'}",
+            "points": f"{self.num_points:,}",
+            "observations": f"{self.num_observations:,}",
+            "read from": self.metadata.source_format or "no file",
+        }
+        return html_table(facts.items())
 
     def __repr__(self) -> str:
         return (

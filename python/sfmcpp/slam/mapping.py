@@ -7,6 +7,7 @@ import numpy as np
 from sfmcpp.ba import Summary
 from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
 from sfmcpp.map import LocalProblem
+from sfmcpp.model.names import Loss
 from sfmcpp.slam.fusing import constraint_groups
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import with_right_views
@@ -18,7 +19,8 @@ from sfmcpp.weighting import solve
 HELD_KEYFRAMES = 2
 # Matches of left and right that are wrong are gross, and many where a texture repeats: on KITTI's 0001 a
 # third of the first disparities is off by some 30 %. With Huber's loss they bend the scale.
-_LOSS, _STEREO_LOSS = ("huber", 2.0), ("cauchy", 1.0)
+_LOSS: tuple[Loss, float] = ("huber", 2.0)
+_STEREO_LOSS: tuple[Loss, float] = ("cauchy", 1.0)
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:

@@ -20,13 +20,13 @@ from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 if TYPE_CHECKING:
     from sfmcpp.slam import KeyframeRecord, SlamRun
 
-# What an evaluation is asked for, and what legends say of it; the next where one is not determined. A map in
-# the world of a GPS or an INS is measured as `evaluate` measures by itself; any other by its drift.
-_DRIFT = (
-    ("aligned to its first tenth", {"align_to": "first:0.1", "align_by": "poses"}),
-    ("aligned to all of it", {"align_to": "all", "align_by": "poses"}),
+# What an evaluation is asked for, and what legends say of it: what `evaluate` does by itself, and the next
+# where one is not determined.
+_ALIGNED = (
+    ("aligned to all of it", {"align_to": "all", "align_by": "positions"}),
+    ("aligned to all of it, by poses", {"align_to": "all", "align_by": "poses"}),
 )
-_GEOREFERENCED = (("aligned to all of it", {"align_to": "all", "align_by": "positions"}), *_DRIFT[1:])
+_DRIFT = (("aligned to its first tenth, by poses", {"align_to": "first:0.1", "align_by": "poses"}),)
 
 
 class SlamReport(ReportTable):
@@ -43,8 +43,13 @@ class SlamReport(ReportTable):
 
     @property
     def comparison(self) -> Evaluation | None:
-        """The trajectory against the truth; None without truth, or if it does not determine the scale."""
+        """The trajectory against the truth, as `evaluate` has it; None without truth, or if undetermined."""
         return self._measured[1]
+
+    @cached_property
+    def drift(self) -> Evaluation | None:
+        """The same aligned by its first tenth alone; None of a map in the world of a GPS or an INS."""
+        return None if self.run.georeferenced else self._evaluated(_DRIFT)[1]
 
     @property
     def alignment(self) -> str:
@@ -53,10 +58,14 @@ class SlamReport(ReportTable):
 
     @cached_property
     def _measured(self) -> tuple[str, Evaluation | None]:
+        return self._evaluated(_ALIGNED)
+
+    def _evaluated(self, ways: tuple[tuple[str, dict[str, str]], ...]) -> tuple[str, Evaluation | None]:
+        """By the first of the ways that is determined, and what it is called."""
         run = self.run
         if run.drive.truth is None or run.world is None:
             return "", None
-        for words, options in _GEOREFERENCED if run.georeferenced else _DRIFT:
+        for words, options in ways:
             try:
                 return words, evaluate(run.trajectory(), run.drive.truth, **options)  # type: ignore[arg-type]
             except InvalidArgument:
@@ -92,6 +101,7 @@ class SlamReport(ReportTable):
             "warnings": result.warnings,
             "keyframes": [_keyframe(record) for record in result.records],
             "truth": None if self.comparison is None else self.comparison.to_dict(),
+            "drift": None if self.drift is None else self.drift.to_dict(),
         }
         found: dict[str, Any] = plain(content)
         return found
@@ -142,6 +152,8 @@ class SlamReport(ReportTable):
         if comparison is not None:
             error, length = comparison.mean_3d_error_m, comparison.truth.length_m
             yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}"
+        if self.drift is not None:
+            yield "drift", f"{self.drift.mean_3d_error_m:.4g} m, {_DRIFT[0][0]}"
 
     def _stages(self) -> str:
         """Mean milliseconds of each stage of a keyframe."""

@@ -218,6 +218,18 @@ def test_the_history_is_a_table_of_columns_and_prints_stay_short() -> None:
     assert repr(Metadata()) == "Metadata()"
 
 
+def test_a_problem_draws_itself_as_a_table_in_notebooks() -> None:
+    problem = sfmcpp.circle_scene(4, 10, camera_model="bal", seed=0)
+    problem.metadata.source_format = "<script>"
+    (table,) = ElementTree.fromstring(f"<page>{problem._repr_html_()}</page>")
+    rows = {row[0].text: row[1].text for row in table}
+    assert rows["camera model"] == "bal"
+    assert (rows["cameras"], rows["points"]) == ("4", "10")
+    assert rows["intrinsics"] == "4 of f, k1, k2"
+    assert rows["observations"] == str(problem.num_observations)
+    assert rows["read from"] == "<script>"
+
+
 def test_a_summary_draws_itself_as_a_table_in_notebooks() -> None:
     problem = sfmcpp.circle_scene(4, 10, seed=0)
     centres = problem.centres.copy()

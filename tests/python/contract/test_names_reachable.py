@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
+import subprocess
+import sys
+import typing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,15 +18,25 @@ from typer.testing import CliRunner
 import sfmcpp
 import sfmcpp.cli.run
 from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOptions, _core
-from sfmcpp.ba.options import OPTIONS
+from sfmcpp.ba.options import OPTIONS, choices
 from sfmcpp.cli.app import app
 from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.model import names
 from sfmcpp.weighting import POSE_METHODS, PROBLEM_METHODS, selection_method
 
 CHOICES = [(option.name, choice) for option in OPTIONS.values() for choice, _ in option.choices]
 VALUES: dict[type, Any] = {int: 7, float: 0.25, bool: True}
 SAMPLES = [(name, "auto" if o.unset else VALUES[type_]) for name, o in OPTIONS.items()
            for type_ in VALUES if o.type == type_.__name__]  # fmt: skip
+
+
+LITERALS = {
+    names.CameraModelName: tuple(CAMERA_MODELS),
+    names.ConstraintKindName: tuple(CONSTRAINT_KINDS),
+    **{alias: choices(option) for alias, option in [
+        (names.Method, "method"), (names.LineSearch, "line_search"), (names.LinearSolver, "linear_solver"),
+        (names.Loss, "loss"), (names.Gauge, "gauge")]},
+}  # fmt: skip
 
 
 def help_of(command: str) -> str:
@@ -146,6 +161,35 @@ def test_every_way_to_weigh_groups_is_taken_by_solve_and_described(method: str) 
 def test_every_way_to_weigh_a_sensor_is_listed_by_the_command_line(method: str) -> None:
     assert selection_method(method.replace("λ", "2"))
     assert method in help_of("slam").split("--weights")[1].split(" --")[0]
+
+
+@pytest.mark.parametrize(("alias", "known"), LITERALS.items())
+def test_names_for_editors_are_those_of_the_core(alias: Any, known: tuple[str, ...]) -> None:
+    assert typing.get_args(alias) == known
+
+
+@pytest.mark.parametrize("option", [option for option in OPTIONS if choices(option)])
+def test_editors_are_told_the_names_that_an_option_of_solve_takes(option: str) -> None:
+    stub = Path(sfmcpp.__file__).with_name("_core.pyi").read_text()
+    keywords = stub.split("class SolveKeywords")[1]
+    assert f"    {option}: typing.Literal[{', '.join(map(repr, choices(option)))}]\n" in keywords
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("rec", ["reconstruct"]),
+        ("solve --line-search-d", ["--line-search-damping"]),
+        ("solve --method lm", ["lm", "lm-nielsen"]),
+        ("slam --corners ha", ["harris"]),
+    ],
+)
+def test_shells_complete_commands_options_and_names(words: str, completed: list[str]) -> None:
+    place = {"COMP_WORDS": f"sfmcpp {words}", "COMP_CWORD": str(len(words.split()))}
+    asked = {**os.environ, **place, "_SFMCPP_COMPLETE": "complete_bash"}
+    command = [sys.executable, "-m", "sfmcpp"]
+    told = subprocess.run(command, env=asked, capture_output=True, text=True, check=False)
+    assert told.stdout.split() == completed, told.stderr
 
 
 @pytest.mark.parametrize("model", [model.name for model in _core.CAMERA_MODELS])

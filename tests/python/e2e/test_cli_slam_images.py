@@ -35,7 +35,7 @@ def test_every_image_of_a_real_clip_has_a_pose_near_its_true_one(
     # The camera's scale is free: the first tenth gives it, and a fifth of a metre becomes 1 % at the end.
     truth = content["truth"]
     assert truth["truth_length_m"] == pytest.approx(59.86, abs=0.01)
-    assert truth["mean_3d_error_m"] < 0.01 * truth["truth_length_m"]
+    assert content["drift"]["mean_3d_error_m"] < 0.01 * truth["truth_length_m"]
 
 
 @pytest.mark.real

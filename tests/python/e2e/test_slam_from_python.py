@@ -121,13 +121,22 @@ def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp
     expected = evaluate(found.run.trajectory(), drive.truth, align_by=by)
     assert found.comparison.mean_3d_error_m == expected.mean_3d_error_m
     assert found.comparison.alignment.by == by
+    assert found.drift is None
     assert "aligned to all of it" in str(found)
 
 
-def test_a_run_without_a_world_is_measured_by_its_drift() -> None:
-    drifting = study.SlamReport(slam.run(georeferenced(scene(40))))
+def test_a_run_without_a_world_is_measured_as_evaluate_measures_it_and_by_its_drift() -> None:
+    drive = georeferenced(bend())
+    drifting = study.SlamReport(slam.run(drive))
     assert not drifting.run.georeferenced
-    assert "aligned to its first tenth" in str(drifting)
+    assert drifting.comparison is not None
+    assert drifting.drift is not None
+    assert drive.truth is not None
+    expected = evaluate(drifting.run.trajectory(), drive.truth)
+    assert drifting.comparison.mean_3d_error_m == expected.mean_3d_error_m < drifting.drift.mean_3d_error_m
+    rows = dict(line.split(maxsplit=1) for line in str(drifting).splitlines())
+    assert rows["drift"] == f"{drifting.drift.mean_3d_error_m:.4g} m, aligned to its first tenth, by poses"
+    assert f"{expected.mean_3d_error_m:.4g} m of" in str(drifting)
 
 
 def test_what_a_drive_lacks_is_named(files: tuple[Path, Path]) -> None:
