@@ -78,6 +78,10 @@ def solve(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")
     ] = None,
+    positions_out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where to write the cameras' positions: csv, geojson."),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where to draw the convergence: png, svg, pdf.")
     ] = None,
@@ -104,7 +108,7 @@ def solve(
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
 
-    targets = Targets(output, report, plot)
+    targets = Targets(output, report, plot, positions_out)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
     return solve_file(Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps)))

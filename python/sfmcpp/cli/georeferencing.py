@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.position_csv import read_position_csv
+from sfmcpp.sensors import geodetic_of
+from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.position_files import require_positions_format
 
 if TYPE_CHECKING:
     from sfmcpp.sfm.georeference import Georeferenced
+    from sfmcpp.sfm.result import GpsOutcome
 
 
 @dataclass(frozen=True)
@@ -26,10 +29,19 @@ class Gps:
 
     source: Path | None = None
 
-    def refuse_ranks(self) -> None:
-        """Raise InvalidArgument if positions are asked for; several processes have no whole to move."""
-        if self.source is not None:
-            raise InvalidArgument("--gps: for one process; georeference first, then solve with ranks")
+    def check(self, target: Path | None) -> None:
+        """Raise a DatasetError if the positions of the result could not be written to `target`."""
+        if target is not None:
+            geodetic = self.source is not None and self._read(self.source).geodetic
+            require_positions_format(target, geodetic=geodetic)
+            if self.source is not None and target.resolve() == self.source.resolve():
+                raise DatasetError(target, "is named twice: positions that are read must not be replaced")
+
+    def refuse_ranks(self, target: Path | None) -> None:
+        """Raise InvalidArgument if positions are read or written; no process has the whole."""
+        for option, path in (("--gps", self.source), ("--positions-out", target)):
+            if path is not None:
+                raise InvalidArgument(f"{option}: for one process, not for ranks of MPI")
 
     def georeference(self, problem: Problem, options: dict[str, Any]) -> Georeferenced | None:
         """Bring a problem to the positions, in place; None without them.
@@ -44,7 +56,7 @@ class Gps:
         from sfmcpp.sfm.georeference import georeference_to, image_names
         from sfmcpp.sfm.positions import positions_of
 
-        told = read_position_csv(self.source, numbered=True)
+        told = self._read(self.source)
         numbers = [str(camera) for camera in range(problem.num_cameras)]
         names = numbers if told.by_number else image_names(problem)
         try:
@@ -52,3 +64,18 @@ class Gps:
             return georeference_to(problem, known, **options)
         except InvalidArgument as error:
             raise DatasetError(self.source, str(error).removeprefix("gps: ")) from error
+
+    def _read(self, source: Path) -> NamedPositions:
+        return read_position_csv(source, numbered=True)
+
+
+def camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:
+    """Where the cameras of a problem are: in the frame of the positions it was brought to, or in its own."""
+    from sfmcpp.sfm.georeference import image_names
+
+    if gps is None:
+        rows = problem.centres
+    else:
+        rows = geodetic_of(problem.centres, gps.origin) if gps.geodetic else problem.centres + gps.origin
+    named = {name: (x, y, z) for name, (x, y, z) in zip(image_names(problem), rows.tolist(), strict=True)}
+    return NamedPositions(named, gps is not None and gps.geodetic)

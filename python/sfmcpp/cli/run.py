@@ -14,13 +14,14 @@ from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
-from sfmcpp.cli.georeferencing import Gps
+from sfmcpp.cli.georeferencing import Gps, camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read, read_part, write, write_part
+from sfmcpp.sources.io.position_files import write_positions
 from sfmcpp.weighting import solve
 
 if TYPE_CHECKING:
@@ -91,6 +92,9 @@ def solve_file(job: Job) -> ExitCode:
     with ctrl_c_noted():
         complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
         outcome = None if georeferenced is None else georeferenced.outcome
+        complaints += _complaints(
+            lambda path: write_positions(path, camera_positions(problem, outcome)), job.targets.positions
+        )
         return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints, gps=outcome)
 
 
@@ -98,7 +102,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
     from sfmcpp.study.report_files import peak_memory_bytes
 
     ranks.from_root(lambda: _check(job))
-    ranks.from_root(job.gps.refuse_ranks)
+    ranks.from_root(lambda: job.gps.refuse_ranks(job.targets.positions))
     started = time.perf_counter()
     part = _part(job, ranks)
     ranks.from_root(lambda: job.targets.check_fits(part.problem))
@@ -116,6 +120,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
 def _check(job: Job) -> None:
     _check_options(job.options)
     job.targets.check(job.source)
+    job.gps.check(job.targets.positions)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
 
 

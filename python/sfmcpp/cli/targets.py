@@ -16,20 +16,25 @@ from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a solve writes: the problem, the report and the picture; None is not wanted."""
+    """Where a solve writes: the problem, the report, the picture and positions; None is not wanted."""
 
     problem: Path | None = None
     report: Path | None = None
     picture: Path | None = None
+    positions: Path | None = None
 
     def __iter__(self) -> Iterator[Path]:
-        return (path for path in (self.problem, self.report, self.picture) if path is not None)
+        return (path for path in (self.problem, *self._beside) if path is not None)
+
+    @property
+    def _beside(self) -> tuple[Path | None, ...]:
+        return self.report, self.picture, self.positions
 
     def check(self, source: Path) -> None:
         """Raise a DatasetError if one of them could not be written, or would overwrite another."""
         if self.problem is not None:
             require_writable_problem(self.problem)
-        for path in (self.report, self.picture):
+        for path in self._beside:
             if path is not None:
                 _require_writable_file(path)
         if self.picture is not None:
@@ -37,7 +42,9 @@ class Targets:
         _require_distinct(self, source)
 
     def check_fits(self, problem: Problem) -> None:
-        """Raise a DatasetError if the format of the result cannot hold `problem`."""
+        """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions."""
+        if self.positions is not None and not problem.is_metric:
+            raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.problem is None:
             return
         if problem.is_metric and format_of(self.problem).name == problem.metadata.source_format:
@@ -85,7 +92,7 @@ def _require_distinct(targets: Targets, source: Path) -> None:
     for path in targets:
         resolved = os.path.realpath(path)
         if resolved in taken or (path != targets.problem and resolved == os.path.realpath(source)):
-            raise DatasetError(path, "is named twice: input, output, report and picture must differ")
+            raise DatasetError(path, "is named twice: input, output and all other files must differ")
         taken.append(resolved)
 
 

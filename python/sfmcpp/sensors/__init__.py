@@ -2,7 +2,7 @@
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
-from sfmcpp.sensors.gps import earth_centred, east_north_up, local_positions, position_at
+from sfmcpp.sensors.gps import earth_centred, east_north_up, geodetic_of, local_positions, position_at
 from sfmcpp.sensors.imu import orientations, rotation_increment
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting
@@ -36,6 +36,7 @@ __all__ = [
     "doubtful_stretches",
     "earth_centred",
     "east_north_up",
+    "geodetic_of",
     "interpolate_poses",
     "interpolate_rotations",
     "interpolate_vectors",

@@ -18,6 +18,8 @@ from sfmcpp.sensors.stream import measured_at, require_kind
 SEMI_MAJOR_AXIS_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
+# Each round of a latitude leaves a 150th of its error, the squared eccentricity.
+_ROUNDS = 8
 
 
 @checked()
@@ -127,6 +129,40 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     from_axis = (normal + height) * np.cos(latitude)
     z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def geodetic_of(local: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Latitude, longitude and height of places in a tangent plane: :func:`east_north_up` backwards.
+
+    Parameters
+    ----------
+    local : (n, 3) array-like
+        East, north, up [m].
+    origin : (3,) array-like
+        Latitude, longitude [deg], height above the ellipsoid [m] of the origin.
+
+    Returns
+    -------
+    (n, 3) float64
+        Latitude, longitude [deg] and height above the ellipsoid [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, or a latitude is beyond ±90°.
+    """
+    start = finite_array("origin", origin, (3,))
+    offset = finite_array("local", local, (ANY, 3)) @ _axes_east_north_up(start)
+    x, y, z = (earth_centred(start[None]) + offset).T
+    from_axis = np.hypot(x, y)
+    latitude = np.arctan2(z, from_axis)
+    for _ in range(_ROUNDS):
+        normal = SEMI_MAJOR_AXIS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+        latitude = np.arctan2(z + _ECCENTRICITY_SQUARED * normal * np.sin(latitude), from_axis)
+    sine = np.sin(latitude)
+    to_surface = SEMI_MAJOR_AXIS_M * np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
+    height = from_axis * np.cos(latitude) + z * sine - to_surface
+    return np.stack([np.rad2deg(latitude), np.rad2deg(np.arctan2(y, x)), height], axis=1)
 
 
 def _axes_east_north_up(origin: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ import pytest
 import sfmcpp
 from cli_helpers import run_here, strict_json
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors import east_north_up, geodetic_of
+from sfmcpp.sources.io.position_csv import read_position_csv
 
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 
@@ -67,6 +69,44 @@ def test_positions_without_names_or_numbers_go_by_their_line_and_have_deviations
     assert told["sigma_m"] == pytest.approx(told["stated_sigma_m"], rel=0.25)
     there = sfmcpp.read(output).centres + list(told["origin"].values())
     assert np.linalg.norm(there - centres, axis=1).max() < 0.1
+
+
+def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> None:
+    source, centres = scene(tmp_path, names=True)
+    table = write_csv(tmp_path / "utm.csv", "x,y,z", centres.tolist())
+    written = tmp_path / "out.csv"
+    assert run_here("solve", source, "--gps", table, "--positions-out", written).returncode == 0
+    found = read_position_csv(written)
+    assert list(found.positions)[:2] == ["IMG_000.jpg", "IMG_001.jpg"]
+    np.testing.assert_allclose(list(found.positions.values()), centres, atol=0.05)
+
+    origin = [46.5, 9.25, 800.0]
+    geodetic = geodetic_of(centres - UTM, origin)
+    table = write_csv(tmp_path / "wgs84.csv", "lat,lon,height", geodetic.tolist())
+    places = tmp_path / "out.geojson"
+    assert run_here("solve", source, "--gps", table, "--positions-out", places).returncode == 0
+    features = strict_json(places)["features"]
+    told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
+    np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.05)
+
+
+def test_positions_of_a_problem_in_a_frame_of_its_own_are_no_geojson(tmp_path: Path) -> None:
+    source, _ = scene(tmp_path, names=False)
+    assert run_here("solve", source, "--positions-out", tmp_path / "own.csv").returncode == 0
+    assert list(read_position_csv(tmp_path / "own.csv").positions) == [str(k) for k in range(40)]
+    refused = run_here("solve", source, "--positions-out", tmp_path / "own.geojson")
+    assert refused.returncode == 2
+    assert "GeoJSON holds latitudes and longitudes" in refused.stderr
+    projective = ("--camera-model", "projective", "--positions-out", tmp_path / "p.csv")
+    assert "projective cameras have no positions" in run_here("solve", source, *projective).stderr
+
+
+def test_the_file_of_positions_is_not_replaced(tmp_path: Path) -> None:
+    source, centres = scene(tmp_path, names=False)
+    table = write_csv(tmp_path / "gps.csv", "x,y,z", centres.tolist())
+    before = table.read_text()
+    assert run_here("solve", source, "--gps", table, "--positions-out", table).returncode == 2
+    assert table.read_text() == before
 
 
 def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:

@@ -7,7 +7,14 @@ import pytest
 from scipy.integrate import quad
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sensors import SensorStream, earth_centred, east_north_up, local_positions, position_at
+from sfmcpp.sensors import (
+    SensorStream,
+    earth_centred,
+    east_north_up,
+    geodetic_of,
+    local_positions,
+    position_at,
+)
 from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M
 
 SEMI_MINOR_AXIS_M = 6_356_752.314245  # NIMA TR8350.2, table 3.3
@@ -61,6 +68,17 @@ def test_local_axes_point_east_north_and_up() -> None:
     assert lengths[:3] == pytest.approx([0.7316, 1.1121, 1.0], abs=2e-4)
     np.testing.assert_allclose(found[:3] / lengths[:3, None], np.eye(3)[[0, 1, 2]], atol=1e-6)
     np.testing.assert_allclose(found[3], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("latitude", [-89.9, -33.0, 0.0, 46.5, 90.0])
+@pytest.mark.parametrize("height", [-100.0, 0.0, 9000.0])
+def test_geodetic_of_is_east_north_up_backwards(latitude: float, height: float) -> None:
+    origin = np.array([latitude, 179.99, height])
+    local = np.random.default_rng(0).normal(0, 5000, (20, 3))
+    there = geodetic_of(local, origin)
+    assert (np.abs(there[:, 1]) <= 180).all()
+    np.testing.assert_allclose(east_north_up(there, origin), local, atol=1e-7)
+    np.testing.assert_allclose(geodetic_of(np.zeros((1, 3)), origin)[0, [0, 2]], origin[[0, 2]], atol=1e-7)
 
 
 def test_local_positions_keep_the_distances() -> None:

@@ -1,0 +1,41 @@
+"""Positions of images to files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.position_files import write_positions
+
+NAMED = NamedPositions({"a, b.jpg": (46.123456789012345, 9.25, 12.5), "Höhe.jpg": (46.5, -9.25, 0.1)}, True)
+
+
+@pytest.mark.parametrize("geodetic", [True, False])
+def test_a_csv_is_read_back_to_the_last_digit(tmp_path: Path, geodetic: bool) -> None:
+    named = NamedPositions(NAMED.positions, geodetic)
+    write_positions(tmp_path / "p.csv", named)
+    assert read_position_csv(tmp_path / "p.csv") == named
+
+
+def test_geojson_has_the_longitude_first(tmp_path: Path) -> None:
+    write_positions(tmp_path / "p.geojson", NAMED)
+    content = json.loads((tmp_path / "p.geojson").read_text())
+    assert content["type"] == "FeatureCollection"
+    assert content["features"][1] == {
+        "type": "Feature",
+        "geometry": {"type": "Point", "coordinates": [-9.25, 46.5, 0.1]},
+        "properties": {"name": "Höhe.jpg"},
+    }
+
+
+def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"must end in \.csv, \.geojson"):
+        write_positions(tmp_path / "p.kml", NAMED)
+    with pytest.raises(DatasetError, match="GeoJSON holds latitudes"):
+        write_positions(tmp_path / "p.geojson", NamedPositions(NAMED.positions, False))
+    with pytest.raises(DatasetError, match="does not exist"):
+        write_positions(tmp_path / "missing" / "p.csv", NAMED)
