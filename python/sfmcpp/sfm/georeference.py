@@ -29,6 +29,7 @@ from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 from sfmcpp.weighting.agreeing import LIE_SIGMAS
+from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
 _ROUNDS = 8
+# Cameras whose covariance tells the accuracy of all, at most.
+_JUDGED = 100
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 
@@ -86,7 +89,8 @@ def georeference(
         Whether they are latitude, longitude and height; axes of the world are then east, north, up.
     sigmas_m : (C, 3) array-like, optional
         Standard deviations along the axes of the world as a receiver states them [m]. They count relative
-        to one another; how far they are right is found. Default: all alike.
+        to one another; how far they are right is found, but for problems of more than 4000 free parameters
+        of cameras, which need them as they are. Default: all alike.
     seed : int
         Of the search for the positions that agree.
     **options
@@ -100,7 +104,7 @@ def georeference(
     ------
     InvalidArgument
         If an argument breaks a rule, too few positions are known or they lie on a line, or the problem is
-        too large for a weight to be chosen (see ``weight`` of :func:`sfmcpp.solve`).
+        too large for their standard deviation to be found and none is stated.
     KeyboardInterrupt
         On Ctrl-C.
     """
@@ -114,6 +118,7 @@ def georeference_to(
 ) -> Georeferenced:
     """:func:`georeference` by positions that are in a metric frame already."""
     _require_movable(problem)
+    _is_told(problem, positions)
     solve(problem, **options).require_uninterrupted()
     return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
 
@@ -177,6 +182,17 @@ def _require_movable(problem: Problem) -> None:
             )
 
 
+def _is_told(problem: Problem, positions: Positions) -> bool:
+    """Whether σ must be as stated, as the problem is too large for it to be found."""
+    columns = 6 * problem.num_cameras + np.count_nonzero(~problem.fixed_intrinsics)
+    if columns > MAX_COLUMNS and positions.sigmas_m is None:
+        raise InvalidArgument(
+            f"gps: of {columns} free parameters of cameras, more than {MAX_COLUMNS}, no σ of positions can "
+            "be found: their standard deviations must be stated"
+        )
+    return bool(columns > MAX_COLUMNS)
+
+
 def _georeferenced(
     problem: Problem,
     positions: Positions,
@@ -190,6 +206,7 @@ def _georeferenced(
     told = positions.of(images)
     metres, weights = told.metres, told.member_weights
     _require_enough(metres)
+    stated_m = told.stated_sigma_m if _is_told(problem, positions) else None
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
     for _ in range(_ROUNDS):
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
@@ -197,7 +214,7 @@ def _georeferenced(
         problem.cameras[:] = placed.apply_to_poses(problem.cameras)
         problem.points[:] = placed.apply(problem.points)
         moved(placed)
-        group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], options)
+        group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
         apart = problem.centres[images] - metres
         misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
         agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
@@ -242,22 +259,33 @@ def _adjust(
     images: NDArray[np.intp],
     metres: FloatArray,
     weights: FloatArray,
+    stated_m: float | None,
     options: dict[str, Any],
 ) -> tuple[ConstraintGroup, float]:
-    """Adjust images and their positions together; σ of a coordinate of a position [m]."""
+    """Adjust images and their positions together; σ of a coordinate of a position [m], found or as stated."""
     cameras = images.astype(np.int32)
     group = ConstraintGroup("position", cameras, metres, member_weights=weights, name="gps")
+    if stated_m is not None:
+        group.weight = 3 / stated_m**2 * _pixel_variance(_linear(problem, [], options))
+        solve(problem, constraints=[group], **options).require_uninterrupted()
+        return group, stated_m
     summary = solve(problem, constraints=[group], weight="auto", **options)
     (chosen,) = summary.require_uninterrupted().group_weights
     return group, chosen.sensor_sigma
 
 
 def _centre_sigma_m(problem: Problem, group: ConstraintGroup, options: dict[str, Any]) -> float:
-    """Standard deviation of a coordinate of a camera's centre in the world, RMS over the images [m]."""
-    known = {name: options[name] for name in _LINEAR if name in options}
-    model = linearize(problem, constraints=[group], **known)
-    variances = [np.diag(block)[3:6] for block in model.covariance(cameras="all").cameras]
+    """Standard deviation of a coordinate of a camera's centre in the world, RMS over images all along [m]."""
+    model = _linear(problem, [group], options)
+    count = problem.num_cameras
+    judged = np.unique(np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32))
+    variances = [np.diag(block)[3:6] for block in model.covariance(cameras=judged).cameras]
     return float(np.sqrt(np.mean(variances) * _pixel_variance(model)))
+
+
+def _linear(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:
+    known = {name: options[name] for name in _LINEAR if name in options}
+    return linearize(problem, constraints=groups, **known)
 
 
 def _pixel_variance(model: LinearModel) -> float:

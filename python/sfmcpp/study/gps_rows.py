@@ -13,10 +13,16 @@ if TYPE_CHECKING:
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
     """σ of the positions, accuracy of the model, positions that lie, origin."""
-    stated = "" if gps.stated_sigma_m is None else f" where {gps.stated_sigma_m:.3g} m are stated"
-    yield "GPS", f"σ {gps.sigma_m:.3g} m{stated}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
+    yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
     if gps.outliers:
         yield "GPS lies", listed(gps.outliers)
     origin = gps.to_dict()["origin"]
     if any(origin.values()):
         yield "origin", ", ".join(f"{name} {value:.10g}" for name, value in origin.items())
+
+
+def _stated(gps: GpsOutcome) -> str:
+    if gps.stated_sigma_m is None:
+        return ""
+    same = gps.sigma_m == gps.stated_sigma_m
+    return " as stated" if same else f" where {gps.stated_sigma_m:.3g} m are stated"

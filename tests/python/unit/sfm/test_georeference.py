@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
@@ -181,6 +182,26 @@ def test_stated_deviations_count_relative_to_one_another() -> None:
     assert np.mean(ratios) == pytest.approx(3.0, rel=0.2)
     alike_m, stated_m = np.mean(gains, axis=0)
     assert stated_m < 0.5 * alike_m
+
+
+def test_of_a_large_problem_deviations_must_be_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = importlib.import_module("sfmcpp.sfm.georeference")
+    monkeypatch.setattr(module, "MAX_COLUMNS", 239)
+    truth = scene(3)
+    gps = truth.centres + np.random.default_rng(3).normal(0, 0.3, (40, 3))
+    gps[7, 1] += 8.0
+    problem = in_a_frame_of_its_own(truth, 3)
+    with pytest.raises(InvalidArgument, match="of 240 free parameters of cameras, more than 239, no σ"):
+        georeference(problem, gps)
+    found = georeference(problem, gps, sigmas_m=np.full((40, 3), 0.3))
+    assert found.outcome.sigma_m == found.outcome.stated_sigma_m == 0.3
+    assert found.outcome.outliers == ["7"]
+    # Images are taken at half a pixel: positions must weigh as much beside them as where σ is found.
+    monkeypatch.undo()
+    chosen = georeference(problem.copy(), gps)
+    expected = chosen.group.weight * (chosen.outcome.sigma_m / 0.3) ** 2
+    assert found.group.weight == pytest.approx(expected, rel=0.02)
+    assert camera_errors_m(problem, truth.centres).max() < 0.3
 
 
 def test_what_a_problem_lacks_is_refused() -> None:
