@@ -141,7 +141,8 @@ def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
     measured = "values" if group.kind == "position" else "values[:, :, 3]"
     return (
         f"{here}: its positions are {distance:.3g} from the cameras, {distance / max(extent, 1e-300):.3g} "
-        "times their extent: they must be in the frame of the cameras. Align first: "
+        "times their extent: they must be in the frame of the cameras. Align first, by "
+        "sfmcpp.sfm.georeference or by hand: "
         f"h = sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.{measured}), then "
         "problem.cameras[:] = h.apply_to_poses(problem.cameras) and "
         "problem.points[:] = h.apply(problem.points)"
