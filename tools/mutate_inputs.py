@@ -99,10 +99,10 @@ TEXTS: dict[str, tuple[str, Reader]] = {
     "cameras.sfm": (
         '{"version": ["1", "2", "6"], "views": [{"viewId": "3", "poseId": "4", "intrinsicId": "5", "path":\n'
         '"a", "width": "640", "height": "480"}], "intrinsics": [{"intrinsicId": "5", "width": "640",\n'
-        '"height": "480", "sensorWidth": "36", "type": "radial1", "focalLength": "50", "pixelRatio": "1", "principalPoint":\n'
-        '["1", "-2"], "distortionParams": ["0.1"]}], "poses": [{"poseId": "4", "pose": {"transform":\n'
-        '{"rotation": ["1", "0", "0", "0", "0", "1", "0", "-1", "0"], "center": ["1", "2", "3"]}}}],\n'
-        '"structure": [{"color": ["1", "2", "3"], "X": ["1", "2", "3"], "observations": [{"observationId":\n'
+        '"height": "480", "sensorWidth": "36", "type": "radial1", "focalLength": "50", "pixelRatio": "1",\n'
+        '"principalPoint": ["1", "-2"], "distortionParams": ["0.1"]}], "poses": [{"poseId": "4", "pose":\n'
+        '{"transform": {"rotation": ["1", "0", "0", "0", "0", "1", "0", "-1", "0"], "center":\n'
+        '["1", "2", "3"]}}}], "structure": [{"color": ["1", "2", "3"], "X": ["1", "2", "3"], "observations": [{"observationId":\n'
         '"3", "x": ["7", "8.5"]}]}]}\n',
         sfmcpp.read,
     ),
