@@ -102,8 +102,8 @@ TEXTS: dict[str, tuple[str, Reader]] = {
         '"height": "480", "sensorWidth": "36", "type": "radial1", "focalLength": "50", "pixelRatio": "1",\n'
         '"principalPoint": ["1", "-2"], "distortionParams": ["0.1"]}], "poses": [{"poseId": "4", "pose":\n'
         '{"transform": {"rotation": ["1", "0", "0", "0", "0", "1", "0", "-1", "0"], "center":\n'
-        '["1", "2", "3"]}}}], "structure": [{"color": ["1", "2", "3"], "X": ["1", "2", "3"], "observations": [{"observationId":\n'
-        '"3", "x": ["7", "8.5"]}]}]}\n',
+        '["1", "2", "3"]}}}], "structure": [{"color": ["1", "2", "3"], "X": ["1", "2", "3"],\n'
+        '"observations": [{"observationId": "3", "x": ["7", "8.5"]}]}]}\n',
         sfmcpp.read,
     ),
     "transforms.json": (

@@ -5,7 +5,7 @@ Each has identifiers of its own; a view says which pose and intrinsics are its. 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate
 from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
@@ -106,13 +106,8 @@ def problem_of_views(
     duplicate = first_duplicate(camera_index, point_index, len(rows))
     if duplicate is not None:
         raise tracks.places[duplicate[1]].error("the view observes this point twice")
-    extra = {UNREGISTERED: [view.name for key, view in views.items() if key not in registered]}
-    sizes = np.array([view.size for view in registered.values()], dtype=np.int64).reshape(-1, 2)
-    intrinsics = perspective_rows(len(lenses))
-    fixed = fixed_but(len(lenses))
-    for row, lens in enumerate(lenses.values()):
-        intrinsics[row, perspective_columns(*lens.values)] = list(lens.values.values())
-        fixed[row, perspective_columns(*lens.free)] = False
+    missing = [view.name for key, view in views.items() if key not in registered]
+    intrinsics, fixed = _intrinsics(lenses.values())
     return Problem(
         "perspective",
         np.array([poses[view.pose] for view in registered.values()]).reshape(-1, 3, 4),
@@ -123,13 +118,26 @@ def problem_of_views(
         np.array(tracks.pixels).reshape(-1, 2),
         intrinsics_index=np.array([lens_rows[view.lens] for view in registered.values()], dtype=np.int32),
         fixed_intrinsics=fixed,
-        metadata=Metadata(
-            source,
-            image_names=[view.name for view in registered.values()],
-            image_sizes=sizes if len(sizes) else None,
-            point_colors=np.array(tracks.colors, dtype=np.uint8) if tracks.colors else None,
-            extra=extra if extra[UNREGISTERED] else {},
-        ),
+        metadata=_metadata(registered.values(), tracks, missing, source),
+    )
+
+
+def _intrinsics(lenses: Collection[Lens]) -> tuple[FloatArray, BoolArray]:
+    """Perspective intrinsics (G, K), and which of them are fixed."""
+    values, fixed = perspective_rows(len(lenses)), fixed_but(len(lenses))
+    for row, lens in enumerate(lenses):
+        values[row, perspective_columns(*lens.values)] = list(lens.values.values())
+        fixed[row, perspective_columns(*lens.free)] = False
+    return values, fixed
+
+
+def _metadata(views: Collection[View], tracks: Tracks, unregistered: list[str], source: str) -> Metadata:
+    return Metadata(
+        source,
+        image_names=[view.name for view in views],
+        image_sizes=np.array([view.size for view in views], dtype=np.int64) if views else None,
+        point_colors=np.array(tracks.colors, dtype=np.uint8) if tracks.colors else None,
+        extra={UNREGISTERED: unregistered} if unregistered else {},
     )
 
 
@@ -143,7 +151,7 @@ def _require_own_poses(views: dict[int, View]) -> None:
             )
 
 
-def _cameras_of(tracks: Tracks, rows: dict[int, int]) -> np.ndarray[Any, np.dtype[np.int32]]:
+def _cameras_of(tracks: Tracks, rows: dict[int, int]) -> IndexArray:
     try:
         return np.array([rows[key] for key in tracks.view_ids], dtype=np.int32)
     except KeyError:
