@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,16 +17,30 @@ _LARGEST_BYTES = 1 << 30
 _LONGEST_QUOTE = 60
 
 
-@dataclass(frozen=True, eq=False)
 class Part:
-    """Part of a document; `place` says where: ``views[3].width``.
+    """Part of a document.
 
-    Methods raise a DatasetError that names file and place where the part is not what they return.
+    Methods raise a DatasetError that names file and place where the part is not what they return. There may
+    be millions: the place is put into words when it is asked for.
     """
 
-    path: Path
-    place: str
-    value: Any
+    __slots__ = ("_key", "_whole", "path", "value")
+
+    def __init__(self, path: Path, value: Any, whole: Part | None = None, key: str | int = "") -> None:
+        self.path, self.value = path, value
+        self._whole, self._key = whole, key
+
+    @property
+    def place(self) -> str:
+        """Where it is in the document: ``views[3].width``; no text for the whole."""
+        before = self._whole.place if self._whole is not None else ""
+        if isinstance(self._key, int):
+            return f"{before}[{self._key}]"
+        return f"{before}.{self._key}" if before and self._key else before or self._key
+
+    def with_fields_of(self, base: Part) -> Part:
+        """The same with the named parts of another that it does not have itself."""
+        return Part(self.path, {**base.fields(), **self.fields()}, self._whole, self._key)
 
     def fields(self) -> dict[str, Any]:
         """Values of all named parts."""
@@ -47,14 +60,14 @@ class Part:
         fields = self.fields()
         if name not in fields:
             return None
-        return Part(self.path, f"{self.place}.{name}" if self.place else name, fields[name])
+        return Part(self.path, fields[name], self, name)
 
     def items(self) -> Iterator[Part]:
         """All entries of a list."""
         if not isinstance(self.value, list):
             raise self._refusal("a list")
         for number, value in enumerate(self.value):
-            yield Part(self.path, f"{self.place}[{number}]", value)
+            yield Part(self.path, value, self, number)
 
     def text(self) -> str:
         """A text."""
@@ -82,10 +95,13 @@ class Part:
 
     def numbers(self, count: int) -> list[float]:
         """So many finite numbers, of a list or of rows of them."""
-        found = [number for item in self.items() for number in _flat(item)]
+        found: list[float] = self.value if _are_numbers(self.value) else self._numbers()
         if len(found) != count:
             raise self._refusal(f"{count} numbers")
         return found
+
+    def _numbers(self) -> list[float]:
+        return [number for item in self.items() for number in _flat(item)]
 
     def error(self, reason: str) -> DatasetError:
         """Make a DatasetError that names the place."""
@@ -108,7 +124,7 @@ def read_json(path: Path) -> Part:
     if len(data) > _LARGEST_BYTES:
         raise DatasetError(path, f"holds {len(data)} bytes: must be {_LARGEST_BYTES} at most")
     try:
-        return Part(path, "", json.loads(data, parse_constant=_no_number, parse_int=float))
+        return Part(path, json.loads(data, parse_constant=_no_number, parse_int=float))
     except json.JSONDecodeError as error:
         raise DatasetError(path, f"is no JSON: {error.msg}", error.lineno) from None
     except RecursionError:
@@ -128,6 +144,13 @@ def begins_with(path: Path, word: bytes) -> bool:
 
 def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no finite number")
+
+
+def _are_numbers(value: Any) -> bool:
+    """Whether nothing but good numbers is in a list; what is, is all floats."""
+    return isinstance(value, list) and all(
+        type(entry) is float and abs(entry) <= LARGEST_MAGNITUDE for entry in value
+    )
 
 
 def _flat(item: Part) -> list[float]:

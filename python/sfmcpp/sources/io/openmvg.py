@@ -127,7 +127,7 @@ def _data(item: Part) -> Part:
     """Fields of an object behind a pointer, those of its base class among them."""
     data = item.part("value").part("ptr_wrapper").part("data")
     base = data.optional("value0")
-    return data if base is None else Part(data.path, data.place, {**base.fields(), **data.fields()})
+    return data if base is None else data.with_fields_of(base)
 
 
 def _claims(path: Path) -> bool:

@@ -54,7 +54,7 @@ def read_transforms(path: Path) -> Problem:
     views, poses, lenses = {}, {}, {}
     known: dict[tuple[float, ...], int] = {}
     for key, frame in enumerate(root.part("frames").items()):
-        camera = Part(path, frame.place, {**root.value, **frame.fields()})
+        camera = frame.with_fields_of(root)
         values = _read_lens(camera)
         lens = known.setdefault(tuple(values.values()), len(known))
         lenses[lens] = Lens(values, ())
