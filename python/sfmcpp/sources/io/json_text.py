@@ -10,11 +10,12 @@ from typing import Any, NoReturn
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_MAGNITUDE
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import failures_named, read_bytes
 
 # A document takes some twenty times its size as Python's objects.
 _LARGEST_BYTES = 1 << 30
 _LONGEST_QUOTE = 60
+_HEAD_BYTES = 4096
 
 
 class Part:
@@ -135,11 +136,10 @@ def read_json(path: Path) -> Part:
 
 def begins_with(path: Path, word: bytes) -> bool:
     """Whether the beginning of a file that is there holds `word`."""
-    try:
-        with path.open("rb") as file:
-            return path.is_file() and word in file.read(4096)
-    except OSError:
+    if not path.is_file():  # to open a pipe would take for ever
         return False
+    with failures_named(path), path.open("rb") as file:
+        return word in file.read(_HEAD_BYTES)
 
 
 def _no_number(name: str) -> NoReturn:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
@@ -241,6 +242,12 @@ def test_json_is_told_by_its_contents(tmp_path: Path) -> None:
         other = tmp_path / f"{source}.json"
         other.write_text(FILES[name]())
         assert read(other).metadata.source_format == source
+
+
+def test_a_pipe_named_like_a_document_is_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "sfm_data.json")
+    with pytest.raises(DatasetError, match="is not a regular file"):
+        read(tmp_path / "sfm_data.json")
 
 
 def changed(content: dict[str, Any], change: Callable[[dict[str, Any]], object]) -> str:
