@@ -81,6 +81,39 @@ TEXTS: dict[str, tuple[str, Reader]] = {
         "  resolution: [752, 480]\n",
         read_intrinsics,
     ),
+    "model.nvm": (
+        "NVM_V3\n\n2\na.jpg 800 1 0 0 0 0 0 0 0.01 0\nb c.jpg 800 1 0 0.1 0 1 0 0 0 0\n\n2\n"
+        "0 0 5 255 0 1 2 0 7 2.5 -3 1 8 1 -3\n1 0 6 0 0 0 1 1 9 4 4\n\n0\n#PLY\n0\n",
+        sfmcpp.read,
+    ),
+    "sfm_data.json": (
+        '{"sfm_data_version": "0.3", "views": [{"key": 0, "value": {"ptr_wrapper": {"data": {"local_path":\n'
+        '"", "filename": "a.jpg", "width": 640, "height": 480, "id_intrinsic": 5, "id_pose": 2}}}}],\n'
+        '"intrinsics": [{"key": 5, "value": {"polymorphic_id": 2147483649, "polymorphic_name":\n'
+        '"pinhole_radial_k1", "ptr_wrapper": {"data": {"focal_length": 800, "principal_point": [320, 240],\n'
+        '"disto_k1": [0.1]}}}}], "extrinsics": [{"key": 2, "value": {"rotation": [[1, 0, 0], [0, 0, 1],\n'
+        '[0, -1, 0]], "center": [1, 2, 3]}}], "structure": [{"key": 9, "value": {"X": [1, 2, 3],\n'
+        '"observations": [{"key": 0, "value": {"id_feat": 1, "x": [7, 8.5]}}]}}]}\n',
+        sfmcpp.read,
+    ),
+    "cameras.sfm": (
+        '{"version": ["1", "2", "6"], "views": [{"viewId": "3", "poseId": "4", "intrinsicId": "5", "path":\n'
+        '"a", "width": "640", "height": "480"}], "intrinsics": [{"intrinsicId": "5", "width": "640",\n'
+        '"height": "480", "sensorWidth": "36", "type": "radial1", "focalLength": "50", "pixelRatio": "1",\n'
+        '"principalPoint": ["1", "-2"], "distortionParams": ["0.1"]}], "poses": [{"poseId": "4", "pose":\n'
+        '{"transform": {"rotation": ["1", "0", "0", "0", "0", "1", "0", "-1", "0"], "center":\n'
+        '["1", "2", "3"]}}}], "structure": [{"color": ["1", "2", "3"], "X": ["1", "2", "3"],\n'
+        '"observations": [{"observationId": "3", "x": ["7", "8.5"]}]}]}\n',
+        sfmcpp.read,
+    ),
+    "transforms.json": (
+        '{"camera_model": "OPENCV", "camera_angle_x": 0.8, "w": 640, "h": 480, "k1": 0.1, "frames": [\n'
+        '{"file_path": "a.jpg", "transform_matrix": [[1, 0, 0, 1], [0, 0, 1, 2],\n'
+        "[0, -1, 0, 3], [0, 0, 0, 1]]},\n"
+        '{"file_path": "b.jpg", "fl_x": 700, "fl_y": 701, "cx": 3, "cy": 4,\n'
+        '"transform_matrix": [[1, 0, 0, 1], [0, 0, 1, 2], [0, -1, 0, 3], [0, 0, 0, 1]]}]}\n',
+        sfmcpp.read,
+    ),
 }
 STRECHA = "2759.5 1.5 1520 \n0 2764 1006 \n0 0 1 \n0 0 0\n0 0 1\n0 1 0\n-1 0 0\n5 -7 0.25\n3072 2048\n"
 # What sizes, numbers and indices are hardly ever, in texts and in packed records.

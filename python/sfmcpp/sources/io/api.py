@@ -13,7 +13,20 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import looked_up
-from sfmcpp.sources.io import bal, bundler, colmap, npz, parts, ply, sba, strecha, transforms
+from sfmcpp.sources.io import (
+    alicevision,
+    bal,
+    bundler,
+    colmap,
+    npz,
+    nvm,
+    openmvg,
+    parts,
+    ply,
+    sba,
+    strecha,
+    transforms,
+)
 from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
@@ -21,11 +34,14 @@ from sfmcpp.sources.io.shares import Share, part_of_share
 
 AnyPath = str | PathLike[str]
 
-# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, folders last.
+# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, .json by contents, folders last.
 FORMATS: tuple[Format, ...] = (
     sba.FORMAT,
     bal.FORMAT,
     bundler.FORMAT,
+    nvm.FORMAT,
+    openmvg.FORMAT,
+    alicevision.FORMAT,
     npz.FORMAT,
     parts.FORMAT,
     ply.FORMAT,
@@ -45,9 +61,11 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     path : path-like
         File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
         with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
-        BAL; ``.out`` is Bundler; ``.npz`` is this package's own, and so is a folder named ``parts`` or
-        ``….parts``, which has it in parts for several ranks. A folder of ``IMAGE.camera`` is the truth of
-        Strecha's benchmark: cameras without points.
+        BAL; ``.out`` is Bundler, ``.nvm`` VisualSFM, ``.sfm`` AliceVision; ``.json`` is OpenMVG's sfm_data,
+        AliceVision's, or transforms.json: its contents tell; ``.npz`` is this package's own, and so is a
+        folder named ``parts`` or ``….parts``, which has it in parts for several ranks. A folder of
+        ``IMAGE.camera`` is the truth of Strecha's benchmark. That and transforms.json are cameras without
+        points.
     format : str, optional
         Name of the format, one of :func:`formats`, where the file's name does not tell.
 

@@ -4,12 +4,13 @@ A frame's ``transform_matrix`` is the 4×4 pose world_from_camera of a camera wi
 up, looking along −z, hence ``[R | c] diag(1, −1, −1, 1)`` of the pose used here. The world keeps its axes
 (there is no ``applied_transform``). Distortion is OpenCV's, which is the perspective model's. Those tools put
 the centre of the top left pixel at (0.5, 0.5), as photos have it here, so that ``cx`` and ``cy`` stay as they
-are.
+are. Without ``fl_x`` the field of view ``camera_angle_x`` tells the focal length.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,69 @@ from sfmcpp.sources.io.intrinsics import (
     image_sizes_of_intrinsics,
     require_defaults_except,
 )
+from sfmcpp.sources.io.json_text import Part, read_json
+from sfmcpp.sources.io.views import Lens, Tracks, View, image_size, pose_of, problem_of_views
 
+_READABLE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_FIELDS = ("fl_x", "fl_y", "cx", "cy", *_DISTORTION)
 _KEPT = ("f", "aspect", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
 _ALWAYS = ("k1", "k2", "p1", "p2")
 _OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
+
+
+def read_transforms(path: Path) -> Problem:
+    """Read the cameras; camera model ``"perspective"``, all intrinsics fixed, no points and no observations.
+
+    There is nothing to adjust in the file: it is a truth to evaluate against, or poses for other programs.
+    Its world is kept: neither ``applied_transform`` nor ``applied_scale`` is undone. Cameras of equal numbers
+    share intrinsics.
+
+    Raises
+    ------
+    DatasetError
+        Naming the part of the file at fault; if a camera is none of OpenCV's or of a pinhole.
+    """
+    root = read_json(path)
+    views, poses, lenses = {}, {}, {}
+    known: dict[tuple[float, ...], int] = {}
+    for key, frame in enumerate(root.part("frames").items()):
+        camera = frame.with_fields_of(root)
+        values = _read_lens(camera)
+        lens = known.setdefault(tuple(values.values()), len(known))
+        lenses[lens] = Lens(values, ())
+        views[key] = View(frame, frame.part("file_path").text(), image_size(camera, "w", "h"), key, lens)
+        poses[key] = _read_pose(frame.part("transform_matrix"))
+    return problem_of_views(views, poses, lenses, Tracks(), "transforms")
+
+
+def _read_lens(camera: Part) -> dict[str, float]:
+    model = camera.optional("camera_model")
+    if model is not None and model.text() not in _READABLE:
+        raise model.error(f"{model.text()!r}: must be one of {', '.join(_READABLE)}")
+    given = {name: camera.optional(name) for name in _FIELDS}
+    found = {name: part.number() for name, part in given.items() if part is not None}
+    width, height = image_size(camera, "w", "h")
+    fx = found["fl_x"] if "fl_x" in found else _focal_of_angle(camera.part("camera_angle_x"), width)
+    fy = found.get("fl_y", fx)
+    if not (fx > 0 and 0 < fy / fx < math.inf):
+        raise camera.error(f"fl_x = {fx:g}, fl_y = {fy:g}: must be positive")
+    centre = {"cx": found.get("cx", width / 2), "cy": found.get("cy", height / 2)}
+    return {"f": fx, "aspect": fy / fx, **centre, **{name: found.get(name, 0.0) for name in _DISTORTION}}
+
+
+def _focal_of_angle(angle: Part, width: int) -> float:
+    """Focal length [px] of the angle [rad] that the width of an image takes."""
+    if not 0 < angle.number() < math.pi:
+        raise angle.error(f"{angle.number():g}: must be between 0 and π")
+    return width / 2 / math.tan(angle.number() / 2)
+
+
+def _read_pose(matrix: Part) -> FloatArray:
+    rows = np.reshape(matrix.numbers(16), (4, 4)) * _OPENGL_AXES
+    if not np.array_equal(rows[3], [0, 0, 0, 1]):
+        raise matrix.error("its last row must be 0 0 0 1")
+    return pose_of(matrix, rows[:3, :3].ravel().tolist(), rows[:3, 3].tolist())
 
 
 def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> None:
@@ -92,6 +152,6 @@ FORMAT = Format(
     "transforms",
     "transforms.json of nerfstudio and Gaussian splatting: cameras without points",
     (".json",),
-    None,
+    read_transforms,
     write_transforms,
 )

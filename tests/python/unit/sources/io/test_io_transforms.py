@@ -13,6 +13,7 @@ from sfmcpp import DatasetError, Metadata, Problem
 from sfmcpp.cli.exit_codes import ExitCode
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.transforms import write_transforms
+from sfmcpp.study.evaluation import evaluate_model
 
 LENS = {"f": 800.0, "aspect": 1.01, "cx": 322.0, "cy": 239.5, "k1": 0.1, "k2": -0.05, "p1": 1e-3, "p2": -2e-3}
 SIZE = (640, 480)
@@ -124,9 +125,56 @@ def test_what_the_file_cannot_say_is_refused_and_nothing_written(name: str, tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_it_cannot_be_read(tmp_path: Path) -> None:
-    written(scene(), tmp_path)
-    with pytest.raises(DatasetError, match="format transforms can be written but not read"):
+@pytest.mark.parametrize("groups", [1, 2])
+def test_cameras_come_back_without_points_and_all_is_fixed(groups: int, tmp_path: Path) -> None:
+    problem = scene(groups, k3=0.02)
+    written(problem, tmp_path)
+    again = read(tmp_path / "transforms.json")
+    assert (again.num_cameras, again.num_points, again.num_observations) == (4, 0, 0)
+    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(again.intrinsics_index, problem.intrinsics_index)
+    np.testing.assert_allclose(again.intrinsics, problem.intrinsics, rtol=1e-15)
+    assert again.metadata.image_names == problem.metadata.image_names
+    np.testing.assert_array_equal(again.metadata.image_sizes, problem.metadata.image_sizes)
+    assert again.fixed_intrinsics.all()
+
+
+def test_a_focal_length_may_be_told_by_the_angle_of_view(tmp_path: Path) -> None:
+    content = written(scene(), tmp_path)
+    for name in ("fl_x", "fl_y", "cx", "cy"):
+        del content[name]
+    content["camera_angle_x"] = 2 * np.arctan(SIZE[0] / 2 / 750.0)
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    again = read(tmp_path / "transforms.json")
+    f, aspect, cx, cy = again.intrinsics[0, :4]
+    assert (f, aspect, cx, cy) == (pytest.approx(750.0, rel=1e-14), 1.0, SIZE[0] / 2, SIZE[1] / 2)
+
+
+def test_it_is_a_truth_that_a_model_is_measured_against(tmp_path: Path) -> None:
+    problem = scene()
+    written(problem, tmp_path)
+    problem.cameras[:, :, 3] += np.array([0.5, 0, 0])
+    found = evaluate_model(problem, tmp_path / "transforms.json", align_to="none")
+    assert found.to_dict()["centre_error"]["max"] == pytest.approx(0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"camera_model": "OPENCV_FISHEYE"}, "'OPENCV_FISHEYE': must be one of OPENCV"),
+        ({"fl_x": -1}, "fl_x = -1, fl_y = 808: must be positive"),
+        ({"frames": 3}, r"frames: 3.*: must be a list"),
+        ({"frames": [{"file_path": "a"}]}, r"frames\[0\]: lacks 'transform_matrix'"),
+        (
+            {"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]},
+            "last row must be 0 0 0 1",
+        ),
+    ],
+)
+def test_damage_is_named_with_its_place(change: dict[str, Any], told: str, tmp_path: Path) -> None:
+    content = written(scene(), tmp_path) | change
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=told):
         read(tmp_path / "transforms.json")
 
 

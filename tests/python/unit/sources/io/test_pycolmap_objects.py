@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +12,9 @@ import pytest
 
 import sfmcpp
 from io_helpers import assert_same_problem
+from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.cli.main import main
+from sfmcpp.map.files import read_map
 
 pycolmap = pytest.importorskip("pycolmap")
 
@@ -68,6 +74,56 @@ def test_names_and_identifiers_are_kept() -> None:
 def test_rigs_of_several_cameras_are_refused() -> None:
     with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: rigs: rig \d+ has 2 sensors"):
         sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=2))
+
+
+@pytest.mark.parametrize("kind", ["write_text", "write_binary"])
+@pytest.mark.parametrize("reader", [sfmcpp.read, read_map])
+def test_a_real_rig_in_files_is_refused_by_every_reader(
+    tmp_path: Path, kind: str, reader: Callable[[Path], object]
+) -> None:
+    getattr(reconstruction(cameras_per_rig=2), kind)(str(tmp_path))
+    with pytest.raises(sfmcpp.DatasetError, match=r"rigs\.(txt|bin): rig \d+ has 2 sensors"):
+        reader(tmp_path)
+
+
+def test_a_model_solved_by_the_command_line_has_errors_of_its_solved_state(tmp_path: Path) -> None:
+    start, solved = tmp_path / "start", tmp_path / "solved"
+    sfmcpp.write(scene(), start)
+    assert main(["solve", str(start), "-o", str(solved), "--quiet"]) == ExitCode.DONE
+    model = pycolmap.Reconstruction(str(solved))
+    written = [model.points3D[i].error for i in sorted(model.points3D)]
+    model.update_point_3d_errors()
+    np.testing.assert_allclose(written, [model.points3D[i].error for i in sorted(model.points3D)], rtol=1e-9)
+    assert np.mean(written) < 0.5 * pycolmap.Reconstruction(str(start)).compute_mean_reprojection_error()
+
+
+def test_principal_points_are_kept_by_way_of_bundlers_files(tmp_path: Path) -> None:
+    """Which count pixels from there: what COLMAP projects misses them by the same pixels before and after."""
+    model = reconstruction()
+    sfmcpp.write(sfmcpp.from_pycolmap(model), tmp_path / "a.out")
+    again = sfmcpp.to_pycolmap(sfmcpp.read(tmp_path / "a.out"))
+    assert {(c.principal_point_x, c.principal_point_y) for c in again.cameras.values()} == {(0.0, 0.0)}
+    again.update_point_3d_errors()
+    model.update_point_3d_errors()
+    errors = [sorted(p.error for p in m.points3D.values()) for m in (model, again)]
+    np.testing.assert_allclose(errors[1], errors[0], rtol=0, atol=1e-9)
+
+
+def test_cameras_of_bundler_that_are_not_registered_are_no_images_of_colmap(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(3, 12, camera_model="bal", seed=0)
+    sfmcpp.write(problem, tmp_path / "a.out")
+    lines = (tmp_path / "a.out").read_text().splitlines()
+    lines[1] = "4 12"
+    lines[2:2] = ["0 0 0"] * 5  # the first camera of the file; those behind it move by one
+    moved = [re.sub(r" (\d+) (\d+) (\S+) (\S+)", lambda m: f" {int(m[1]) + 1} {m[2]} {m[3]} {m[4]}", line)
+             for line in lines[24::3]]  # fmt: skip
+    lines[24::3] = moved
+    (tmp_path / "a.out").write_text("\n".join(lines) + "\n")
+    model = sfmcpp.to_pycolmap(sfmcpp.read(tmp_path / "a.out"))
+    assert sorted(image.name for image in model.images.values()) == [f"image_{i:06d}" for i in (2, 3, 4)]
+    assert all(camera.focal_length > 0 and camera.width > 1 for camera in model.cameras.values())
+    expected = sfmcpp.to_pycolmap(problem).compute_mean_reprojection_error()
+    assert model.compute_mean_reprojection_error() == pytest.approx(expected, rel=1e-9)
 
 
 def test_anything_else_is_refused_by_name() -> None:
