@@ -155,7 +155,7 @@ ba::SolveSummary solve(const py::dict& arrays,
   auto* const communicator = ranks.is_none() ? nullptr : ranks.cast<CommunicatorExchange*>();
   Exchange& exchange = communicator ? communicator->exchange() : this_process();
   Listener listener(callback, checkpoint, communicator);
-  const ba::SolveSummary summary = or_failures_of(constraints, [&] {
+  ba::SolveSummary summary = or_failures_of(constraints, [&] {
     const ReleasedGil released;
     return ba::solve(
         problem, options, listener.events(), state, exchange, before ? &*before : nullptr);

@@ -59,7 +59,8 @@ std::string message_for(std::string_view text) {
 
 TEST(ParseEnum, ErrorNamesTheArgumentTheValueAndEveryChoice) {
   EXPECT_EQ(message_for<LossKind>("hubert"),
-            "loss = 'hubert': must be one of squared, huber, cauchy, tukey, geman-mcclure, truncated, auto");
+            "loss = 'hubert': must be one of squared, huber, cauchy, tukey, geman-mcclure, "
+            "truncated, auto");
   EXPECT_EQ(message_for<linear::LinearSolverKind>(""),
             "linear_solver = '': must be one of auto, dense, sparse, iterative");
 }
