@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from conftest import REPOSITORY
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
+from sfmcpp.cli.stopping import lost_interrupts_again
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
@@ -117,6 +119,22 @@ def test_a_stop_while_arguments_are_read_is_said(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("typer.core.TyperGroup.make_context", stop)
     result = run_here("solve", tmp_path / "in.npz")
     assert (result.returncode, result.stderr.strip()) == (130, "sfmcpp: interrupted")
+
+
+def test_an_interrupt_that_falls_into_a_callback_comes_again() -> None:
+    class Module:
+        pass
+
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    module = Module()
+    reference = weakref.ref(module, interrupted)
+    with lost_interrupts_again():
+        del module
+        assert reference() is None  # the interrupt was ignored
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(TIMEOUT_S)
 
 
 def test_solves_stopped_or_killed_at_random_moments_keep_what_they_say() -> None:
