@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import signal
 import sys
 import threading
@@ -33,13 +32,13 @@ def lost_interrupts_again() -> Iterator[None]:
 
     Modules that are loaded have such callbacks: the command would go on to its end.
     """
-    before = sys.unraisablehook
+    before, main_thread = sys.unraisablehook, threading.main_thread().ident
 
     def hook(ignored: Any) -> None:
         if not issubclass(ignored.exc_type, KeyboardInterrupt):
             before(ignored)
             return
-        again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
+        again = threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT))
         again.daemon = True
         again.start()
 
