@@ -121,8 +121,7 @@ double radius_at(const ImageResiduals& images, double area, const State& state, 
 }
 
 // Of observations within `scale`, on points with so many of them that chance does not explain it.
-double median_within(const ImageResiduals& images, const State& state, double scale) {
-  const std::vector<double> norms = residual_norms(images, state);
+double median_within(const ImageResiduals& images, const std::vector<double>& norms, double scale) {
   const std::vector<int> support = views_within(images.graph(), norms, scale);
   std::vector<double> kept;
   for (std::size_t k = 0; k < norms.size(); ++k) {
@@ -132,10 +131,9 @@ double median_within(const ImageResiduals& images, const State& state, double sc
   return of_all_ranks.empty() ? scale : median(std::move(of_all_ranks));
 }
 
-bool all_within(const ImageResiduals& images, const State& state, double scale) {
-  const std::vector<double> norms = residual_norms(images, state);
+bool all_within(Exchange& exchange, const std::vector<double>& norms, double scale) {
   const bool beyond = std::ranges::any_of(norms, [&](double norm) { return norm > scale; });
-  return images.exchange().max(beyond ? 1.0 : 0.0) == 0.0;
+  return exchange.max(beyond ? 1.0 : 0.0) == 0.0;
 }
 
 }  // namespace
@@ -149,9 +147,10 @@ double FallingScale::at(const State& state) const {
 }
 
 double FallingScale::after(double scale, const State& state) const {
-  if (all_within(images_, state, scale)) return scale;
+  const std::vector<double> norms = residual_norms(images_, state);
+  if (all_within(images_.exchange(), norms, scale)) return scale;
   const double next =
-      std::max({kWidth * median_within(images_, state, scale), kMostFall * scale, least_});
+      std::max({kWidth * median_within(images_, norms, scale), kMostFall * scale, least_});
   return next < kLeastFall * scale ? next : scale;
 }
 
