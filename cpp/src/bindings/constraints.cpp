@@ -166,8 +166,7 @@ void set_weights(std::span<const double> weights, std::vector<ConstraintMember>&
   }
 }
 
-ConstraintGroup group_by_function(const py::dict& arrays) {
-  ConstraintGroup group;
+void fill_by_function(const py::dict& arrays, ConstraintGroup& group) {
   const auto cameras = view<const int>(arrays, "cameras");
   const auto weights = view<const double>(arrays, "member_weights");
   group.members.resize(cameras.size() / 2);
@@ -182,12 +181,9 @@ ConstraintGroup group_by_function(const py::dict& arrays) {
                                                      static_cast<int>(group.members.size()),
                                                      two ? 2 : 1,
                                                      arrays["rows"].cast<int>());
-  return group;
 }
 
-ConstraintGroup group_by_kind(const py::dict& arrays, const ba::Problem& problem) {
-  ConstraintGroup group;
-  group.name = arrays["name"].cast<std::string>();
+void fill_by_kind(const py::dict& arrays, const ba::Problem& problem, ConstraintGroup& group) {
   group.kind = parse_enum<residuals::ConstraintKind>(arrays["kind"].cast<std::string>());
   const ConstraintKindFacts& kind = facts_of(group.kind);
   const auto cameras = view<const int>(arrays, "cameras");  // previous, this
@@ -217,15 +213,18 @@ ConstraintGroup group_by_kind(const py::dict& arrays, const ba::Problem& problem
     group.members.push_back(std::move(member));
   }
   set_weights(weights, group.members);
-  return group;
 }
 
 ConstraintGroup group_of(const py::dict& arrays, const ba::Problem& problem) {
-  ConstraintGroup group =
-      arrays.contains("function") ? group_by_function(arrays) : group_by_kind(arrays, problem);
+  ConstraintGroup group;
   group.name = arrays["name"].cast<std::string>();
   group.weight = arrays["weight"].cast<double>();
   group.loss = loss_of(arrays, group.name);
+  if (arrays.contains("function")) {
+    fill_by_function(arrays, group);
+  } else {
+    fill_by_kind(arrays, problem, group);
+  }
   return group;
 }
 
