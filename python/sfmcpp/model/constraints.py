@@ -24,8 +24,39 @@ ConstraintKind = _core.ConstraintKind
 CONSTRAINT_KINDS: dict[str, ConstraintKind] = {kind.name: kind for kind in _core.CONSTRAINT_KINDS}
 
 
+class MemberGroup:
+    """What all groups have: a name, cameras of members, and fields that can be checked again."""
+
+    name: str
+    cameras: IndexArray
+
+    def __post_init__(self) -> None:
+        self.validate()
+
+    def validate(self) -> None:
+        """Check all fields, as when the group was made; they may have been set since.
+
+        Raises
+        ------
+        InvalidArgument
+            If a field breaks a rule.
+        """
+        self._check()
+
+    @property
+    def num_members(self) -> int:
+        """Number of members, n."""
+        return len(self.cameras)
+
+    def _check(self) -> None:
+        raise NotImplementedError
+
+    def _label(self, field_name: str) -> str:
+        return f"constraints[{self.name!r}].{field_name}"
+
+
 @dataclass(eq=False)
-class ConstraintGroup:
+class ConstraintGroup(MemberGroup):
     """Constraints of one kind and one origin, with one weight: a GPS, an odometer, a prior.
 
     In :func:`sfmcpp.solve` the group adds ``½ weight Σ member_weights · ε`` to the cost, each ε a *mean*
@@ -86,17 +117,7 @@ class ConstraintGroup:
     loss: str = "squared"
     loss_scale: float | None = None
 
-    def __post_init__(self) -> None:
-        self.validate()
-
-    def validate(self) -> None:
-        """Check all fields, as when the group was made; they may have been set since.
-
-        Raises
-        ------
-        InvalidArgument
-            If a field breaks a rule.
-        """
+    def _check(self) -> None:
         kind = constraint_kind(self.kind)
         check_fields(self, "name", "loss")
         self.name = self.name or self.kind
@@ -108,14 +129,6 @@ class ConstraintGroup:
         self.weight = self._number("weight", self.weight)
         if self.loss_scale is not None:
             self.loss_scale = self._number("loss_scale", self.loss_scale)
-
-    @property
-    def num_members(self) -> int:
-        """Number of constraints in the group."""
-        return len(self.cameras)
-
-    def _label(self, field_name: str) -> str:
-        return f"constraints[{self.name!r}].{field_name}"
 
     def _number(self, field_name: str, value: float) -> float:
         try:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
-from sfmcpp.model.constraints import ConstraintGroup
+from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
 from sfmcpp.model.problem import Problem
 
 ResidualFunction: TypeAlias = Callable[[FloatArray], "ArrayLike | tuple[ArrayLike, ArrayLike]"]
@@ -23,7 +23,7 @@ _STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 @dataclass(eq=False)
-class ResidualGroup:
+class ResidualGroup(MemberGroup):
     """Residuals of poses by a NumPy function, as a term of the cost of any solve.
 
     In :func:`sfmcpp.solve` the group adds ``½ Σ ρ(weight · member_weights · ‖r‖²)`` to the cost. A sensor of
@@ -67,17 +67,7 @@ class ResidualGroup:
     loss: str = "squared"
     loss_scale: float | None = None
 
-    def __post_init__(self) -> None:
-        self.validate()
-
-    def validate(self) -> None:
-        """Check all fields, as when the group was made; they may have been set since.
-
-        Raises
-        ------
-        InvalidArgument
-            If a field breaks a rule.
-        """
+    def _check(self) -> None:
         if not callable(self.function):
             raise InvalidArgument(f"function = {self.function!r}: must be callable")
         check_fields(self, "name", "loss", "weight", "loss_scale")
@@ -96,11 +86,6 @@ class ResidualGroup:
         self.member_weights = finite_array(
             self._label("member_weights"), self.member_weights, (self.num_members,)
         )
-
-    @property
-    def num_members(self) -> int:
-        """Number of members, n."""
-        return len(self.cameras)
 
     def evaluate(self, poses: FloatArray, jacobian: bool = True) -> tuple[FloatArray, FloatArray | None]:
         """Residuals of all members, and their derivatives.
@@ -143,9 +128,6 @@ class ResidualGroup:
             raise InvalidArgument(f"{self._label('cameras')}: must be from 0 to {problem.num_cameras - 1}")
         poses = problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
         return len(self.evaluate(poses, jacobian=False)[0].T)
-
-    def _label(self, field_name: str) -> str:
-        return f"constraints[{self.name!r}].{field_name}"
 
     def _called(self, poses: FloatArray) -> tuple[FloatArray, ArrayLike | None]:
         answer = self.function(poses if self.cameras.ndim == 2 else poses[:, 0])
