@@ -94,6 +94,10 @@ class Ranks:
         with self._together():
             return self.communicator.allgather(value)
 
+    def turn(self, count: int) -> tuple[int, int]:
+        """Where this rank's share of so many things in a row begins and ends."""
+        return count * self.rank // self.size, count * (self.rank + 1) // self.size
+
     def exchanged(self, mine: list[T]) -> list[T]:
         """Values that each rank has for this one, in their order, for one for each of them."""
         with self._together():

@@ -82,15 +82,10 @@ def read_npz_share(path: Path, ranks: Ranks) -> Share | None:
         if not all(rows.are_like(stored, name) for name, rows in stored.items()):
             return None
         count = stored["points"].shape[0]
-        begins = [_turn(stored[name].shape[0], ranks)[0] for name in ("points", "pixels")]
+        begins = [ranks.turn(stored[name].shape[0])[0] for name in ("points", "pixels")]
         for name, rows in stored.items():
-            members[name] = rows.read(file, *_turn(rows.shape[0], ranks))
+            members[name] = rows.read(file, *ranks.turn(rows.shape[0]))
     return Share.of(_unchecked(path, members), count, *begins)
-
-
-def _turn(count: int, ranks: Ranks) -> tuple[int, int]:
-    """Where the rows of a rank begin and end, of so many."""
-    return count * ranks.rank // ranks.size, count * (ranks.rank + 1) // ranks.size
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,7 @@ def read_own_part(folder: Path, ranks: Ranks) -> Part:
             folder,
             f"has {count} parts for {ranks.size} ranks, each needs one: sfmcpp convert --parts makes more",
         )
-    return parts.part(range(count * ranks.rank // ranks.size, count * (ranks.rank + 1) // ranks.size))
+    return parts.part(range(*ranks.turn(count)))
 
 
 def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> None:
