@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,7 @@ class Gps:
     def check(self, target: Path | None) -> None:
         """Raise a DatasetError if the positions of the result could not be written to `target`."""
         if target is not None:
-            geodetic = self.source is not None and self._read(self.source).geodetic
+            geodetic = self._told is not None and self._told.geodetic
             require_positions_format(target, geodetic=geodetic)
             if self.source is not None and target.resolve() == self.source.resolve():
                 raise DatasetError(target, "is named twice: positions that are read must not be replaced")
@@ -51,12 +52,12 @@ class Gps:
         DatasetError
             If the file cannot be read, or its positions and the problem do not go together.
         """
-        if self.source is None:
+        told = self._told
+        if told is None or self.source is None:
             return None
         from sfmcpp.sfm.georeference import georeference_to, image_names
         from sfmcpp.sfm.positions import positions_of
 
-        told = self._read(self.source)
         numbers = [str(camera) for camera in range(problem.num_cameras)]
         names = numbers if told.by_number else image_names(problem)
         try:
@@ -65,8 +66,9 @@ class Gps:
         except InvalidArgument as error:
             raise DatasetError(self.source, str(error).removeprefix("gps: ")) from error
 
-    def _read(self, source: Path) -> NamedPositions:
-        return read_position_csv(source, numbered=True)
+    @cached_property
+    def _told(self) -> NamedPositions | None:
+        return None if self.source is None else read_position_csv(self.source, numbered=True)
 
 
 def camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:
