@@ -203,8 +203,11 @@ def _up_in_camera(
 ) -> FloatArray:
     """Direction (n, 3) of the sensor's z axis in the camera's frame, at the times of n orientations."""
     before = np.searchsorted(stream.t_s, start_s, side="right") - 1
-    since = rotation_increment(stream, stream.t_s[before], start_s)
-    assert since is not None
+    since = rotation_increment(stream, stream.t_s[before], start_s) if before >= 0 else None
+    if since is None:
+        raise InvalidArgument(
+            f"stream: must tell the orientation at {start_s:g} s, where the trajectory begins"
+        )
     up_at_first = (rotations_at_samples(stream)[before] @ since)[2]
     return np.asarray(up_at_first @ seen_from_first @ mounting.camera_from_body.T)
 

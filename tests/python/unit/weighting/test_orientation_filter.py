@@ -213,15 +213,12 @@ def test_gravity_rights_the_tilt_and_leaves_the_heading_to_the_images() -> None:
 def test_gravity_asks_for_a_sensor_that_tells_orientations() -> None:
     _, drifted, t_s = drive(0, 5)
     rates = SensorStream(t_s, np.zeros((5, 3)), "angular_rate")
+    late = SensorStream(t_s + STEP_S, np.zeros((5, 3)), "orientation")
+    noise = {"turn_sigma_rad_sqrt_s": 0.1, "orientation_sigma_rad": 0.1, "heading_sigma_rad": 1.0}
     with pytest.raises(InvalidArgument, match=r"heading_sigma_rad = 1\.0: must be None unless"):
-        filter_trajectory(
-            drifted,
-            rates,
-            MOUNTING,
-            turn_sigma_rad_sqrt_s=0.1,
-            orientation_sigma_rad=0.1,
-            heading_sigma_rad=1.0,
-        )
+        filter_trajectory(drifted, rates, MOUNTING, **noise)
+    with pytest.raises(InvalidArgument, match="stream: must tell the orientation at 0 s"):
+        filter_trajectory(drifted, late, MOUNTING, **noise)
 
 
 def test_rates_of_a_gyro_calm_orientations_that_jitter_and_gaps_are_passed_over() -> None:
