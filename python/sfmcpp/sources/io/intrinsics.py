@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,28 +61,53 @@ def as_perspective(problem: Problem) -> tuple[FloatArray, BoolArray]:
     return values, fixed
 
 
-def image_sizes_of_intrinsics(problem: Problem, path: Path) -> NDArray[np.int64]:
-    """Width and height (G, 2) of the images of each row of intrinsics [px].
+class CornerLenses(NamedTuple):
+    """Intrinsics of the perspective model for pixels that count from the corner of the image.
 
-    Where the metadata do not tell, they are what just covers the observations.
+    Pixels of the BAL model count from the principal point, wherever it is in the image; it is then put into
+    the middle. ``origin`` (G, 2) [px] is what pixels need added to count from the corner: zero for all
+    other models.
+    """
+
+    values: FloatArray  # (G, K)
+    fixed: BoolArray  # (G, K)
+    sizes: NDArray[np.int64]  # (G, 2): width and height [px]
+    origin: FloatArray  # (G, 2)
+
+
+def lenses_from_corner(problem: Problem, path: Path) -> CornerLenses:
+    """Intrinsics of a problem, and its image sizes, as formats have them that count pixels from the corner.
+
+    Where the metadata do not tell the sizes, they are what just covers the observations.
 
     Raises
     ------
     DatasetError
-        If there are not as many in the metadata as rows.
+        If there are not as many sizes in the metadata as rows.
     """
+    values, fixed = as_perspective(problem)
+    centred = problem.camera_model == "bal"
+    sizes = _image_sizes(problem, centred, path)
+    origin = sizes / 2.0 if centred else np.zeros((len(values), 2))
+    values[:, perspective_columns("cx", "cy")] += origin
+    return CornerLenses(values, fixed, sizes, origin)
+
+
+def _image_sizes(problem: Problem, centred: bool, path: Path) -> NDArray[np.int64]:
+    """Width and height (G, 2) of the images of each row of intrinsics [px]."""
     stored = problem.metadata.extra.get("colmap_camera_sizes")
     if stored is not None:
         require_metadata_length("colmap_camera_sizes", stored, len(problem.intrinsics), path)
         return np.asarray(stored)
     rows = problem.intrinsics_index
-    sizes = np.ones((len(problem.intrinsics), 2), dtype=np.int64)
     if problem.metadata.image_sizes is not None:
+        sizes = np.ones((len(problem.intrinsics), 2), dtype=np.int64)
         sizes[rows] = problem.metadata.image_sizes
         return sizes
-    largest = np.minimum(np.ceil(problem.pixels), LARGEST_COUNT).astype(np.int64)
-    np.maximum.at(sizes, rows[problem.camera_index], largest)
-    return sizes
+    sides, reach = (2, np.abs(problem.pixels)) if centred else (1, problem.pixels)
+    largest = np.ones((len(problem.intrinsics), 2))
+    np.maximum.at(largest, rows[problem.camera_index], np.ceil(reach))
+    return np.minimum(sides * largest, LARGEST_COUNT).astype(np.int64)
 
 
 def require_defaults_except(values: FloatArray, kept: tuple[str, ...], format_name: str, path: Path) -> None:

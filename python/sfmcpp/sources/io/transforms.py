@@ -23,8 +23,7 @@ from sfmcpp.sources.io.checks import require_metadata_length, require_valid
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,
-    as_perspective,
-    image_sizes_of_intrinsics,
+    lenses_from_corner,
     require_defaults_except,
 )
 from sfmcpp.sources.io.json_text import Part, read_json
@@ -113,10 +112,9 @@ def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> No
         If there is skew, k4 or k5, metadata do not fit the problem, or the file cannot be written.
     """
     require_valid(problem, path)
-    values, _ = as_perspective(problem)
-    require_defaults_except(values, _KEPT, "transforms.json", path)
-    sizes = image_sizes_of_intrinsics(problem, path)
-    cameras = [_camera(row, size) for row, size in zip(values, sizes.tolist(), strict=True)]
+    lenses = lenses_from_corner(problem, path)
+    require_defaults_except(lenses.values, _KEPT, "transforms.json", path)
+    cameras = [_camera(row, size) for row, size in zip(lenses.values, lenses.sizes.tolist(), strict=True)]
     used = [cameras[row] for row in problem.intrinsics_index]
     frames = _frames(problem, path, image_folder)
     shared = used[0] if used and all(camera == used[0] for camera in used) else {}

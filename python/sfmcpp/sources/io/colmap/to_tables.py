@@ -37,7 +37,7 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.intrinsics import PERSPECTIVE, as_perspective, image_sizes_of_intrinsics
+from sfmcpp.sources.io.intrinsics import PERSPECTIVE, CornerLenses, lenses_from_corner
 from sfmcpp.sources.io.poses import pose_from_cameras
 from sfmcpp.sources.io.rows import all_keypoints, by_point, exclusive_sums
 
@@ -54,9 +54,10 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
         written, or metadata do not fit the problem.
     """
     require_valid(problem, folder)
-    cameras = _cameras(problem, folder)
+    lenses = lenses_from_corner(problem, folder)
+    cameras = _cameras(problem, lenses, folder)
     point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
-    images, keypoint_index = _images(problem, folder, cameras.ids, point_ids)
+    images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
     with np.errstate(all="ignore"):
         errors = mean_reprojection_errors_px(problem, problem.points)
@@ -101,8 +102,8 @@ def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> N
     return np.asarray(value)
 
 
-def _cameras(problem: Problem, folder: Path) -> CameraTable:
-    values, fixed = as_perspective(problem)
+def _cameras(problem: Problem, lenses: CornerLenses, folder: Path) -> CameraTable:
+    values, fixed = lenses.values, lenses.fixed
     names = problem.metadata.extra.get("colmap_camera_models")
     if names is None:
         names = [""] * len(values)
@@ -115,7 +116,7 @@ def _cameras(problem: Problem, folder: Path) -> CameraTable:
         None,
         _extra(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
         models=models,
-        sizes=image_sizes_of_intrinsics(problem, folder),
+        sizes=lenses.sizes,
         params=[params_from_intrinsics(name, row) for name, row in zip(models, values, strict=True)],
     )
 
@@ -136,7 +137,7 @@ def _model(row: int, known: str, values: FloatArray, fixed: BoolArray, folder: P
 
 
 def _images(
-    problem: Problem, folder: Path, camera_ids: Int64Array, point_ids: Int64Array
+    problem: Problem, folder: Path, lenses: CornerLenses, camera_ids: Int64Array, point_ids: Int64Array
 ) -> tuple[ImageTable, Int64Array]:
     """Table of the images, and the number of each observation's keypoint within its image."""
     rotations, translations = pose_from_cameras(problem.cameras)
@@ -144,6 +145,7 @@ def _images(
         counts, keypoints, rows = all_keypoints(problem)
     except InvalidArgument as error:
         raise DatasetError(folder, str(error)) from error
+    keypoints = keypoints + np.repeat(lenses.origin[problem.intrinsics_index], counts, axis=0)
     keypoint_points = np.full(len(keypoints), NO_POINT)
     keypoint_points[rows] = point_ids[problem.point_index]
     images = ImageTable(

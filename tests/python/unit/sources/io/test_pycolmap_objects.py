@@ -97,12 +97,16 @@ def test_a_model_solved_by_the_command_line_has_errors_of_its_solved_state(tmp_p
     assert np.mean(written) < 0.5 * pycolmap.Reconstruction(str(start)).compute_mean_reprojection_error()
 
 
-def test_principal_points_are_kept_by_way_of_bundlers_files(tmp_path: Path) -> None:
+def test_principal_points_lie_in_the_middle_by_way_of_bundlers_files(tmp_path: Path) -> None:
     """Which count pixels from there: what COLMAP projects misses them by the same pixels before and after."""
     model = reconstruction()
     sfmcpp.write(sfmcpp.from_pycolmap(model), tmp_path / "a.out")
     again = sfmcpp.to_pycolmap(sfmcpp.read(tmp_path / "a.out"))
-    assert {(c.principal_point_x, c.principal_point_y) for c in again.cameras.values()} == {(0.0, 0.0)}
+    for camera in again.cameras.values():
+        assert (2 * camera.principal_point_x, 2 * camera.principal_point_y) == (camera.width, camera.height)
+    for image in again.images.values():
+        pixels, camera = np.array([p.xy for p in image.points2D]), again.cameras[image.camera_id]
+        assert ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all()
     again.update_point_3d_errors()
     model.update_point_3d_errors()
     errors = [sorted(p.error for p in m.points3D.values()) for m in (model, again)]
