@@ -86,6 +86,19 @@ TEXTS: dict[str, tuple[str, Reader]] = {
         "0 0 5 255 0 1 2 0 7 2.5 -3 1 8 1 -3\n1 0 6 0 0 0 1 1 9 4 4\n\n0\n#PLY\n0\n",
         sfmcpp.read,
     ),
+    "own.g2o": (
+        "# g2o\nVERTEX_CAM 3 0.5 0 0 0 0 0 1 500 510 320 240 0.1\n"
+        "VERTEX_CAM 4 0 1 0 0 0.1 0 0.99 500 510 320 240 0\n"
+        "VERTEX_XYZ 7 0 0 5\nVERTEX_XYZ 1 1 -1 6\nFIX 3 1\nEDGE_PROJECT_P2MC 7 3 270 240 4 1 9\n"
+        "EDGE_PROJECT_P2MC 1 3 360.5 155 1 0 1\nEDGE_PROJECT_P2MC 7 4 320 138 1 0 1\n",
+        sfmcpp.read,
+    ),
+    "named.g2o": (
+        "PARAMS_CAMERAPARAMETERS 0 500 320 240 0\nVERTEX_SE3:EXPMAP 3 0.5 0 0 0 0 0 1\nFIX 3\n"
+        "VERTEX_SE3:EXPMAP 4 0 1 0 0 0.1 0 0.99\nVERTEX_TRACKXYZ 7 0 0 5\nVERTEX_XYZ 1 1 -1 6\n"
+        "EDGE_PROJECT_XYZ2UV:EXPMAP 7 3 0 270 240 1 0 1\nEDGE_PROJECT_XYZ2UV:EXPMAP 1 4 0 300.5 99 2 0 2\n",
+        sfmcpp.read,
+    ),
     "sfm_data.json": (
         '{"sfm_data_version": "0.3", "views": [{"key": 0, "value": {"ptr_wrapper": {"data": {"local_path":\n'
         '"", "filename": "a.jpg", "width": 640, "height": 480, "id_intrinsic": 5, "id_pose": 2}}}}],\n'

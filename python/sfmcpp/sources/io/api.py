@@ -18,6 +18,7 @@ from sfmcpp.sources.io import (
     bal,
     bundler,
     colmap,
+    g2o,
     npz,
     nvm,
     openmvg,
@@ -40,6 +41,7 @@ FORMATS: tuple[Format, ...] = (
     bal.FORMAT,
     bundler.FORMAT,
     nvm.FORMAT,
+    g2o.FORMAT,
     openmvg.FORMAT,
     alicevision.FORMAT,
     npz.FORMAT,
@@ -61,11 +63,11 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     path : path-like
         File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
         with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
-        BAL; ``.out`` is Bundler, ``.nvm`` VisualSFM, ``.sfm`` AliceVision; ``.json`` is OpenMVG's sfm_data,
-        AliceVision's, or transforms.json: its contents tell; ``.npz`` is this package's own, and so is a
-        folder named ``parts`` or ``….parts``, which has it in parts for several ranks. A folder of
-        ``IMAGE.camera`` is the truth of Strecha's benchmark. That and transforms.json are cameras without
-        points.
+        BAL; ``.out`` is Bundler, ``.nvm`` VisualSFM, ``.g2o`` g2o, ``.sfm`` AliceVision; ``.json`` is
+        OpenMVG's sfm_data, AliceVision's, or transforms.json: its contents tell; ``.npz`` is this package's
+        own, and so is a folder named ``parts`` or ``….parts``, which has it in parts for several ranks. A
+        folder of ``IMAGE.camera`` is the truth of Strecha's benchmark. That and transforms.json are cameras
+        without points.
     format : str, optional
         Name of the format, one of :func:`formats`, where the file's name does not tell.
 
