@@ -62,7 +62,7 @@ def cameras_alone(problem: Problem) -> Problem:
         blind,
         points=blind.points[:0],
         fixed_points=blind.fixed_points[:0],
-        metadata=replace(blind.metadata, point_colors=None),
+        metadata=replace(problem.metadata, point_colors=None),
     )
 
 

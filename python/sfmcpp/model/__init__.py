@@ -2,7 +2,8 @@
 
 from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model
 from sfmcpp.model.constraints import CONSTRAINT_KINDS, ConstraintGroup, ConstraintKind, constraint_kind
-from sfmcpp.model.problem import Metadata, Problem
+from sfmcpp.model.metadata import Metadata
+from sfmcpp.model.problem import Problem
 from sfmcpp.model.residual_group import ResidualGroup
 from sfmcpp.model.sensor_stream import Gap, SensorStream
 from sfmcpp.model.trajectory import Trajectory

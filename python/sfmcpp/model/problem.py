@@ -20,41 +20,9 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.camera_models import camera_model
 from sfmcpp.model.html import html_table
+from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
-
-
-@dataclass(repr=False)
-class Metadata:
-    """What files say beyond the problem itself; kept so that read, write, read loses nothing.
-
-    Attributes
-    ----------
-    source_format : str
-        Format the problem was read from, or empty.
-    image_names : list of str
-        One name per camera, or empty.
-    image_sizes : (C, 2) int array or None
-        Width and height of each camera's image [px].
-    point_colors : (N, 3) uint8 array or None
-        Red, green, blue of each point.
-    extra : dict
-        Anything else a format needs to write itself back (identifiers, keypoint numbers…).
-    """
-
-    source_format: str = ""
-    image_names: list[str] = field(default_factory=list)
-    image_sizes: NDArray[np.int64] | None = None
-    point_colors: NDArray[np.uint8] | None = None
-    extra: dict[str, Any] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        known = [f"from {self.source_format!r}"] if self.source_format else []
-        for name in ("image_names", "image_sizes", "point_colors"):
-            value = getattr(self, name)
-            known += [f"{len(value)} {name}"] if value is not None and len(value) else []
-        known += [f"extra: {', '.join(map(str, self.extra))}"] if self.extra else []
-        return f"Metadata({'; '.join(known)})"
 
 
 @dataclass
@@ -223,7 +191,8 @@ class Problem:
         Returns
         -------
         Problem
-            Standard deviations or covariances are theirs; other arrays are shared.
+            Standard deviations, covariances and metadata are theirs; other arrays are shared. The others stay
+            keypoints that see no point, where the metadata number keypoints.
 
         Raises
         ------
@@ -239,6 +208,39 @@ class Problem:
             pixels=self.pixels[rows],
             sigma_px=uncertainty.sigma_px,
             covariance_px2=uncertainty.covariance_px2,
+            metadata=self.metadata.of_observations(rows, self.camera_index, self.pixels),
+        )
+
+    def with_points(self, chosen: ArrayLike) -> Problem:
+        """The same cameras and intrinsics with some of the points, and all observations of these.
+
+        Parameters
+        ----------
+        chosen : (n,) int or (N,) bool
+            Which points, by number, each once, or as a mask; they are numbered anew in this order.
+
+        Returns
+        -------
+        Problem
+            Metadata are theirs; arrays of cameras and intrinsics are shared.
+
+        Raises
+        ------
+        InvalidArgument
+            If a number is out of range or there twice, or a mask has another length.
+        """
+        points = np.arange(self.num_points)[_chosen(chosen, self.num_points)]
+        number = np.full(self.num_points, -1, dtype=np.int32)
+        number[points] = np.arange(len(points), dtype=np.int32)
+        if np.count_nonzero(number >= 0) < len(points):
+            raise InvalidArgument("chosen: a point is named twice")
+        kept = self.with_observations(number[self.point_index] >= 0)
+        return replace(
+            kept,
+            points=self.points[points],
+            fixed_points=self.fixed_points[points],
+            point_index=number[kept.point_index],
+            metadata=kept.metadata.of_points(points, self.num_points),
         )
 
     def copy(self) -> Problem:
@@ -283,7 +285,7 @@ def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]
 
 
 def _chosen(value: ArrayLike, count: int) -> NDArray[Any]:
-    """`value` as numbers from 0 to `count` − 1, or as a mask of `count` observations."""
+    """`value` as numbers from 0 to `count` − 1, or as a mask of `count`."""
     rows = number_array("chosen", value)
     if rows.dtype == np.bool_:
         if rows.shape != (count,):

@@ -1,0 +1,79 @@
+"""What files say of a problem beyond the problem itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model.arrays import FloatArray, IndexArray
+
+# Entries of `Metadata.extra` with a number for each observation, and for each point.
+KEYPOINTS = "colmap_keypoint_index"
+_OF_OBSERVATIONS = (KEYPOINTS, "bundler_keys", "nvm_keys")
+_OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
+
+
+@dataclass(repr=False)
+class Metadata:
+    """What files say beyond the problem itself; kept so that read, write, read loses nothing.
+
+    Attributes
+    ----------
+    source_format : str
+        Format the problem was read from, or empty.
+    image_names : list of str
+        One name per camera, or empty.
+    image_sizes : (C, 2) int array or None
+        Width and height of each camera's image [px].
+    point_colors : (N, 3) uint8 array or None
+        Red, green, blue of each point.
+    extra : dict
+        Anything else a format needs to write itself back (identifiers, keypoint numbers…).
+    """
+
+    source_format: str = ""
+    image_names: list[str] = field(default_factory=list)
+    image_sizes: NDArray[np.int64] | None = None
+    point_colors: NDArray[np.uint8] | None = None
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        known = [f"from {self.source_format!r}"] if self.source_format else []
+        for name in ("image_names", "image_sizes", "point_colors"):
+            value = getattr(self, name)
+            known += [f"{len(value)} {name}"] if value is not None and len(value) else []
+        known += [f"extra: {', '.join(map(str, self.extra))}"] if self.extra else []
+        return f"Metadata({'; '.join(known)})"
+
+    def of_observations(self, chosen: NDArray[Any], camera_index: IndexArray, pixels: FloatArray) -> Metadata:
+        """Those of some observations, numbers or a mask, of the M that have these cameras and `pixels`.
+
+        Keypoints of an image are numbered without a gap: those of the others are kept, and see no point.
+        """
+        count = len(camera_index)
+        extra = _rows_of(self.extra, _OF_OBSERVATIONS, chosen, count)
+        if extra.get(KEYPOINTS) is not self.extra.get(KEYPOINTS):
+            left = np.ones(count, dtype=np.bool_)
+            left[chosen] = False
+            loose = {"image": camera_index, "keypoint_index": self.extra[KEYPOINTS], "pixels": pixels}
+            for name, values in loose.items():
+                known = extra.get(f"colmap_loose_{name}")
+                more = np.asarray(values)[left]
+                extra[f"colmap_loose_{name}"] = more if known is None else np.concatenate([known, more])
+        return replace(self, extra=extra)
+
+    def of_points(self, chosen: NDArray[np.int64], count: int) -> Metadata:
+        """Those of some of `count` points, by number."""
+        colors = None if self.point_colors is None else self.point_colors[chosen]
+        return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
+
+
+def _rows_of(
+    extra: dict[str, Any], names: tuple[str, ...], chosen: NDArray[Any], count: int
+) -> dict[str, Any]:
+    """`extra` with some rows of the named entries, where these have `count` of them."""
+    fitting = [name for name in names if name in extra and np.shape(extra[name]) == (count,)]
+    return extra | {name: np.asarray(extra[name])[chosen] for name in fitting}
