@@ -20,13 +20,16 @@ from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 if TYPE_CHECKING:
     from sfmcpp.slam import KeyframeRecord, SlamRun
 
+_Ways = tuple[tuple[str, dict[str, Any]], ...]
+
 # What an evaluation is asked for, and what legends say of it: what `evaluate` does by itself, and the next
 # where one is not determined.
-_ALIGNED = (
+_ALIGNED: _Ways = (
     ("aligned to all of it", {"align_to": "all", "align_by": "positions"}),
     ("aligned to all of it, by poses", {"align_to": "all", "align_by": "poses"}),
 )
-_DRIFT = (("aligned to its first tenth, by poses", {"align_to": "first:0.1", "align_by": "poses"}),)
+_OWN_SCALE: _Ways = tuple((words, {**options, "with_scale": False}) for words, options in _ALIGNED)
+_DRIFT: _Ways = (("aligned to its first tenth, by poses", {"align_to": "first:0.1", "align_by": "poses"}),)
 
 
 class SlamReport(ReportTable):
@@ -47,6 +50,11 @@ class SlamReport(ReportTable):
         return self._measured[1]
 
     @cached_property
+    def in_metres(self) -> Evaluation | None:
+        """Of a map in metres the same with its own scale; None of others, or if undetermined."""
+        return self._evaluated(_OWN_SCALE)[1] if self.run.result.metric else None
+
+    @cached_property
     def drift(self) -> Evaluation | None:
         """The same aligned by its first tenth alone; None of a map in the world of a GPS or an INS."""
         return None if self.run.georeferenced else self._evaluated(_DRIFT)[1]
@@ -60,14 +68,14 @@ class SlamReport(ReportTable):
     def _measured(self) -> tuple[str, Evaluation | None]:
         return self._evaluated(_ALIGNED)
 
-    def _evaluated(self, ways: tuple[tuple[str, dict[str, str]], ...]) -> tuple[str, Evaluation | None]:
+    def _evaluated(self, ways: _Ways) -> tuple[str, Evaluation | None]:
         """By the first of the ways that is determined, and what it is called."""
         run = self.run
         if run.drive.truth is None or run.world is None:
             return "", None
         for words, options in ways:
             try:
-                return words, evaluate(run.trajectory(), run.drive.truth, **options)  # type: ignore[arg-type]
+                return words, evaluate(run.trajectory(), run.drive.truth, **options)
             except InvalidArgument:
                 continue
         return "", None
@@ -101,6 +109,7 @@ class SlamReport(ReportTable):
             "warnings": result.warnings,
             "keyframes": [_keyframe(record) for record in result.records],
             "truth": None if self.comparison is None else self.comparison.to_dict(),
+            "truth_in_metres": None if self.in_metres is None else self.in_metres.to_dict(),
             "drift": None if self.drift is None else self.drift.to_dict(),
         }
         found: dict[str, Any] = plain(content)
@@ -151,7 +160,10 @@ class SlamReport(ReportTable):
             yield "warning", warning
         if comparison is not None:
             error, length = comparison.mean_3d_error_m, comparison.truth.length_m
-            yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}"
+            scale = comparison.alignment.similarity.scale
+            yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}, scale {scale:.4g}"
+        if self.in_metres is not None:
+            yield "in metres", f"{self.in_metres.mean_3d_error_m:.4g} m, with its own scale"
         if self.drift is not None:
             yield "drift", f"{self.drift.mean_3d_error_m:.4g} m, {_DRIFT[0][0]}"
 

@@ -105,8 +105,12 @@ class Alignment:
             return ""
         return (
             f"the {self.count} positions aligned run straight to within {100 * self.thinness:.2g} % of their "
-            "length: the rotation about their line is hardly determined; align by poses, or all"
+            f"length: the rotation about their line is hardly determined; align by poses{self._or_all}"
         )
+
+    @property
+    def _or_all(self) -> str:
+        return "" if str(self.rule) == "all" else ", or all"
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values."""
