@@ -27,6 +27,20 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
+def _sigmas(given: list[str]) -> dict[str, float | None]:
+    """Read ``NAME=SIGMA``, the name that of a sensor."""
+    sigmas: dict[str, float | None] = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        try:
+            sigmas[name] = None if number == "auto" else float(number)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{text!r}: must be NAME=SIGMA, a number or auto", param_hint="'--sensor-sigma'"
+            ) from None
+    return sigmas
+
+
 def _camera(text: str | None) -> tuple[float, ...] | Path | None:
     """Read ``f,cx,cy``, all five intrinsics, or the path of a file."""
     if text is None:
@@ -91,6 +105,18 @@ SensorFile = Annotated[
         help="Sensors' measurements: CSV, or a KITTI drive (.mat); else those that INPUT holds.",
     ),
 ]
+ClockOffset = Annotated[
+    float, typer.Option(metavar="S", help="Camera time minus sensor time: added to the sensors' stamps.")
+]
+Sigmas = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sensor-sigma",
+        metavar="NAME=SIGMA",
+        help="What a sensor may be off: metres, of imu radians; auto: estimated on the run. May be given "
+        "several times.",
+    ),
+]
 MountingOption = Annotated[
     str | None,
     typer.Option(
@@ -134,6 +160,8 @@ def slam(
     sensor: Sensors = None,
     sensor_file: SensorFile = None,
     mounting: MountingOption = None,
+    clock_offset: ClockOffset = 0.0,
+    sensor_sigma: Sigmas = None,
     weights: Weights = None,
     weight_bounds: Bounds = WEIGHT_BOUNDS[0],
     camera: Camera = None,
@@ -162,6 +190,7 @@ def slam(
         raise InvalidArgument("sensor_file: no --sensor is named that could use it")
     settings = {
         "sensors": sensor or [],
+        "sigmas": _sigmas(sensor_sigma or []),
         "weights": weights or "loo",
         "weight_bounds": weight_bounds,
         "window": window,
@@ -169,6 +198,11 @@ def slam(
         "seed": seed,
     }
     images = {"camera": _camera(camera), "fps": fps, "corners": corners, "stereo": stereo}
-    opening = {"sensor_file": sensor_file, "mounting": mounting, **images}
+    opening = {
+        "sensor_file": sensor_file,
+        "mounting": mounting,
+        "clock_offset_s": clock_offset,
+        **images,
+    }
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     return run_slam_files(source, output, settings, opening, kept, view=view, quiet=quiet)

@@ -137,16 +137,28 @@ class SensorStream:
             raise InvalidArgument(f"clock_offset_s = {clock_offset_s}: must be finite")
         return replace(self, t_s=self.t_s + clock_offset_s)
 
+    def extended(self, t_s: FloatArray, values: FloatArray) -> SensorStream:
+        """These measurements and later ones; the default of `max_gap_s` is that of all of them."""
+        given = self.max_gap_s != BRIDGED_PERIODS * self.period_s
+        stamps = np.concatenate([self.t_s, finite_array("t_s", t_s, (ANY,))])
+        more = shaped_array("values", _columns(values, self.values.shape[1]), (ANY, self.values.shape[1]))
+        rows = np.concatenate([self.values, more])
+        largest = {} if given else {"max_gap_s": None}
+        return replace(self, t_s=stamps, values=rows, **largest)  # type: ignore[arg-type]
+
     def __repr__(self) -> str:
         span = f"{self.t_s[0]:.3f} to {self.t_s[-1]:.3f} s"
         return f"SensorStream({self.name!r}: {len(self)} of {self.kind}, {span}, {len(self.gaps())} gaps)"
 
 
+def _columns(given: FloatArray, width: int) -> FloatArray:
+    """A row of numbers as a column, where there is one."""
+    return np.reshape(given, (-1, 1)) if width == 1 and np.ndim(given) == 1 else given
+
+
 def _values(given: FloatArray, stamps: FloatArray, kind: SensorKind) -> FloatArray:
     width = len(kind.columns)
-    if width == 1 and np.ndim(given) == 1:
-        given = np.reshape(given, (-1, 1))
-    values = shaped_array("values", given, (len(stamps), width))
+    values = shaped_array("values", _columns(given, width), (len(stamps), width))
     bad = ~np.isfinite(values)
     if bad.any():
         row, column = np.argwhere(bad)[0].tolist()

@@ -20,7 +20,7 @@ from sfmcpp.sensors.registration import (
     register_by_positions,
 )
 from sfmcpp.sensors.rotation_check import RotationCheck, check_rotations
-from sfmcpp.sensors.stream import describe_gaps, measured_at
+from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
 
 __all__ = [
     "Gap",
@@ -32,6 +32,7 @@ __all__ = [
     "camera_displacement",
     "carried_over",
     "check_rotations",
+    "describe_coverage",
     "describe_gaps",
     "doubtful_stretches",
     "earth_centred",

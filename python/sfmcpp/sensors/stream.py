@@ -7,7 +7,7 @@ beyond the first or the last sample. Where it does not, the answer is None, neve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.sensors.prediction import interpolate_rotations, interpolate_vectors
 
 _RATES = ("speed", "velocity", "angular_rate")
+# Rates this far apart do not tell a motion [s].
+_SPARSE_S = 2.0
 
 
 def require_kind(stream: SensorStream, *kinds: str) -> None:
@@ -109,3 +111,37 @@ def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
         for stream in streams
         for gap in stream.gaps()
     ]
+
+
+@checked()
+def describe_coverage(streams: Sequence[SensorStream], start_s: float, end_s: float) -> list[str]:
+    """Tell of each stream that does not last as long as the images, or is too sparse to tell a motion.
+
+    Parameters
+    ----------
+    streams : sequence of SensorStream
+        Any streams.
+    start_s, end_s : float
+        Times of the first and of the last image [s].
+
+    Returns
+    -------
+    list of str
+        One line for each fault.
+    """
+    return [
+        f"stream {stream.name!r}: {fault}" for stream in streams for fault in _faults(stream, start_s, end_s)
+    ]
+
+
+def _faults(stream: SensorStream, start_s: float, end_s: float) -> Iterator[str]:
+    first_s, last_s = float(stream.t_s[0]), float(stream.t_s[-1])
+    if first_s - stream.max_gap_s > start_s:
+        yield f"begins at {first_s:.3f} s, {first_s - start_s:.3f} s after the images: no measurement before"
+    if last_s + stream.max_gap_s < end_s:
+        yield f"ends at {last_s:.3f} s, {end_s - last_s:.3f} s before the images: no measurement after"
+    if stream.kind in _RATES and stream.period_s > _SPARSE_S:
+        yield (
+            f"its samples are {stream.period_s:.3g} s apart, too far to tell a motion: are the times in the "
+            "unit that the file names?"
+        )

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from sfmcpp.ba.checkpoints import CheckpointStore
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.slam.frame_run import run_slam
 from sfmcpp.slam.result import SlamResult
@@ -98,6 +100,7 @@ def run(
     source: str | PathLike[str] | Drive,
     sensors: Sequence[str] = (),
     *,
+    sigmas: Mapping[str, float | None] | None = None,
     weights: str = "loo",
     weight_bounds: str = "declared",
     window: int = 8,
@@ -117,6 +120,9 @@ def run(
         :func:`sfmcpp.sources.drives.open_drive` made of one.
     sensors : sequence of str
         What to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
+    sigmas : mapping of str to float or None, optional
+        What a sensor of that name may be off: the `sigma_m` [m] or `sigma_rad` [rad] of its class; None:
+        estimated on the run. Default: those of the classes.
     weights : str
         How sensors are weighed; see :class:`SlamSettings`.
     weight_bounds : str
@@ -157,7 +163,7 @@ def run(
         seed=seed,
     )
     drive = source if isinstance(source, Drive) else open_drive(source, **opening)
-    used = motion_sensors(drive, sensors)
+    used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
     frames = len(result.path.times)
@@ -165,7 +171,9 @@ def run(
 
 
 @checked()
-def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
+def motion_sensors(
+    drive: Drive, names: Sequence[str], sigmas: Mapping[str, float | None] | None = None
+) -> list[MotionSensor]:
     """Make sensors of the streams of a drive, on its mounting.
 
     Parameters
@@ -174,6 +182,8 @@ def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
         What was measured.
     names : sequence of str
         The sensors: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
+    sigmas : mapping of str to float or None, optional
+        See :func:`run`.
 
     Returns
     -------
@@ -184,10 +194,27 @@ def motion_sensors(drive: Drive, names: Sequence[str]) -> list[MotionSensor]:
     DatasetError
         If the drive's file lacks what a sensor needs, or its streams cannot be right.
     InvalidArgument
-        If a sensor is unknown or named twice, or the input lacks what it needs.
+        If a sensor is unknown or named twice, or the input lacks what it needs; if a σ is not positive, or of
+        no such sensor.
     """
     streams = drive.streams_of(names)
-    return [_MAKERS[name](name, stream, drive.mounting) for name, stream in zip(names, streams, strict=True)]
+    made = [_MAKERS[name](name, stream, drive.mounting) for name, stream in zip(names, streams, strict=True)]
+    return _with_sigmas(made, sigmas or {})
+
+
+def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]) -> list[MotionSensor]:
+    known = [sensor.name for sensor in sensors]
+    for name, sigma in sigmas.items():
+        if name not in known:
+            raise InvalidArgument(
+                f"sigmas: {name!r} is none of the sensors used: {', '.join(known) or 'none'}"
+            )
+        if sigma is not None:
+            require_positive(f"sigmas[{name!r}]", sigma)
+    return [
+        replace(sensor, **{_SIGMAS[type(sensor)]: sigmas[sensor.name]}) if sensor.name in sigmas else sensor  # type: ignore[type-var]
+        for sensor in sensors
+    ]
 
 
 def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
@@ -204,6 +231,10 @@ _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]]
     "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
     "gps": _gps,
 }
+
+
+# What each declares it may be off.
+_SIGMAS: dict[type, str] = {Odometer: "sigma_m", Gyroscope: "sigma_rad", Ins: "sigma_m", Gps: "sigma_m"}
 
 
 class _Listener:

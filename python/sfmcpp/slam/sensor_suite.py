@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import RotationCheck, check_rotations, describe_gaps
+from sfmcpp.sensors import RotationCheck, check_rotations, describe_coverage, describe_gaps
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
@@ -50,6 +51,19 @@ class SensorSuite:
         self._move_stamps(state["moved_s"])
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
         self._in_time = state["in_time"]
+
+    def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
+        """More measurements of the sensor of that name, later than those it has."""
+        known = [sensor.name for sensor in self._given]
+        if name not in known:
+            raise InvalidArgument(f"name = {name!r}: must be one of {', '.join(known) or 'no sensor'}")
+        self._given = tuple(
+            replace(sensor, stream=sensor.stream.extended(t_s, values))
+            if isinstance(sensor, _Stamped) and sensor.name == name
+            else sensor
+            for sensor in self._given
+        )
+        self._move_stamps({})
 
     def measure(
         self,
@@ -152,6 +166,15 @@ class SensorSuite:
             for stretch in sensor.doubtful_stretches
         ]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
+
+    def shortcomings(self, start_s: float, end_s: float, *, metric: bool) -> list[str]:
+        """What the streams lack of a run over these times, a sentence each; `metric`: the map has metres."""
+        lacking = describe_coverage([sensor.stream for sensor in self.sensors], start_s, end_s)
+        tells_metres = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gyroscope)]
+        if metric or not tells_metres:
+            return lacking
+        names = " and ".join(tells_metres)
+        return [*lacking, f"{names}: tells too little of a motion to bring the map to metres"]
 
     def complaints(self, vision: Trajectory) -> list[str]:
         """What a whole run tells of the sensors, a sentence each: conflicts, and what nobody declared.

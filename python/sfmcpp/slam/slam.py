@@ -26,7 +26,7 @@ from sfmcpp.slam.world_map import WorldMap
 
 
 class Slam:
-    """One run over the frames of a camera; :meth:`step` takes one.
+    """One run over the frames of a camera; :meth:`step` takes one, :meth:`feed` what a sensor has measured.
 
     Parameters
     ----------
@@ -36,6 +36,12 @@ class Slam:
         What decides about keyframes, poses and points.
     sensors : sequence of MotionSensor
         What measures the motion beside the camera.
+
+    Attributes
+    ----------
+    result : SlamResult
+        The map and all poses so far: ``result.poses[number]`` is that of a frame, world_from_camera, which
+        later frames may still correct.
     """
 
     @checked(intrinsics=(ANY,))
@@ -71,6 +77,16 @@ class Slam:
     def _new_initialiser(self) -> Initialiser:
         return Initialiser(self._intrinsics, self.settings, self._sensors)
 
+    def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
+        """Take later measurements (n, k) of the sensor of that name, before the frames that they are for.
+
+        Raises
+        ------
+        InvalidArgument
+            If there is no such sensor, or they break a rule of :class:`SensorStream`.
+        """
+        self._sensors.feed(name, t_s, values)
+
     def step(self, frame: Frame) -> None:
         """Take the next frame."""
         self.result.path.times[frame.number] = frame.t_s
@@ -94,6 +110,9 @@ class Slam:
     def finish(self) -> None:
         """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
         finish_map(self.result, self.settings)
+        times = list(self.result.path.times.values())
+        if self.result.world is not None:
+            self.result.warnings += self._sensors.shortcomings(times[0], times[-1], metric=self.result.metric)
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
 

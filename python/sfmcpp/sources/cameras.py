@@ -19,7 +19,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting
-from sfmcpp.sources.io.calibration import read_calibration
+from sfmcpp.sources.io.calibration import calibrated_size, read_calibration
 from sfmcpp.sources.io.documents import DOCUMENTS
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
@@ -51,23 +51,18 @@ def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
     return values
 
 
-def find_intrinsics(source: Path) -> FloatArray:
-    """Read the camera of a folder of images or a video from the file nearest to it.
-
-    Returns
-    -------
-    (5,) or (12,) float64
-        See :func:`read_intrinsics`.
+def find_camera(source: Path) -> Path:
+    """Find the file nearest to a folder of images or a video that tells their camera.
 
     Raises
     ------
     DatasetError
-        If there is no such file, or it holds no camera.
+        If there is no such file.
     """
     for place in places_beside(source):
         for name in CALIBRATION_FILES:
             if (place / name).is_file():
-                return read_intrinsics(place / name)
+                return place / name
     where = f"{', '.join(CALIBRATION_FILES[:-1])} or {CALIBRATION_FILES[-1]}"
     reason = f"its camera is not known: there is no {where} beside it; give --camera FILE or F,CX,CY [px]"
     raise DatasetError(source, reason)
@@ -102,6 +97,18 @@ def read_intrinsics(path: Path) -> FloatArray:
     if (fault := matrix_fault(matrices[0])) is not None:
         raise DatasetError(path, fault)
     return pinhole_of_matrix(matrices[0])
+
+
+def calibrated_image_size(path: Path) -> tuple[int, int] | None:
+    """Width and height [px] of the images that the camera of :func:`read_intrinsics` is for, if it is told.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read_intrinsics`.
+    """
+    file, camera = camera_file(path)
+    return calibrated_size(file, camera) if file.suffix.lower() in DOCUMENTS else None
 
 
 def camera_file(path: str | Path) -> tuple[Path, str]:

@@ -101,6 +101,7 @@ def open_drive(
     fps: float | None = None,
     corners: str = CORNERS[0],
     stereo: bool = False,
+    clock_offset_s: float = 0.0,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
@@ -122,6 +123,8 @@ def open_drive(
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     stereo : bool
         Whether to take what the right camera sees, too, of a KITTI drive.
+    clock_offset_s : float
+        Camera time − sensor time, added to every stamp of the sensors [s].
 
     Returns
     -------
@@ -131,6 +134,8 @@ def open_drive(
     ------
     DatasetError
         If a file cannot be read, is of a kind that is not taken, or there are options of images for tracks.
+    InvalidArgument
+        If `clock_offset_s` is not finite.
     """
     started = time.perf_counter()
     source = Path(path)
@@ -143,7 +148,8 @@ def open_drive(
     how = mounting_of(mounting) or used.mounting or own.mounting
     file = None if sensor_file is None else Path(sensor_file)
     seconds = time.perf_counter() - started
-    return Drive(source, frames, truth, used.streams, how, file, seconds)
+    streams = {kind: stream.shifted(clock_offset_s) for kind, stream in used.streams.items()}
+    return Drive(source, frames, truth, streams, how, file, seconds)
 
 
 @dataclass(frozen=True, eq=False)

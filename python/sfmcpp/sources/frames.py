@@ -26,7 +26,13 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.sources.cameras import find_intrinsics, intrinsics_of, places_beside, read_intrinsics
+from sfmcpp.sources.cameras import (
+    calibrated_image_size,
+    find_camera,
+    intrinsics_of,
+    places_beside,
+    read_intrinsics,
+)
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -55,12 +61,15 @@ class FrameSource(ABC):
         What is followed in images; None for tracks that were followed before.
     seconds : float or None
         Spent so far on reading images and following corners [s]; None where there are no images.
+    assumed_fps : float or None
+        Frames per second where nothing tells their times; None where something does.
     """
 
     intrinsics: FloatArray
     num_tracks: int = 0
     corners: str | None = None
     seconds: float | None = None
+    assumed_fps: float | None = None
 
     @property
     @abstractmethod
@@ -271,24 +280,29 @@ def open_images(
     Raises
     ------
     DatasetError
-        If the first image cannot be read, or what is found beside the images does not fit them; without a
-        camera, or a frame rate, it says where one can be put.
+        If the first image cannot be read, or what is found beside the images, or the camera, does not fit
+        them; without a camera, or a frame rate, it says where one can be put.
     InvalidArgument
         If `camera` is none, `fps` is not positive, or there are no such `corners`.
     """
     settings = KltSettings(corners=corners)
     images = open_frames(source)
-    intrinsics = _intrinsics(source, camera)
+    intrinsics, calibrated = _intrinsics(source, camera)
     time_of = _time_of(images, fps, stamps)
     truth = _truth(images, time_of)
-    _require_principal_point_inside(images, intrinsics)
-    return ImageStream(images, intrinsics, time_of, settings), truth
+    _require_fitting(images, intrinsics, calibrated)
+    stream = ImageStream(images, intrinsics, time_of, settings)
+    if fps is None and stamps is None and images.fps is None and _beside(images.path, _TIMES) is None:
+        stream.assumed_fps = _FOLDER_FPS
+    return stream, truth
 
 
-def _intrinsics(source: Path, camera: CameraArgument) -> FloatArray:
-    if camera is None:
-        return find_intrinsics(source)
-    return read_intrinsics(Path(camera)) if isinstance(camera, (str, PathLike)) else intrinsics_of(camera)
+def _intrinsics(source: Path, camera: CameraArgument) -> tuple[FloatArray, tuple[int, int] | None]:
+    """Intrinsics, and the size of the images that they are for, where a file tells it."""
+    if camera is not None and not isinstance(camera, (str, PathLike)):
+        return intrinsics_of(camera), None
+    file = find_camera(source) if camera is None else Path(camera)
+    return read_intrinsics(file), calibrated_image_size(file)
 
 
 def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> TimeOf:
@@ -366,10 +380,14 @@ def _require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
         raise DatasetError(path, f"holds {count} {what} for {len(images)} images: must be as many")
 
 
-def _require_principal_point_inside(images: Frames, intrinsics: FloatArray) -> None:
+def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:
     cx, cy = intrinsics[2:4]
     height, width = next(iter(images)).shape
+    size = f"{width}×{height}"
     if not (0 < cx < width and 0 < cy < height):
-        size = f"{width}×{height}"
         reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
+        raise DatasetError(images.path, reason)
+    if calibrated not in (None, (width, height)):
+        told = f"{calibrated[0]}×{calibrated[1]}"
+        reason = f"its images have {size} pixels, the camera is for {told}: scale one of them to the other"
         raise DatasetError(images.path, reason)

@@ -143,6 +143,11 @@ class SlamReport(ReportTable):
         frames = run.drive.frames
         yield "input", str(run.drive.path)
         yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
+        if frames.assumed_fps is not None:
+            yield (
+                "times",
+                f"{frames.assumed_fps:g} frames a second are assumed: there is no times.txt, nor --fps",
+            )
         yield "of these", f"{count['bridged']:,} from the frame before alone, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"

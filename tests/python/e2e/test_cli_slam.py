@@ -176,6 +176,16 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv", *OUT, "--sensor", "imu", "--sensor-file", "s.csv"], "s.csv: holds no angular_rate"),
         (["drive.csv", *OUT, *ODOMETER, "--weights", "best"], "method = 'best': must be one of loo"),
         (["drive.csv", *OUT, *ODOMETER, "--weights", "fixed:-1"], "method = 'fixed:-1'"),
+        (["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "odometer"], "'odometer': must be NAME=SIGMA"),
+        (
+            ["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "odometer=-1"],
+            "sigmas['odometer'] = -1",
+        ),
+        (
+            ["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "imu=1"],
+            "sigmas: 'imu' is none of the",
+        ),
+        (["drive.csv", *OUT, *ODOMETER, "--clock-offset", "nan"], "clock_offset_s = nan: must be finite"),
         (["drive.csv", *OUT, "--weights", "loo"], "'loo': there is no --sensor to weigh"),
         (["drive.csv", *OUT, "--window", "1"], "window = 1: must be at least 2"),
     ],

@@ -107,6 +107,28 @@ def test_a_stream_that_cannot_be_is_one_line_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
+def test_stamps_of_another_clock_are_moved_by_what_is_given(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive.csv")
+    for name, start_s in (("same", 99.5), ("other", 50.0)):
+        write_sensors(tmp_path / f"{name}.csv", SPEED, every_tenth("5", 6.0, start_s))
+    for name, extra in (("same", []), ("other", ["--clock-offset", "49.5"])):
+        told = ["--sensor", "odometer", "--sensor-file", str(tmp_path / f"{name}.csv"), *extra, "--quiet"]
+        assert main(["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / name), *told]) == 0
+    assert (tmp_path / "same/trajectory.txt").read_bytes() == (tmp_path / "other/trajectory.txt").read_bytes()
+
+
+def test_what_a_sensor_may_be_off_bounds_its_weight(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive.csv")
+    sensors = str(write_sensors(tmp_path / "s.csv", SPEED, every_tenth("5", 6.0)))
+    medians = {}
+    for sigma in ("0.01", "0.1"):
+        told = ["--sensor", "odometer", "--sensor-file", sensors, "--sensor-sigma", f"odometer={sigma}"]
+        assert main(["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / sigma), *told, "--quiet"]) == 0
+        keyframes = strict_json(tmp_path / sigma / "report.json")["keyframes"]
+        medians[sigma] = np.median([k["weights"]["odometer"] for k in keyframes if k["weights"]])
+    assert medians["0.01"] > 2 * medians["0.1"] > 0
+
+
 def test_a_gap_is_left_without_constraint_and_the_run_goes_on(tmp_path: Path) -> None:
     write_drive(tmp_path / "drive.csv")
     rows = [row for row in every_tenth("5") if not 101.0 < float(row.split(",")[0]) < 102.0]

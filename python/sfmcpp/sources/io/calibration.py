@@ -59,6 +59,21 @@ def read_calibration(path: Path, camera: str = "") -> FloatArray:
     return _intrinsics(matrix, distortion, lens)
 
 
+def calibrated_size(path: Path, camera: str = "") -> tuple[int, int] | None:
+    """Width and height [px] of the images that a camera was calibrated for, where its file tells.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read_calibration`.
+    """
+    chosen = _chosen(read_document(path), camera)
+    node = chosen.part("resolution")
+    parts = [chosen.part(name) for name in ("image_width", "image_height")] if node is None else [node]
+    numbers = [number for part in parts if part is not None for number in part.numbers()]
+    return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else None
+
+
 @dataclass(frozen=True, eq=False)
 class _Values:
     """Numbers, and the part of the file that they come from."""

@@ -52,6 +52,8 @@ GROUPS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
     "height": (_LENGTH, ("height",)),
 }
 
+_ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alone"}
+
 # Names in EuRoC's imu0/data.csv and a few common ones.
 _ALIASES = {"time": "t", "timestamp": "t", "alt": "height", "latitude": "lat", "longitude": "lon"}
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
@@ -116,7 +118,11 @@ def _columns(path: Path, number: int, header: str) -> list[Column | None]:
     for group, (_, wanted) in GROUPS.items():
         lacking = [name for name in wanted if name not in names]
         if lacking and (len(lacking) < len(wanted) or group == "time"):
-            raise DatasetError(path, f"the header lacks the column {', '.join(lacking)} of {group}", number)
+            advice = (
+                ": write 0 there if the body turns about one axis alone" if group == "angular_rate" else ""
+            )
+            reason = f"the header lacks the column {', '.join(lacking)} of {group}{advice}"
+            raise DatasetError(path, reason, number)
     return columns
 
 

@@ -7,7 +7,13 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_kinds import SENSOR_KINDS
-from sfmcpp.sensors import SensorStream, describe_gaps, measured_at, travelled_distance
+from sfmcpp.sensors import (
+    SensorStream,
+    describe_coverage,
+    describe_gaps,
+    measured_at,
+    travelled_distance,
+)
 
 T = np.arange(0.0, 2.01, 0.1)
 
@@ -151,3 +157,32 @@ def test_a_single_sample_measures_its_own_moment_alone() -> None:
     stream = SensorStream(np.array([1.0]), np.array([5.0]), "speed")
     assert stream.covers(1.0, 1.0)
     assert not stream.covers(1.0, 1.001)
+
+
+def test_a_stream_that_does_not_last_as_long_as_the_images_is_told() -> None:
+    assert describe_coverage([speeds()], -0.4, 2.4) == []
+    assert describe_coverage([speeds()], -1.0, 5.0) == [
+        "stream 'wheel': begins at 0.000 s, 1.000 s after the images: no measurement before",
+        "stream 'wheel': ends at 2.000 s, 3.000 s before the images: no measurement after",
+    ]
+
+
+def test_rates_that_are_too_far_apart_are_told_and_positions_are_not() -> None:
+    slow = 1000 * T
+    (told,) = describe_coverage([speeds(slow)], 0.0, 2.0)
+    assert "samples are 100 s apart" in told
+    assert describe_coverage([SensorStream(slow, np.zeros((len(T), 3)), "position")], 0.0, 2.0) == []
+
+
+@pytest.mark.parametrize("first", [1, 2, 10])
+def test_a_stream_that_grows_becomes_the_whole_one(first: int) -> None:
+    whole = speeds()
+    grown = SensorStream(T[:first], np.full(first, 10.0), "speed").extended(
+        T[first:], np.full(len(T) - first, 10.0)
+    )
+    np.testing.assert_array_equal(grown.t_s, whole.t_s)
+    np.testing.assert_array_equal(grown.values, whole.values)
+    assert grown.max_gap_s == whole.max_gap_s
+    assert speeds(max_gap_s=0.3).extended(np.array([9.0]), np.array([1.0])).max_gap_s == 0.3
+    with pytest.raises(InvalidArgument, match="earlier than"):
+        whole.extended(np.array([0.5]), np.array([1.0]))

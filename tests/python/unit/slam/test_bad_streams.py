@@ -12,11 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import Mounting, SensorStream, check_rotations
 from sfmcpp.slam import (
     Gyroscope,
     MotionSensor,
     Odometer,
+    Slam,
     SlamResult,
     SlamSettings,
     TrackSequence,
@@ -186,3 +188,29 @@ def test_the_clock_of_a_real_gyro_is_found_after_a_run_in_which_it_took_part(
         assert bool(check.complaint("imu")) == bool(side)
         assert side in check.complaint("imu")
         assert any("are added to the stamps" in told for told in result.warnings) == bool(side)
+
+
+def test_measurements_fed_as_they_come_give_the_same_map() -> None:
+    drive = winding(seed=0)
+    whole = drive.odometer
+    known = run_slam(drive.sequence, sensors=[Odometer(whole)])
+    first = replace(whole, t_s=whole.t_s[:1], values=whole.values[:1])
+    online, taken = Slam(drive.sequence.intrinsics, sensors=[Odometer(first)]), 1
+    for frame in drive.sequence:
+        now = int(np.searchsorted(whole.t_s, frame.t_s, side="right"))
+        if now > taken:
+            online.feed("odometer", whole.t_s[taken:now], whole.values[taken:now])
+            taken = now
+        online.step(frame)
+    online.finish()
+    require_same_poses(online.result, known)
+    with pytest.raises(InvalidArgument, match="name = 'gyro': must be one of odometer"):
+        online.feed("gyro", whole.t_s, whole.values)
+
+
+def test_an_odometer_that_tells_no_motion_is_named() -> None:
+    drive = winding(seed=0)
+    dead = replace(drive.odometer, values=np.zeros_like(drive.odometer.values))
+    result = run_slam(drive.sequence, sensors=[Odometer(dead)])
+    assert not result.metric
+    assert "odometer: tells too little of a motion to bring the map to metres" in result.warnings

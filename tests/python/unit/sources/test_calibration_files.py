@@ -10,7 +10,7 @@ import pytest
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import to_pixels
 from sfmcpp.sfm.camera_wish import camera_wish
-from sfmcpp.sources.cameras import find_intrinsics, read_intrinsics
+from sfmcpp.sources.cameras import find_camera, read_intrinsics
 
 pytest.importorskip("yaml", reason="PyYAML is not installed: pip install 'sfmcpp[vision]'")
 
@@ -100,7 +100,7 @@ def test_a_reconstruction_takes_the_same_files(tmp_path: Path) -> None:
 def test_the_camera_of_euroc_lies_one_folder_above_its_images(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     written(tmp_path, "sensor.yaml", EUROC)
-    np.testing.assert_allclose(find_intrinsics(tmp_path / "data"), EXPECTED, rtol=1e-15)
+    np.testing.assert_allclose(read_intrinsics(find_camera(tmp_path / "data")), EXPECTED, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.cameras import find_intrinsics, read_intrinsics
+from sfmcpp.sources.cameras import find_camera, read_intrinsics
 from sfmcpp.sources.frames import ImageStream, open_images
 from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
@@ -136,10 +136,33 @@ def test_a_file_without_one_camera_is_refused(tmp_path: Path, name: str, content
 def test_the_camera_nearest_to_the_images_counts(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images")
     (tmp_path / "calib.txt").write_text(ROW.format(0))
-    assert find_intrinsics(images)[0] == 700
-    assert find_intrinsics(tmp_path / "video.mp4")[0] == 700
+    assert read_intrinsics(find_camera(images))[0] == 700
+    assert read_intrinsics(find_camera(tmp_path / "video.mp4"))[0] == 700
     (images / "K.txt").write_text("500 0 32 0 500 24 0 0 1")
-    assert find_intrinsics(images)[0] == 500
+    assert read_intrinsics(find_camera(images))[0] == 500
+
+
+def test_a_camera_for_images_of_another_size_is_refused(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images")
+    text = "cam0:\n  camera_model: pinhole\n  intrinsics: [90, 90, 32, 24]\n  resolution: [{}, 48]\n"
+    (tmp_path / "a.yaml").write_text(text.format(64))
+    assert len(list(open_images(images, tmp_path / "a.yaml")[0])) == 3
+    (tmp_path / "a.yaml").write_text(text.format(128))
+    with pytest.raises(DatasetError, match="images have 64×48 pixels, the camera is for 128×48"):
+        open_images(images, tmp_path / "a.yaml")
+    (tmp_path / "a.yaml").write_text(
+        "image_width: 640\nimage_height: 480\nK: [90, 0, 32, 0, 90, 24, 0, 0, 1]\n"
+    )
+    with pytest.raises(DatasetError, match="the camera is for 640×480"):
+        open_images(images, tmp_path / "a.yaml")
+
+
+def test_a_rate_that_nothing_tells_is_known_to_be_assumed(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images")
+    assert open_images(images, CAMERA)[0].assumed_fps == 10
+    assert open_images(images, CAMERA, fps=10.0)[0].assumed_fps is None
+    (tmp_path / "times.txt").write_text("7\n7.5\n9\n")
+    assert open_images(images, CAMERA)[0].assumed_fps is None
 
 
 def test_times_come_from_the_user_then_the_sensors_then_the_file_then_a_tenth_of_a_second(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from sfmcpp.slam import KeyframeRecord, SlamResult, SlamRun, SlamSettings, TrackSequence
+from sfmcpp.model import Trajectory
+from sfmcpp.slam import KeyframeRecord, SlamResult, SlamRun, SlamSettings, TrackSequence, WorldMap
 from sfmcpp.sources.drives import Drive
 from sfmcpp.study import SlamReport
 
@@ -65,3 +68,24 @@ def test_the_report_is_plain_and_holds_no_curves() -> None:
         "weights": {"odometer": 2.0, "imu": 2.0},
         "conflicts": {"odometer": 4.25, "imu": 0.1},
     }
+
+
+def test_a_map_in_metres_is_measured_with_its_own_scale_too() -> None:
+    """Twice the truth: without an error where the scale is fitted, and far from it where it is not."""
+    of = measured()
+    run = of.run
+    poses = np.tile(np.eye(3, 4), (4, 1, 1)).astype(np.float64)
+    poses[:, :, 3] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
+    twice = poses.copy()
+    twice[:, :, 3] *= 2
+    run.result.path.times.update(enumerate(np.arange(4.0)))
+    run.result.path.between.update(enumerate(twice))
+    run.result.path.world, run.result.metric = WorldMap(np.array([500, 1, 320, 240, 0.0])), True
+    report = SlamReport(replace(run, drive=replace(run.drive, truth=Trajectory(np.arange(4.0), poses))))
+    assert report.comparison is not None
+    assert report.in_metres is not None
+    assert report.comparison.alignment.similarity.scale == pytest.approx(0.5)
+    assert report.in_metres.mean_3d_error_m > 0.5
+    assert report.comparison.mean_3d_error_m < 1e-9
+    assert "scale 0.5" in report.table()
+    assert "in metres" in report.table()
