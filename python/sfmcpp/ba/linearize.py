@@ -16,6 +16,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.names import Gauge, Loss
 from sfmcpp.model.residual_group import Group
 
@@ -179,6 +180,10 @@ class LinearModel:
         columns = self.num_camera_columns
         self.groups = [ConstraintRows(columns=columns, **rows) for rows in self._core.groups()]
 
+    def __repr__(self) -> str:
+        of = f"{self._problem.num_cameras} cameras, {self._problem.num_points} points"
+        return f"LinearModel({of}: {self.num_columns} columns, cost {self.cost:.6e})"
+
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """What the D parameters of a camera are."""
@@ -227,6 +232,54 @@ class LinearModel:
             own.resize((own.shape[0], self.num_columns))
             normal = normal + rows.weight * (own.T @ own)
         return normal
+
+    def gradient(self) -> FloatArray:
+        """(columns,) gradient ``Jᵀ √ρ′ r + Σ w Gᵀ e`` of the cost."""
+        weighted = np.sqrt(self.observation_weights)[:, None] * self.residuals
+        gradient: FloatArray = self.jacobian().T @ weighted.ravel()
+        for rows in self.groups:
+            gradient[: self.num_camera_columns] += rows.weight * (rows.jacobian().T @ rows.errors)
+        return gradient
+
+    def reduced_system(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Eliminate the points of the damped normal equations ``(H + λ diag H) δ = −gradient``.
+
+        The Schur complement of note eq. 24, for solvers of one's own; points follow from
+        ``H_pp δ_p = −g_p − H_pc δ_c``.
+
+        Parameters
+        ----------
+        damping : float
+            λ, not negative.
+
+        Returns
+        -------
+        matrix : (c, c) float64
+            S of the c columns of cameras and intrinsics.
+        rhs : (c,) float64
+            Right-hand side: ``S δ_c = rhs``.
+
+        Raises
+        ------
+        InvalidArgument
+            If `damping` is negative, or a point's block is singular.
+        """
+        from scipy.sparse import block_diag, csr_matrix, diags
+
+        require_not_negative("damping", damping)
+        c = self.num_camera_columns
+        normal, gradient = self.normal_matrix(), self.gradient()
+        damped = (normal + damping * diags(normal.diagonal())).tocsr()
+        of_points = [damped[k : k + 3, k : k + 3].toarray() for k in range(c, self.num_columns, 3)]
+        try:
+            inverse: csr_matrix = csr_matrix(block_diag([np.linalg.inv(block) for block in of_points]))
+        except np.linalg.LinAlgError:
+            raise InvalidArgument(
+                "problem: the block of a point is singular; damping > 0 is needed"
+            ) from None
+        across = damped[:c, c:] @ inverse
+        matrix = damped[:c, :c].toarray() - (across @ damped[c:, :c]).toarray()
+        return matrix, -gradient[:c] + across @ gradient[c:]
 
     @property
     def num_determined(self) -> int:

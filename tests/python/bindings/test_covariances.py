@@ -245,3 +245,32 @@ def test_shapes_and_standard_deviations_beside_them_are_refused() -> None:
     problem.sigma_px = np.ones(180)
     with pytest.raises(InvalidArgument, match="covariance_px2: given beside sigma_px"):
         sfmcpp.check(problem)
+
+
+def test_the_reduced_system_is_the_normal_equations_without_the_points() -> None:
+    """Its solution is that of the dense system, its determinant the one that is known otherwise."""
+    problem = sfmcpp.circle_scene(5, 30, pixel_sigma_px=1.0, seed=0)
+    problem.fixed_cameras[:2] = True
+    model = sfmcpp.linearize(sfmcpp.perturb(problem, point_sigma_m=0.05, seed=1))
+    for damping in (0.0, 0.1):
+        matrix, rhs = model.reduced_system(damping)
+        dense = model.normal_matrix().toarray()
+        dense += damping * np.diag(np.diag(dense))
+        step = np.linalg.solve(dense, -model.gradient())
+        np.testing.assert_allclose(np.linalg.solve(matrix, rhs), step[: len(rhs)], rtol=1e-8, atol=1e-12)
+    matrix, _ = model.reduced_system()
+    assert np.linalg.slogdet(matrix)[1] == pytest.approx(model.log_determinant, rel=1e-10)
+    assert repr(model).startswith("LinearModel(5 cameras, 30 points: ")
+
+
+def test_the_gradient_is_that_of_the_cost() -> None:
+    problem = sfmcpp.circle_scene(4, 20, pixel_sigma_px=1.0, seed=0)
+    problem.fixed_cameras[:2] = True
+    model, step = sfmcpp.linearize(problem), 1e-6
+    column = int(model.point_columns[7])
+    costs = []
+    for sign in (1, -1):
+        moved = problem.copy()
+        moved.points[7, 0] += sign * step
+        costs.append(sfmcpp.cost(moved))
+    assert model.gradient()[column] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-6)
