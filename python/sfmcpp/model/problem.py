@@ -65,7 +65,7 @@ class Problem:
     ------
     InvalidArgument
         If a shape or a dtype is wrong, or both `sigma_px` and `covariance_px2` are given. Values (indices in
-        range, finite numbers, rotations) are checked by :meth:`check` and by every solve.
+        range, finite numbers, rotations) are checked by :func:`sfmcpp.check` and by every solve.
     """
 
     camera_model: CameraModelName | str

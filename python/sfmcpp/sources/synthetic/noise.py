@@ -107,8 +107,10 @@ def perturb(
     Raises
     ------
     InvalidArgument
-        If a standard deviation is negative or not finite.
+        If a standard deviation is negative or not finite, or the cameras are projective and have no poses.
     """
+    if not problem.is_metric:
+        raise InvalidArgument("problem: projective cameras have no poses; perturb it before as_projective")
     require_not_negative("point_sigma_m", point_sigma_m)
     require_not_negative("position_sigma_m", position_sigma_m)
     require_not_negative("rotation_sigma_deg", rotation_sigma_deg)
