@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,9 +16,12 @@ from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecas
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import number_array
-from sfmcpp.model.residual_group import Group, require_kinds
+from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
 
 Callback = Callable[[Iteration], "bool | None"]
+
+# Of derivatives that a function gives against differences, as a share of the largest.
+_LARGEST_DERIVATIVE_ERROR = 1e-3
 
 
 @checked()
@@ -62,9 +65,10 @@ def adjust(
         require_kinds(constraints, "in a run that is saved")
     arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
+    doubts = [doubt for group in constraints for doubt in _doubts(group, problem)]
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
-    return replace(summary, warnings=[*summary.warnings, *checkpoints.warnings])
+    return replace(summary, warnings=[*summary.warnings, *doubts, *checkpoints.warnings])
 
 
 def adjust_on_ranks(
@@ -126,6 +130,16 @@ def adjust_on_ranks(
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
+
+
+def _doubts(group: Group, problem: Problem) -> Iterator[str]:
+    """What makes a group doubtful at the start: derivatives of its function that are not those of it."""
+    error = group.derivative_error(problem) if isinstance(group, ResidualGroup) else 0.0
+    if error > _LARGEST_DERIVATIVE_ERROR:
+        yield (
+            f"constraints[{group.name!r}]: the derivatives that its function gives are off by "
+            f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
+        )
 
 
 def _least_bytes(arrays: dict[str, Any]) -> int:
@@ -210,4 +224,4 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     ]
     values["linear_solver_changes"] = [LinearSolverChange(**change) for change in core.linear_solver_changes]
     used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
-    return Summary(**values, **used)
+    return Summary(**values, **used, options=options.to_dict(), version=_core.__version__)

@@ -174,6 +174,12 @@ class Summary:
         The same in words.
     method, line_search, linear_solver, loss : str
         What was used.
+    point_steps : str
+        What became of points that a step made worse, where ``"auto"`` was asked for, too.
+    options : dict
+        All options of the solve, by name, as given or by default.
+    version : str
+        That of this package.
     linear_solver_reason : str
         Why this linear solver was chosen.
     linear_solver_forecast : list of LinearSolverForecast
@@ -223,6 +229,9 @@ class Summary:
     linear_solver_forecast: list[LinearSolverForecast] = field(default_factory=list)
     linear_solver_changes: list[LinearSolverChange] = field(default_factory=list)
     ranks: list[RankLoad] = field(default_factory=list)
+    point_steps: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    version: str = ""
 
     @property
     def converged(self) -> bool:
@@ -286,7 +295,7 @@ class Summary:
             ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),
-            ("method", f"{self.method}, line search {self.line_search}"),
+            ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
             ("linear solver", f"{self.linear_solver}, {self.threads} threads"),
             ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),
             ("seconds", f"{self.seconds_total:.4g}"),

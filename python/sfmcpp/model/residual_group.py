@@ -124,10 +124,40 @@ class ResidualGroup(MemberGroup):
         InvalidArgument
             If a camera is none of the problem, or the function returns another shape than (n, k).
         """
+        return len(self.evaluate(self._poses_of(problem), jacobian=False)[0].T)
+
+    def derivative_error(self, problem: Problem) -> float:
+        """How far the derivatives that the function gives are from differences, at the poses of a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Its poses are what the function is given.
+
+        Returns
+        -------
+        float
+            The largest difference over the largest derivative; 0 where the function gives none.
+
+        Raises
+        ------
+        InvalidArgument
+            As :meth:`evaluate`.
+        """
+        poses = self._poses_of(problem)
+        if self._called(poses)[1] is None:
+            return 0.0
+        given = self.evaluate(poses)[1]
+        assert given is not None
+        differences = self._differences(poses, given.shape)
+        largest = max(float(np.abs(array).max(initial=0.0)) for array in (given, differences))
+        return float(np.abs(given - differences).max(initial=0.0)) / largest if largest > 0 else 0.0
+
+    def _poses_of(self, problem: Problem) -> FloatArray:
+        """Poses (n, p, 3, 4) of each member."""
         if self.num_members and not 0 <= self.cameras.min() <= self.cameras.max() < problem.num_cameras:
             raise InvalidArgument(f"{self._label('cameras')}: must be from 0 to {problem.num_cameras - 1}")
-        poses = problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
-        return len(self.evaluate(poses, jacobian=False)[0].T)
+        return problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
 
     def _called(self, poses: FloatArray) -> tuple[FloatArray, ArrayLike | None]:
         answer = self.function(poses if self.cameras.ndim == 2 else poses[:, 0])

@@ -190,3 +190,21 @@ def test_covariances_beside_own_residuals_are_those_beside_the_constraint() -> N
     expected = sfmcpp.linearize(problem, constraints=[built_in]).covariance(cameras="all").cameras
     found = sfmcpp.linearize(problem, constraints=[own]).covariance(cameras="all").cameras
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-15)
+
+
+def test_derivatives_that_are_not_those_of_the_function_are_told() -> None:
+    def barometer(poses: Array) -> tuple[Array, Array]:
+        jacobian = np.zeros((len(poses), 1, 6))
+        jacobian[:, 0, 5] = sign
+        return poses[:, 2:3, 3] - 1.0, jacobian
+
+    sign = -1.0
+    group = ResidualGroup(barometer, CAMERAS, name="height")
+    assert group.derivative_error(scene()) == pytest.approx(2.0)
+    warnings = sfmcpp.solve(scene(), constraints=[group]).warnings
+    assert any(
+        "constraints['height']: the derivatives that its function gives are off" in w for w in warnings
+    )
+    sign = 1.0
+    assert group.derivative_error(scene()) < 1e-6
+    assert not any("derivatives" in w for w in sfmcpp.solve(scene(), constraints=[group]).warnings)
