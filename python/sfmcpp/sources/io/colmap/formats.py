@@ -25,7 +25,7 @@ def read_colmap_text(folder: Path) -> Problem:
 def read_colmap_binary(folder: Path) -> Problem:
     """Read cameras.bin, images.bin and points3D.bin; camera model ``"perspective"``.
 
-    Images become cameras, in the order of the file; COLMAP's cameras are rows of `intrinsics`. Free are the
+    Images become cameras, in the order of their ids; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
     points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
     points are not kept. Where an image observes a point by several keypoints, which COLMAP allows (SIFT gives

@@ -24,7 +24,7 @@ from sfmcpp.sources.io.rows import exclusive_sums
 
 
 def problem_from_tables(tables: Tables, source_format: str) -> Problem:
-    """Make the problem of a model: images become cameras, and COLMAP's cameras shared intrinsics.
+    """Make the problem of a model: images become cameras by id, and COLMAP's cameras shared intrinsics.
 
     Raises
     ------
@@ -35,6 +35,7 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     cameras.require_unique_ids(LARGEST_ID)
     images.require_unique_ids(LARGEST_ID)
     points.require_unique_ids(LARGEST_POINT_ID)
+    images = images.by_id()
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
     point_index, camera_index, keypoint = _tracks(images, points)
@@ -49,7 +50,7 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
         images.keypoints[keypoint],
         intrinsics_index=intrinsics_index.astype(np.int32),
         fixed_intrinsics=fixed,
-        metadata=_metadata(tables, source_format),
+        metadata=_metadata(cameras, images, points, source_format),
     )
     problem.metadata.extra |= _loose_keypoints(images, keypoint)
     if problem.num_cameras:
@@ -135,16 +136,16 @@ def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, obje
     }
 
 
-def _metadata(tables: Tables, source_format: str) -> Metadata:
+def _metadata(cameras: CameraTable, images: ImageTable, points: PointTable, source_format: str) -> Metadata:
     return Metadata(
         source_format=source_format,
-        image_names=tables.images.names,
-        point_colors=tables.points.colors,
+        image_names=images.names,
+        point_colors=points.colors,
         extra={
-            "colmap_camera_ids": tables.cameras.ids,
-            "colmap_camera_models": tables.cameras.models,
-            "colmap_camera_sizes": tables.cameras.sizes,
-            "colmap_image_ids": tables.images.ids,
-            "colmap_point_ids": tables.points.ids,
+            "colmap_camera_ids": cameras.ids,
+            "colmap_camera_models": cameras.models,
+            "colmap_camera_sizes": cameras.sizes,
+            "colmap_image_ids": images.ids,
+            "colmap_point_ids": points.ids,
         },
     )

@@ -58,7 +58,7 @@ def random_model(seed: int, model: str) -> Problem:
         "colmap_camera_ids": rng.permutation(50)[:rows],
         "colmap_camera_models": [model] * rows,
         "colmap_camera_sizes": rng.integers(1, 9999, (rows, 2)),
-        "colmap_image_ids": rng.permutation(50)[:cameras],
+        "colmap_image_ids": np.sort(rng.permutation(50)[:cameras]),
         "colmap_point_ids": rng.permutation(2**40 + np.arange(50))[:points],
     }
     return problem
@@ -92,6 +92,32 @@ def test_keypoints_without_a_point_survive(tmp_path: Path, format: str) -> None:
     original.metadata.source_format = format
     assert_same_problem(again, original, intrinsics_rtol=4e-16)
     assert_same_metadata(again, original)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_cameras_are_in_the_order_of_image_ids_whatever_that_of_the_file(tmp_path: Path, format: str) -> None:
+    by_id = read(small_model(tmp_path))
+    images = "9 1 0 0 0 1 0 5 7 c.jpg\n50 60 -1 70 80 4\n3 1 0 0 0 0 0 5 7 a b.jpg\n10 20 4 30 40 -1\n"
+    shuffled = read(small_model(tmp_path, images=images))
+    assert shuffled.metadata.image_names == ["a b.jpg", "c.jpg"]
+    assert_same_problem(shuffled, by_id)
+    assert_same_metadata(shuffled, by_id)
+    by_id.metadata.extra["colmap_image_ids"] = np.array([9, 3])
+    write(by_id, tmp_path / "new", format=format)
+    np.testing.assert_array_equal(read(tmp_path / "new").cameras, by_id.cameras[::-1])
+
+
+def test_a_fault_is_named_where_the_file_has_it_though_images_are_sorted(tmp_path: Path) -> None:
+    images = "9 1 0 0 0 1 0 5 7 c.jpg\n50 60 -1 70 80 4\n3 0 0 0 0 0 0 5 7 a.jpg\n10 20 4 30 40 -1\n"
+    error = refusal(small_model(tmp_path, images=images))
+    assert (error.line, error.reason) == (3, "the quaternion is zero")
+    problem = read(small_model(tmp_path, images=images.replace("3 0 0", "3 1 0")))
+    problem.metadata.extra["colmap_image_ids"] = np.array([9, 3])
+    write(problem, tmp_path / "new")
+    path = tmp_path / "new" / "images.bin"
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(struct.pack("<I4d", 3, 1, 0, 0, 0), struct.pack("<I4d", 3, 0, 0, 0, 0)))
+    assert "entry 1 (id 3): the quaternion is zero" in str(refusal(tmp_path / "new"))
 
 
 def test_residual_is_that_of_the_definition(tmp_path: Path) -> None:
