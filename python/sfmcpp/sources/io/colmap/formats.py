@@ -30,7 +30,8 @@ def read_colmap_binary(folder: Path) -> Problem:
     points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
     points are not kept. Where an image observes a point by several keypoints, which COLMAP allows (SIFT gives
     one corner several orientations), the first in the track counts; the others become keypoints without a
-    point.
+    point, ``metadata.extra["colmap_second_sightings"]`` (D, 3) has camera, keypoint and point id of each, and
+    writing puts them back into the tracks, unless the first has gone.
 
     Raises
     ------

@@ -9,6 +9,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
 from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -38,21 +39,27 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     images = images.by_id()
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
-    point_index, camera_index, keypoint = _tracks(images, points)
+    point, image, keypoint = _tracks(images, points)
+    first, second = _sightings(point, image, len(images.ids))
     intrinsics, fixed = _intrinsics(cameras)
     problem = Problem(
         "perspective",
         _poses(images),
         intrinsics,
         points.positions,
-        camera_index.astype(np.int32),
-        point_index.astype(np.int32),
-        images.keypoints[keypoint],
+        image[first].astype(np.int32),
+        point[first].astype(np.int32),
+        images.keypoints[keypoint[first]],
         intrinsics_index=intrinsics_index.astype(np.int32),
         fixed_intrinsics=fixed,
         metadata=_metadata(cameras, images, points, source_format),
     )
-    problem.metadata.extra |= _loose_keypoints(images, keypoint)
+    problem.metadata.extra |= _keypoints(images, keypoint[first])
+    if len(second):
+        number = points.track_keypoints[second]
+        problem.metadata.extra[SECOND_SIGHTINGS] = np.column_stack(
+            [image[second], number, points.ids[point[second]]]
+        )
     if problem.num_cameras:
         problem.metadata.image_sizes = cameras.sizes[intrinsics_index]
     return problem
@@ -78,10 +85,7 @@ def _poses(images: ImageTable) -> FloatArray:
 
 
 def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Point, image and keypoint row of every observation, in the order of the points' tracks.
-
-    Of several keypoints by which an image observes a point, only the first in its track.
-    """
+    """Point, image and keypoint row of every entry of the points' tracks."""
     point = np.repeat(np.arange(len(points.ids)), points.track_counts)
     image = images.rows_of(points.track_images)
     _require_tracks(points, point, image >= 0, "its track has an image that is not in the list of images")
@@ -93,11 +97,16 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
     _require_single(points, point, image, keypoint)
     _require_complete(images, keypoint)
-    if first_duplicate(image, point, len(images.ids)) is None:
-        return point, image, keypoint
-    _, first = np.unique(point * len(images.ids) + image, return_index=True)
-    kept = np.sort(first)
-    return point[kept], image[kept], keypoint[kept]
+    return point, image, keypoint
+
+
+def _sightings(point: Int64Array, image: Int64Array, num_images: int) -> tuple[Int64Array, Int64Array]:
+    """Entries of the tracks by which an image sees a point first, and the others, both in their order."""
+    entries = np.arange(len(point))
+    if first_duplicate(image, point, num_images) is None:
+        return entries, entries[:0]
+    _, first = np.unique(point * num_images + image, return_index=True)
+    return np.sort(first), np.delete(entries, first)
 
 
 def _require_tracks(points: PointTable, point: Int64Array, good: BoolArray, reason: str) -> None:
@@ -122,7 +131,7 @@ def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
         raise images.error(image, f"keypoint of point {images.keypoint_points[row]}, which does not list it")
 
 
-def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
+def _keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
     counts = images.keypoint_counts
     number = np.arange(len(images.keypoints)) - np.repeat(exclusive_sums(counts), counts)
     is_loose = np.ones(len(number), dtype=np.bool_)

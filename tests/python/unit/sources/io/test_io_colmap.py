@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import tempfile
 from pathlib import Path
@@ -22,6 +23,7 @@ from io_helpers import (
 )
 from sfmcpp import DatasetError, Problem
 from sfmcpp.sources.io import read, write
+from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 
 FORMATS = ["colmap-text", "colmap-binary"]
 MODELS = {
@@ -235,6 +237,7 @@ def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: st
         ("colmap_point_ids", [1, 2], "has 2 entries: must be 1"),
         ("colmap_camera_sizes", [[-1, 5]], "its image size must be from 0"),
         ("colmap_loose_pixels", [[np.inf, 1], [2, 3]], "keypoints is not finite"),
+        (SECOND_SIGHTINGS, [[1, 2]], "must be integers (D, 3)"),
         ("colmap_keypoint_index", [1, 1], "does not number each image's keypoints once"),
     ],
 )
@@ -243,7 +246,7 @@ def test_metadata_that_could_not_be_read_again_are_refused(
 ) -> None:
     problem = read(small_model(tmp_path))
     problem.metadata.extra[key] = np.array(value)
-    with pytest.raises(DatasetError, match=reason):
+    with pytest.raises(DatasetError, match=re.escape(reason)):
         write(problem, tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
@@ -316,6 +319,7 @@ def test_of_several_keypoints_of_a_point_in_one_image_the_first_in_the_track_cou
     again = read(tmp_path / "again", format=format)
     assert_same_problem(again, problem)
     assert again.metadata.extra["colmap_loose_keypoint_index"].tolist() == [0, 1, 3]
+    assert again.metadata.extra[SECOND_SIGHTINGS].tolist() == [[0, 0, 4], [0, 3, 4]]
 
 
 def test_missing_files_are_named(tmp_path: Path) -> None:
