@@ -120,6 +120,15 @@ def test_a_second_sighting_goes_with_the_point() -> None:
     assert tracks_of(again) == expected
 
 
+def test_images_without_a_pose_are_named() -> None:
+    model = reconstruction()
+    model.deregister_frame(model.images[3].frame_id)
+    problem = sfmcpp.from_pycolmap(model)
+    assert problem.num_cameras == 5
+    assert problem.metadata.extra["unregistered_images"] == [model.images[3].name]
+    assert "unregistered_images" not in sfmcpp.from_pycolmap(reconstruction()).metadata.extra
+
+
 def test_rigs_of_several_cameras_are_refused() -> None:
     with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: rigs: rig \d+ has 2 sensors"):
         sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=2))
