@@ -123,6 +123,10 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
+    lacks=(
+        "masks",
+        "uncertainties of observations",
+    ),
 )
 BINARY = Format(
     "colmap-binary",
@@ -131,4 +135,8 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
+    lacks=(
+        "masks",
+        "uncertainties of observations",
+    ),
 )
