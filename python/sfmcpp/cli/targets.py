@@ -59,6 +59,8 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     chosen = chosen or format_of(path)
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")
+    if chosen.target_check is not None:
+        chosen.target_check(path)
     if chosen.suffixes:
         _require_writable_file(path)
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
@@ -84,7 +85,8 @@ def _write(
 def _require_no_rigs(folder: Path, suffix: str) -> None:
     for name in (f"rigs{suffix}", f"frames{suffix}"):
         if (folder / name).exists():
-            raise DatasetError(folder / name, "belongs to another COLMAP model: write to an empty folder")
+            reason = "is of the model that is there: it would be replaced, and this contradict its poses"
+            raise DatasetError(folder / name, f"{reason}; write to another folder")
 
 
 def _require_model(folder: Path, names: tuple[str, ...]) -> None:
@@ -123,6 +125,7 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
+    target_check=partial(_require_no_rigs, suffix=".txt"),
     lacks=(
         "masks",
         "uncertainties of observations",
@@ -135,6 +138,7 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
+    target_check=partial(_require_no_rigs, suffix=".bin"),
     lacks=(
         "masks",
         "uncertainties of observations",
