@@ -12,6 +12,7 @@ from sfmcpp.cli.choices import (
     Checkpoint,
     CheckpointEvery,
     Resume,
+    choice_option,
     one_of,
     refined_intrinsics,
     with_solve_options,
@@ -31,6 +32,7 @@ app = typer.Typer(
     help="Bundle adjustment of cameras and points.",
 )
 
+WRITABLE_FORMATS = tuple(known.name for known in sfmcpp.formats() if known.writable)
 
 Input = Annotated[Path, typer.Argument(metavar="INPUT", help="Problem to read, in any known format.")]
 CameraModel = Annotated[
@@ -122,6 +124,10 @@ def convert(
     parts: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Make OUT a folder of N parts, for ranks of MPI.")
     ] = None,
+    format: Annotated[
+        str | None,
+        choice_option(WRITABLE_FORMATS, "Format of OUT, where its name does not tell"),
+    ] = None,
 ) -> ExitCode:
     """Write a problem in another format; the names tell the formats.
 
@@ -129,7 +135,7 @@ def convert(
     """
     from sfmcpp.cli.convert import convert_file
 
-    return convert_file(source, target, parts)
+    return convert_file(source, target, parts, format)
 
 
 @app.command()

@@ -8,33 +8,49 @@ from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.launched import launched_ranks, together
+from sfmcpp.cli.reading import read_and_tell
 from sfmcpp.cli.targets import require_writable_problem
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sources.io.api import read, read_part, write, write_part
+from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
+from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 
 
-def convert_file(source: Path, target: Path, parts: int | None = None) -> ExitCode:
+def convert_file(source: Path, target: Path, parts: int | None = None, format: str | None = None) -> ExitCode:
     """Write the problem of a file to another, or to a folder of so many parts.
+
+    The name of the target tells its format, unless that is given.
 
     Raises
     ------
     DatasetError
         If one cannot be read, or the other written.
     InvalidArgument
-        If several ranks are asked for another number of parts than one each.
+        If several ranks are asked for another number of parts than one each, or a format is given for parts.
     """
     ranks = launched_ranks(asked=False)
+    if format is not None and (ranks is not None or parts is not None):
+        raise InvalidArgument(f"--format {format}: parts have a format of their own")
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
-    if parts is None:
-        require_writable_problem(target)
-    problem = read(source)
-    if parts is None:
-        write(problem, target)
-    else:
+    if parts is not None:
+        problem = read_and_tell(source)
         write_parts(problem, target, parts)
-    say(f"{target}: {problem}")
+        say(f"{target}: {problem} in {parts} parts")
+        return ExitCode.DONE
+    chosen = format_of(target) if format is None else named_format(format)
+    require_writable_problem(target, chosen)
+    problem = read_and_tell(source)
+    write(problem, target, format=chosen.name)
+    counts = {
+        "cameras": problem.num_cameras,
+        "points": problem.num_points,
+        "observations": problem.num_observations,
+    }
+    written = [f"{count:,} {name}" for name, count in counts.items() if name not in chosen.lacks]
+    say(f"{target}: {', '.join(written)} ({chosen.name})")
+    if left_out := left_out_on_writing(problem, chosen):
+        say(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
     return ExitCode.DONE
 
 

@@ -42,13 +42,14 @@ def doctor(
     source: Source, fix: Fix = None, solve: Solve = False, report: Report = None, quiet: Quiet = False
 ) -> ExitCode:
     """Say what about a problem explains a bad result, the gravest first, and what to do."""
+    from sfmcpp.cli.reading import read_and_tell
     from sfmcpp.cli.targets import Targets
     from sfmcpp.doctor import repair
-    from sfmcpp.sources.io.api import read, write
+    from sfmcpp.sources.io.api import write
 
     targets = Targets(fix, report)
     targets.check(source)
-    problem = read(source)
+    problem = read_and_tell(source, quiet=quiet)
     diagnosis = _diagnosed(problem, solve)
     repaired = None if fix is None else repair(problem)
     if report is not None:

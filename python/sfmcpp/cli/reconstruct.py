@@ -53,8 +53,8 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of photos; or tracks: VGG (.xy), text, NPZ, BAL, or a COLMAP model, of which the "
-        "observations alone are used.",
+        help="A folder of photos; a database of COLMAP, whose keypoints and matches are used; or tracks: VGG "
+        "(.xy), text, NPZ, BAL, or a COLMAP model, of which the observations alone are used.",
     ),
 ]
 Output = Annotated[

@@ -16,11 +16,12 @@ from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
+from sfmcpp.cli.reading import read_and_tell, tell_left_out
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.api import read, read_part, write, write_part
+from sfmcpp.sources.io.api import read_part, write, write_part
 from sfmcpp.sources.io.position_files import write_positions
 from sfmcpp.weighting import solve
 
@@ -152,11 +153,13 @@ def _part(job: Job, ranks: Ranks) -> Part:
     if job.camera_model is not None:
         return dealt_part(lambda: _problem(job), ranks)
     part = read_part(job.source, ranks)
+    if ranks.is_root and not job.quiet:
+        tell_left_out(job.source, part.problem)
     return replace(part, problem=ranks.agreed(lambda: _refined(job, part.problem)))
 
 
 def _problem(job: Job) -> Problem:
-    problem = read(job.source)
+    problem = read_and_tell(job.source, quiet=job.quiet)
     return _refined(job, problem if job.camera_model is None else as_projective(problem))
 
 

@@ -12,6 +12,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, write
 from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_regular_file
+from sfmcpp.sources.io.format import Format
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,13 @@ class Targets:
             _try_to_write(problem, self.problem, Path(folder))
 
 
-def require_writable_problem(path: Path) -> None:
-    """Raise a DatasetError unless a problem could be written to `path`."""
-    chosen = format_of(path)
+def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
+    """Raise a DatasetError unless a problem could be written to `path`; its name tells an unknown format."""
+    chosen = chosen or format_of(path)
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")
+    if chosen.target_check is not None:
+        chosen.target_check(path)
     if chosen.suffixes:
         _require_writable_file(path)
     else:

@@ -24,6 +24,7 @@ from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
+from sfmcpp.sfm.given_database import match_graph_of_database
 from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
 from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
 from sfmcpp.sfm.in_order import Progress, silent
@@ -35,6 +36,7 @@ from sfmcpp.sfm.refining import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sources.io.colmap.database import is_database
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], Grown]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -87,7 +89,8 @@ def reconstruct(
     Parameters
     ----------
     source : path-like, MatchGraph or ImageTracks
-        A folder of images; a file of tracks, or of a model whose observations alone are used; or what
+        A folder of images; a database of COLMAP, see :func:`sfmcpp.sfm.match_graph_of_database`; a file of
+        tracks, or of a model whose observations alone are used; or what
         :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.model.image_tracks.image_tracks` makes.
     method : str
         ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
@@ -194,6 +197,12 @@ def _scene_of(
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument("masks: the source has no images")
+    if is_database(path):
+        with run.timed("matching"):
+            graph = match_graph_of_database(
+                path, seed=run.settings.seed, threads=front.threads, progress=run.progress
+            )
+        return _scene_of(graph, run, masks, front, cache)
     from sfmcpp.sources.io.image_tracks import read_image_tracks
 
     with run.timed("reading"):

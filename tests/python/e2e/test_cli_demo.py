@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import is_one_error_line, run, run_here, strict_json, write_noisy_circle
+from cli_helpers import is_one_error_line, noisy_circle, run, run_here, strict_json, write_noisy_circle
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 PICTURES = ["convergence.png", "scene.png"]
@@ -76,6 +76,59 @@ def test_convert_keeps_the_cost(tmp_path: Path, name: str) -> None:
     assert (result.returncode, result.stderr) == (0, "")
     converted = sfmcpp.cost(sfmcpp.read(tmp_path / name))
     assert converted == pytest.approx(sfmcpp.cost(sfmcpp.read(source)), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "held", "left_out"),
+    [
+        ("transforms.json", "6 cameras (transforms)", "60 points, 360 observations"),
+        (
+            "copy.ply",
+            "6 cameras, 60 points (ply)",
+            "360 observations, rotations and intrinsics, image names, image sizes",
+        ),
+        ("copy.out", "6 cameras, 60 points, 360 observations (bundler)", "image names, image sizes"),
+    ],
+)
+def test_convert_tells_what_the_format_has_no_place_for(
+    tmp_path: Path, name: str, held: str, left_out: str
+) -> None:
+    scene = noisy_circle(camera_model="bal")
+    scene.metadata.image_names = [f"{i}.jpg" for i in range(6)]
+    sfmcpp.write(scene, tmp_path / "start.npz")
+    result = run_here("convert", tmp_path / "start.npz", tmp_path / name)
+    lines = result.stdout.splitlines()
+    assert lines[0] == f"{tmp_path / name}: {held}"
+    assert lines[1].endswith(f"has no place for it: {left_out}")
+
+
+def test_convert_writes_the_format_that_is_named(tmp_path: Path) -> None:
+    source, target = write_noisy_circle(tmp_path), tmp_path / "model"
+    assert run_here("convert", source, target, "--format", "colmap-text").returncode == 0
+    assert sorted(path.name for path in target.iterdir()) == ["cameras.txt", "images.txt", "points3D.txt"]
+    refused = run_here("convert", source, target, "--format", "nvm")
+    assert (refused.returncode, "'nvm' is unknown" in refused.stderr) == (2, True)
+    refused = run_here("convert", source, target, "--format", "bal", "--parts", "2")
+    assert (refused.returncode, "parts have a format of their own" in refused.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["convert", "model", "copy"], ["solve", "model", "--max-iterations", "1"], ["doctor", "model"]],
+)
+def test_second_sightings_that_count_once_are_told(tmp_path: Path, command: list[str]) -> None:
+    sfmcpp.write(noisy_circle(), tmp_path / "model", format="colmap-text")
+    keypoints, points = tmp_path / "model/images.txt", tmp_path / "model/points3D.txt"
+    first, *images = keypoints.read_text().splitlines()
+    count = len(images[1].split()) // 3
+    point = images[1].split()[2]
+    keypoints.write_text("\n".join([first, images[0], f"{images[1]} 1 2 {point}", *images[2:], ""]))
+    head, *rows = points.read_text().splitlines()
+    seen = [f"{row} 1 {count}" if row.split()[0] == point else row for row in rows]
+    points.write_text("\n".join([head, *seen, ""]))
+    result = run_here(*command, cwd=tmp_path)
+    assert result.returncode == 0
+    assert "note: model: 1 of 361 observations are second sightings" in result.stderr
 
 
 def test_a_failed_conversion_is_one_line_and_writes_nothing(tmp_path: Path) -> None:

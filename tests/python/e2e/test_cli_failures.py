@@ -112,6 +112,20 @@ def test_a_target_that_cannot_be_written_is_refused_before_the_input_is_read(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "start.npz"]
 
 
+@pytest.mark.parametrize("command", [["solve", "model", "-o", "model"], ["convert", "model", "model"]])
+def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in_vain(
+    tmp_path: Path, command: list[str]
+) -> None:
+    model = tmp_path / "model"
+    sfmcpp.write(noisy_circle(), model)
+    (model / "frames.bin").write_bytes(b"")
+    (model / "images.bin").write_bytes(b"reading it would fail with another message")
+    result = run_here(*command, cwd=tmp_path)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert "frames.bin: is of the model that is there: it would be replaced" in result.stderr
+
+
 def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_path: Path) -> None:
     problem = noisy_circle(camera_model="perspective")
     problem.intrinsics[:, problem.intrinsic_names.index("k5")] = 1e-9

@@ -74,7 +74,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     Returns
     -------
     Problem
-        In this package's conventions: world_from_camera, z forward, y down, pixels.
+        In this package's conventions: world_from_camera, z forward, y down, pixels. Cameras are in the order
+        of the file; those of a COLMAP model in that of their image ids, as from pycolmap.
 
     Raises
     ------

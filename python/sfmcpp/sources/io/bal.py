@@ -240,4 +240,12 @@ FORMAT = Format(
     read_bal,
     write_bal,
     share_reader=read_bal_share,
+    lacks=(
+        "keypoints without a point",
+        "image names",
+        "image sizes",
+        "colours",
+        "masks",
+        "uncertainties of observations",
+    ),
 )

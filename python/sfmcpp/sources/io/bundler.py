@@ -228,4 +228,17 @@ def _point_chunks(problem: Problem, pixels: FloatArray, registered: BoolArray, p
     return format_ragged(heads, views, counts, "\n", order)
 
 
-FORMAT = Format("bundler", "Bundler v0.3, bundle.out", (".out",), read_bundler, write_bundler)
+FORMAT = Format(
+    "bundler",
+    "Bundler v0.3, bundle.out",
+    (".out",),
+    read_bundler,
+    write_bundler,
+    lacks=(
+        "keypoints without a point",
+        "image names",
+        "image sizes",
+        "masks",
+        "uncertainties of observations",
+    ),
+)

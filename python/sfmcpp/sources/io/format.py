@@ -35,6 +35,10 @@ class Format:
         How each of several ranks reads and writes its part alone.
     holds_projective : bool
         Whether it can keep projection matrices and homogeneous points.
+    target_check : callable or None
+        Raises a DatasetError if what is at a path must not be written over.
+    lacks : tuple of str
+        What of a problem its files do not have, by the names of :mod:`sfmcpp.sources.io.left_out`.
     """
 
     name: str
@@ -47,6 +51,8 @@ class Format:
     part_reader: Callable[[Path, Ranks], Part] | None = field(default=None, repr=False)
     part_writer: Callable[[Part, Path, Ranks], None] | None = field(default=None, repr=False)
     holds_projective: bool = False
+    target_check: Callable[[Path], None] | None = field(default=None, repr=False)
+    lacks: tuple[str, ...] = ()
 
     @property
     def readable(self) -> bool:

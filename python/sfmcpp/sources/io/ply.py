@@ -43,4 +43,19 @@ def _header(count: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-FORMAT = Format("ply", "PLY, binary: points and camera centres, for viewers", (".ply",), None, write_ply)
+FORMAT = Format(
+    "ply",
+    "PLY, binary: points and camera centres, for viewers",
+    (".ply",),
+    None,
+    write_ply,
+    lacks=(
+        "observations",
+        "keypoints without a point",
+        "rotations and intrinsics",
+        "image names",
+        "image sizes",
+        "masks",
+        "uncertainties of observations",
+    ),
+)

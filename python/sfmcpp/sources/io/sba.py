@@ -330,4 +330,11 @@ FORMAT = Format(
     _read_beside,
     write_sba,
     _claims,
+    lacks=(
+        "keypoints without a point",
+        "image names",
+        "image sizes",
+        "colours",
+        "masks",
+    ),
 )

@@ -152,4 +152,12 @@ FORMAT = Format(
     (".json",),
     read_transforms,
     write_transforms,
+    lacks=(
+        "points",
+        "observations",
+        "keypoints without a point",
+        "colours",
+        "masks",
+        "uncertainties of observations",
+    ),
 )

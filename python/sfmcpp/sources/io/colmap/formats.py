@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
@@ -25,12 +26,13 @@ def read_colmap_text(folder: Path) -> Problem:
 def read_colmap_binary(folder: Path) -> Problem:
     """Read cameras.bin, images.bin and points3D.bin; camera model ``"perspective"``.
 
-    Images become cameras, in the order of the file; COLMAP's cameras are rows of `intrinsics`. Free are the
+    Images become cameras, in the order of their ids; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
     points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
     points are not kept. Where an image observes a point by several keypoints, which COLMAP allows (SIFT gives
     one corner several orientations), the first in the track counts; the others become keypoints without a
-    point.
+    point, ``metadata.extra["colmap_second_sightings"]`` (D, 3) has camera, keypoint and point id of each, and
+    writing puts them back into the tracks, unless the first has gone.
 
     Raises
     ------
@@ -83,7 +85,8 @@ def _write(
 def _require_no_rigs(folder: Path, suffix: str) -> None:
     for name in (f"rigs{suffix}", f"frames{suffix}"):
         if (folder / name).exists():
-            raise DatasetError(folder / name, "belongs to another COLMAP model: write to an empty folder")
+            reason = "is of the model that is there: it would be replaced, and this contradict its poses"
+            raise DatasetError(folder / name, f"{reason}; write to another folder")
 
 
 def _require_model(folder: Path, names: tuple[str, ...]) -> None:
@@ -122,6 +125,11 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
+    target_check=partial(_require_no_rigs, suffix=".txt"),
+    lacks=(
+        "masks",
+        "uncertainties of observations",
+    ),
 )
 BINARY = Format(
     "colmap-binary",
@@ -130,4 +138,9 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
+    target_check=partial(_require_no_rigs, suffix=".bin"),
+    lacks=(
+        "masks",
+        "uncertainties of observations",
+    ),
 )

@@ -9,6 +9,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
 from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -24,7 +25,7 @@ from sfmcpp.sources.io.rows import exclusive_sums
 
 
 def problem_from_tables(tables: Tables, source_format: str) -> Problem:
-    """Make the problem of a model: images become cameras, and COLMAP's cameras shared intrinsics.
+    """Make the problem of a model: images become cameras by id, and COLMAP's cameras shared intrinsics.
 
     Raises
     ------
@@ -35,23 +36,30 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     cameras.require_unique_ids(LARGEST_ID)
     images.require_unique_ids(LARGEST_ID)
     points.require_unique_ids(LARGEST_POINT_ID)
+    images = images.by_id()
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
-    point_index, camera_index, keypoint = _tracks(images, points)
+    point, image, keypoint = _tracks(images, points)
+    first, second = _sightings(point, image, len(images.ids))
     intrinsics, fixed = _intrinsics(cameras)
     problem = Problem(
         "perspective",
         _poses(images),
         intrinsics,
         points.positions,
-        camera_index.astype(np.int32),
-        point_index.astype(np.int32),
-        images.keypoints[keypoint],
+        image[first].astype(np.int32),
+        point[first].astype(np.int32),
+        images.keypoints[keypoint[first]],
         intrinsics_index=intrinsics_index.astype(np.int32),
         fixed_intrinsics=fixed,
-        metadata=_metadata(tables, source_format),
+        metadata=_metadata(cameras, images, points, source_format),
     )
-    problem.metadata.extra |= _loose_keypoints(images, keypoint)
+    problem.metadata.extra |= _keypoints(images, keypoint[first])
+    if len(second):
+        number = points.track_keypoints[second]
+        problem.metadata.extra[SECOND_SIGHTINGS] = np.column_stack(
+            [image[second], number, points.ids[point[second]]]
+        )
     if problem.num_cameras:
         problem.metadata.image_sizes = cameras.sizes[intrinsics_index]
     return problem
@@ -77,10 +85,7 @@ def _poses(images: ImageTable) -> FloatArray:
 
 
 def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Point, image and keypoint row of every observation, in the order of the points' tracks.
-
-    Of several keypoints by which an image observes a point, only the first in its track.
-    """
+    """Point, image and keypoint row of every entry of the points' tracks."""
     point = np.repeat(np.arange(len(points.ids)), points.track_counts)
     image = images.rows_of(points.track_images)
     _require_tracks(points, point, image >= 0, "its track has an image that is not in the list of images")
@@ -92,11 +97,16 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
     _require_single(points, point, image, keypoint)
     _require_complete(images, keypoint)
-    if first_duplicate(image, point, len(images.ids)) is None:
-        return point, image, keypoint
-    _, first = np.unique(point * len(images.ids) + image, return_index=True)
-    kept = np.sort(first)
-    return point[kept], image[kept], keypoint[kept]
+    return point, image, keypoint
+
+
+def _sightings(point: Int64Array, image: Int64Array, num_images: int) -> tuple[Int64Array, Int64Array]:
+    """Entries of the tracks by which an image sees a point first, and the others, both in their order."""
+    entries = np.arange(len(point))
+    if first_duplicate(image, point, num_images) is None:
+        return entries, entries[:0]
+    _, first = np.unique(point * num_images + image, return_index=True)
+    return np.sort(first), np.delete(entries, first)
 
 
 def _require_tracks(points: PointTable, point: Int64Array, good: BoolArray, reason: str) -> None:
@@ -121,7 +131,7 @@ def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
         raise images.error(image, f"keypoint of point {images.keypoint_points[row]}, which does not list it")
 
 
-def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
+def _keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
     counts = images.keypoint_counts
     number = np.arange(len(images.keypoints)) - np.repeat(exclusive_sums(counts), counts)
     is_loose = np.ones(len(number), dtype=np.bool_)
@@ -135,16 +145,16 @@ def _loose_keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, obje
     }
 
 
-def _metadata(tables: Tables, source_format: str) -> Metadata:
+def _metadata(cameras: CameraTable, images: ImageTable, points: PointTable, source_format: str) -> Metadata:
     return Metadata(
         source_format=source_format,
-        image_names=tables.images.names,
-        point_colors=tables.points.colors,
+        image_names=images.names,
+        point_colors=points.colors,
         extra={
-            "colmap_camera_ids": tables.cameras.ids,
-            "colmap_camera_models": tables.cameras.models,
-            "colmap_camera_sizes": tables.cameras.sizes,
-            "colmap_image_ids": tables.images.ids,
-            "colmap_point_ids": tables.points.ids,
+            "colmap_camera_ids": cameras.ids,
+            "colmap_camera_models": cameras.models,
+            "colmap_camera_sizes": cameras.sizes,
+            "colmap_image_ids": images.ids,
+            "colmap_point_ids": points.ids,
         },
     )

@@ -12,6 +12,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.colmap.formats import read_colmap_binary, write_colmap_binary
+from sfmcpp.sources.io.views import UNREGISTERED
 
 
 def from_pycolmap(reconstruction: Any) -> Problem:
@@ -20,7 +21,8 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     Parameters
     ----------
     reconstruction : pycolmap.Reconstruction
-        It is not changed. Images without a pose are no part of a problem and are left out.
+        It is not changed. Images without a pose are no part of a problem and are left out with their
+        keypoints, as in COLMAP's own files; ``metadata.extra["unregistered_images"]`` names them.
 
     Returns
     -------
@@ -39,7 +41,11 @@ def from_pycolmap(reconstruction: Any) -> Problem:
         raise InvalidArgument(f"reconstruction is a {kind}, must be a pycolmap.Reconstruction")
     with _folder_of("reconstruction") as folder:
         reconstruction.write_binary(str(folder))
-        return read_colmap_binary(folder)
+        problem = read_colmap_binary(folder)
+    images = reconstruction.images
+    if names := [images[key].name for key in sorted(images) if not images[key].has_pose]:
+        problem.metadata.extra[UNREGISTERED] = names
+    return problem
 
 
 @checked()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.rows import exclusive_sums, tokens_of_items
 
 Int64Array = NDArray[np.int64]
 NO_POINT = -1
@@ -19,16 +20,21 @@ LARGEST_POINT_ID = 2**53
 
 @dataclass
 class Table:
-    """Rows with identifiers; `lines` says on which line of `path` each row starts, None if it is binary."""
+    """Rows with identifiers; `lines` says on which line of `path` each row starts, None if it is binary.
+
+    Rows are in the order of the file, or `entries` says where in it each is.
+    """
 
     path: Path
     lines: Int64Array | None
     ids: Int64Array
+    entries: Int64Array | None = field(default=None, init=False)
 
     def error(self, row: int, reason: str) -> DatasetError:
         """Make a DatasetError at the line of that row; for binary files the message names the row."""
         if self.lines is None:
-            return DatasetError(self.path, f"entry {row} (id {self.ids[row]}): {reason}")
+            entry = row if self.entries is None else self.entries[row]
+            return DatasetError(self.path, f"entry {entry} (id {self.ids[row]}): {reason}")
         return DatasetError(self.path, reason, int(self.lines[row]))
 
     def require(self, good: NDArray[np.bool_], reason: str) -> None:
@@ -49,15 +55,20 @@ class Table:
 
     def rows_of(self, wanted: Int64Array) -> Int64Array:
         """Row of each wanted identifier, -1 where there is none."""
-        if not len(self.ids):
-            return np.full(len(wanted), -1)
-        first, last = int(self.ids[0]), int(self.ids[-1])
-        if last - first == len(self.ids) - 1 and (np.diff(self.ids) == 1).all():
-            return np.where((wanted >= first) & (wanted <= last), wanted - first, -1)
-        order = np.argsort(self.ids)
-        place = np.searchsorted(self.ids, wanted, sorter=order)
-        rows = order[np.minimum(place, len(order) - 1)]
-        return np.where(self.ids[rows] == wanted, rows, -1)
+        return rows_of_ids(self.ids, wanted)
+
+
+def rows_of_ids(ids: Int64Array, wanted: Int64Array) -> Int64Array:
+    """Row in `ids`, which are all different, of each wanted one, -1 where there is none."""
+    if not len(ids):
+        return np.full(len(wanted), -1)
+    first, last = int(ids[0]), int(ids[-1])
+    if last - first == len(ids) - 1 and (np.diff(ids) == 1).all():
+        return np.where((wanted >= first) & (wanted <= last), wanted - first, -1)
+    order = np.argsort(ids)
+    place = np.searchsorted(ids, wanted, sorter=order)
+    rows = order[np.minimum(place, len(order) - 1)]
+    return np.where(ids[rows] == wanted, rows, -1)
 
 
 @dataclass
@@ -80,6 +91,28 @@ class ImageTable(Table):
     keypoint_counts: Int64Array
     keypoints: FloatArray
     keypoint_points: Int64Array
+
+    def by_id(self) -> ImageTable:
+        """The same rows in the order of their identifiers."""
+        if (np.diff(self.ids) > 0).all():
+            return self
+        order = np.argsort(self.ids)
+        counts = self.keypoint_counts[order]
+        rows = tokens_of_items(exclusive_sums(self.keypoint_counts)[order], counts, 1)
+        table = replace(
+            self,
+            lines=None if self.lines is None else self.lines[order],
+            ids=self.ids[order],
+            quaternions=self.quaternions[order],
+            translations=self.translations[order],
+            camera_ids=self.camera_ids[order],
+            names=[self.names[row] for row in order],
+            keypoint_counts=counts,
+            keypoints=self.keypoints[rows],
+            keypoint_points=self.keypoint_points[rows],
+        )
+        table.entries = order
+        return table
 
 
 @dataclass

@@ -27,6 +27,7 @@ from sfmcpp.sources.io.colmap.camera_models import (
     params_from_intrinsics,
     smallest_model,
 )
+from sfmcpp.sources.io.colmap.second_sightings import with_second_sightings
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -57,6 +58,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     lenses = lenses_from_corner(problem, folder)
     cameras = _cameras(problem, lenses, folder)
     point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
+    problem = with_second_sightings(problem, point_ids, folder)
     images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
     with np.errstate(all="ignore"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import tempfile
 from pathlib import Path
@@ -22,6 +23,7 @@ from io_helpers import (
 )
 from sfmcpp import DatasetError, Problem
 from sfmcpp.sources.io import read, write
+from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 
 FORMATS = ["colmap-text", "colmap-binary"]
 MODELS = {
@@ -58,7 +60,7 @@ def random_model(seed: int, model: str) -> Problem:
         "colmap_camera_ids": rng.permutation(50)[:rows],
         "colmap_camera_models": [model] * rows,
         "colmap_camera_sizes": rng.integers(1, 9999, (rows, 2)),
-        "colmap_image_ids": rng.permutation(50)[:cameras],
+        "colmap_image_ids": np.sort(rng.permutation(50)[:cameras]),
         "colmap_point_ids": rng.permutation(2**40 + np.arange(50))[:points],
     }
     return problem
@@ -94,6 +96,32 @@ def test_keypoints_without_a_point_survive(tmp_path: Path, format: str) -> None:
     assert_same_metadata(again, original)
 
 
+@pytest.mark.parametrize("format", FORMATS)
+def test_cameras_are_in_the_order_of_image_ids_whatever_that_of_the_file(tmp_path: Path, format: str) -> None:
+    by_id = read(small_model(tmp_path))
+    images = "9 1 0 0 0 1 0 5 7 c.jpg\n50 60 -1 70 80 4\n3 1 0 0 0 0 0 5 7 a b.jpg\n10 20 4 30 40 -1\n"
+    shuffled = read(small_model(tmp_path, images=images))
+    assert shuffled.metadata.image_names == ["a b.jpg", "c.jpg"]
+    assert_same_problem(shuffled, by_id)
+    assert_same_metadata(shuffled, by_id)
+    by_id.metadata.extra["colmap_image_ids"] = np.array([9, 3])
+    write(by_id, tmp_path / "new", format=format)
+    np.testing.assert_array_equal(read(tmp_path / "new").cameras, by_id.cameras[::-1])
+
+
+def test_a_fault_is_named_where_the_file_has_it_though_images_are_sorted(tmp_path: Path) -> None:
+    images = "9 1 0 0 0 1 0 5 7 c.jpg\n50 60 -1 70 80 4\n3 0 0 0 0 0 0 5 7 a.jpg\n10 20 4 30 40 -1\n"
+    error = refusal(small_model(tmp_path, images=images))
+    assert (error.line, error.reason) == (3, "the quaternion is zero")
+    problem = read(small_model(tmp_path, images=images.replace("3 0 0", "3 1 0")))
+    problem.metadata.extra["colmap_image_ids"] = np.array([9, 3])
+    write(problem, tmp_path / "new")
+    path = tmp_path / "new" / "images.bin"
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(struct.pack("<I4d", 3, 1, 0, 0, 0), struct.pack("<I4d", 3, 0, 0, 0, 0)))
+    assert "entry 1 (id 3): the quaternion is zero" in str(refusal(tmp_path / "new"))
+
+
 def test_residual_is_that_of_the_definition(tmp_path: Path) -> None:
     problem = read(small_model(tmp_path))
     u, v = np.array([1.0, 2.0]) / (3 + 5)
@@ -116,7 +144,7 @@ def test_binary_is_read_where_a_folder_has_both(tmp_path: Path) -> None:
 def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path) -> None:
     problem = read(small_model(tmp_path))
     (tmp_path / "frames.bin").write_bytes(b"")
-    with pytest.raises(DatasetError, match="belongs to another COLMAP model"):
+    with pytest.raises(DatasetError, match=r"it would be replaced, .* write to another folder"):
         write(problem, tmp_path, format="colmap-binary")
     assert not (tmp_path / "cameras.bin").exists()
 
@@ -209,6 +237,7 @@ def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: st
         ("colmap_point_ids", [1, 2], "has 2 entries: must be 1"),
         ("colmap_camera_sizes", [[-1, 5]], "its image size must be from 0"),
         ("colmap_loose_pixels", [[np.inf, 1], [2, 3]], "keypoints is not finite"),
+        (SECOND_SIGHTINGS, [[1, 2]], "must be integers (D, 3)"),
         ("colmap_keypoint_index", [1, 1], "does not number each image's keypoints once"),
     ],
 )
@@ -217,7 +246,7 @@ def test_metadata_that_could_not_be_read_again_are_refused(
 ) -> None:
     problem = read(small_model(tmp_path))
     problem.metadata.extra[key] = np.array(value)
-    with pytest.raises(DatasetError, match=reason):
+    with pytest.raises(DatasetError, match=re.escape(reason)):
         write(problem, tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
@@ -290,6 +319,7 @@ def test_of_several_keypoints_of_a_point_in_one_image_the_first_in_the_track_cou
     again = read(tmp_path / "again", format=format)
     assert_same_problem(again, problem)
     assert again.metadata.extra["colmap_loose_keypoint_index"].tolist() == [0, 1, 3]
+    assert again.metadata.extra[SECOND_SIGHTINGS].tolist() == [[0, 0, 4], [0, 3, 4]]
 
 
 def test_missing_files_are_named(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from io_helpers import assert_same_problem, random_problem, refusal
 from sfmcpp import DatasetError, InvalidArgument, Problem
 from sfmcpp.sources.io import convert, formats, read, write
 from sfmcpp.sources.io.atomic import atomic_files, atomic_folder
+from sfmcpp.sources.io.left_out import amounts_in
 
 COMPRESS = {".bz2": bz2.compress, ".gz": gzip.compress, ".xz": lzma.compress}
 CONTENT = b"1 1 1\n0 0 1 2\n" + b"1\n" * 12
@@ -203,3 +204,8 @@ def test_every_readable_and_writable_format_passes_problems_on(tmp_path: Path, p
         source, source_format = target, name
     # COLMAP counts pixels from the corner: half the width is added and taken away.
     assert_same_problem(read(source, format="bal"), problem, pixels_atol=1e-12)
+
+
+def test_what_formats_lack_has_a_name_that_is_known() -> None:
+    known = amounts_in(random_problem(0, "bal", {"f": 900}))
+    assert {name for format in formats() for name in format.lacks} <= set(known)

@@ -71,6 +71,64 @@ def test_names_and_identifiers_are_kept() -> None:
     assert sorted(again.points3D) == sorted(model.points3D)
 
 
+def tracks_of(model: Any) -> dict[int, set[tuple[int, int]]]:
+    return {
+        i: {(e.image_id, e.point2D_idx) for e in point.track.elements} for i, point in model.points3D.items()
+    }
+
+
+def with_second_sightings(model: Any, points: int) -> Any:
+    """The model whose first points are each seen once more, by a free keypoint of their first image."""
+    for point_id in sorted(model.points3D)[:points]:
+        seen = model.points3D[point_id].track.elements[0]
+        keypoints = model.images[seen.image_id].points2D
+        free = next(i for i, keypoint in enumerate(keypoints) if not keypoint.has_point3D())
+        model.add_observation(point_id, pycolmap.TrackElement(seen.image_id, free))
+    return model
+
+
+def test_second_sightings_of_a_point_count_once_and_are_put_back() -> None:
+    model = with_second_sightings(reconstruction(), 7)
+    problem = sfmcpp.from_pycolmap(model)
+    assert problem.num_observations == model.compute_num_observations() - 7
+    again = sfmcpp.to_pycolmap(problem)
+    assert tracks_of(again) == tracks_of(model)
+    for image_id, image in model.images.items():
+        pixels = [[p.xy for p in of.points2D] for of in (image, again.images[image_id])]
+        np.testing.assert_array_equal(*pixels)
+    written = [again.points3D[i].error for i in sorted(again.points3D)]
+    again.update_point_3d_errors()
+    np.testing.assert_allclose(written, [again.points3D[i].error for i in sorted(again.points3D)], atol=1e-9)
+
+
+def test_a_second_sighting_goes_with_the_point() -> None:
+    model = with_second_sightings(reconstruction(), 2)
+    problem = sfmcpp.from_pycolmap(model)
+    gone = problem.metadata.extra["colmap_point_ids"][0]
+    kept = problem.point_index > 0
+    extra = problem.metadata.extra
+    first = {
+        "image": problem.camera_index,
+        "keypoint_index": extra["colmap_keypoint_index"],
+        "pixels": problem.pixels,
+    }
+    for name, values in first.items():
+        extra[f"colmap_loose_{name}"] = np.concatenate([extra[f"colmap_loose_{name}"], values[~kept]])
+    extra["colmap_keypoint_index"] = extra["colmap_keypoint_index"][kept]
+    again = sfmcpp.to_pycolmap(problem.with_observations(kept))
+    expected = tracks_of(model) | {int(gone): set()}
+    assert tracks_of(again) == expected
+
+
+def test_images_without_a_pose_are_named() -> None:
+    model = reconstruction()
+    model.deregister_frame(model.images[3].frame_id)
+    problem = sfmcpp.from_pycolmap(model)
+    assert problem.num_cameras == 5
+    assert problem.metadata.extra["unregistered_images"] == [model.images[3].name]
+    assert "unregistered_images" not in sfmcpp.from_pycolmap(reconstruction()).metadata.extra
+
+
 def test_rigs_of_several_cameras_are_refused() -> None:
     with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: rigs: rig \d+ has 2 sensors"):
         sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=2))

@@ -1,0 +1,30 @@
+"""Problems of files, with a line for what a file has and its problem has not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sfmcpp.cli.exit_codes import tell
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.api import read
+from sfmcpp.sources.io.left_out import left_out_on_reading
+
+
+def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
+    """Read a problem, and tell what was left out.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read.
+    """
+    problem = read(source)
+    if not quiet:
+        tell_left_out(source, problem)
+    return problem
+
+
+def tell_left_out(source: Path, problem: Problem) -> None:
+    """Tell what was left out of the problem of a file."""
+    for line in left_out_on_reading(problem):
+        tell(f"note: {source}: {line}")

@@ -1,0 +1,229 @@
+"""COLMAP's database: images, cameras, keypoints and matches, in SQLite."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.photos import Photo
+from sfmcpp.sources.io.checks import LARGEST_COUNT
+from sfmcpp.sources.io.colmap.camera_models import (
+    MODELS,
+    NAME_OF_NUMBER,
+    intrinsics_from_params,
+    unsupported,
+)
+from sfmcpp.sources.io.files import failures_named
+
+_MAGIC = b"SQLite format 3\0"
+_TABLES = ("cameras", "images", "keypoints", "matches")
+# A pair of images is numbered `lower id · this + higher id`.
+_PAIR_BASE = 2**31 - 1
+_WATERMARK = 7
+_LEAST_FOCAL_PX = 1.0
+_CAMERA_SENSOR, _WGS84 = 0, 0
+# Columns of keypoints: x, y; then scale and angle, or the four numbers of an affine shape.
+_SCALED, _AFFINE = 4, 6
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapDatabase:
+    """What a database tells of I images, in the order of their names.
+
+    Attributes
+    ----------
+    photos : list of Photo
+        Names, sizes, cameras, and what is known from their files: focal length and position.
+    intrinsics : list of (12,) float64 or None
+        Of each image's camera, by the perspective model; None where the focal length is a guess.
+    keypoints : list of (n, 2) float64
+        Places [px].
+    scales : list of (n,) float64
+        Sizes [px]; not a number where unknown.
+    matches : dict of (m, 2) int32
+        For each pair of numbers of images, which keypoints look alike: those that COLMAP has verified, or
+        all where it has verified none.
+    """
+
+    photos: list[Photo]
+    intrinsics: list[FloatArray | None]
+    keypoints: list[FloatArray]
+    scales: list[FloatArray]
+    matches: dict[tuple[int, int], NDArray[np.int32]]
+
+
+def is_database(path: Path) -> bool:
+    """Whether a file is one of SQLite."""
+    if not path.is_file():
+        return False
+    with failures_named(path), path.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
+
+
+def read_database(path: str | PathLike[str]) -> ColmapDatabase:
+    """Read a database of COLMAP, which is not changed.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing, damaged or no such database, or a camera model is not supported.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise DatasetError(source, "no such file or directory")
+    if not is_database(source):
+        raise DatasetError(source, "is no database of SQLite")
+    try:
+        with closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+            return _Reader(source, connection).database()
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:  # as its parts fail in many ways
+        raise DatasetError(source, f"is a damaged database: {error}") from error
+
+
+class _Reader:
+    """Tables of one file; a number or an array that cannot be right is named."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self._path, self._connection = path, connection
+        connection.execute("PRAGMA trusted_schema = OFF")
+        # Views and virtual tables have no page of their own: they could run any query.
+        found = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
+        self._tables = {name for (name,) in found}
+
+    def database(self) -> ColmapDatabase:
+        missing = [name for name in _TABLES if name not in self._tables]
+        if missing:
+            raise self._error(f"is no database of COLMAP: it lacks {', '.join(missing)}")
+        photos, intrinsics, number_of = self._photos()
+        keypoints, scales = self._keypoints(number_of)
+        counts = [len(places) for places in keypoints]
+        return ColmapDatabase(photos, intrinsics, keypoints, scales, dict(self._matches(number_of, counts)))
+
+    def _photos(self) -> tuple[list[Photo], list[FloatArray | None], dict[Any, int]]:
+        """Images with what is known of their cameras, and their numbers by identifier."""
+        cameras, positions = dict(self._cameras()), dict(self._positions())
+        photos: list[Photo] = []
+        intrinsics: list[FloatArray | None] = []
+        number_of: dict[Any, int] = {}
+        for image, name, camera in self._rows("SELECT image_id, name, camera_id FROM images ORDER BY name"):
+            if camera not in cameras:
+                raise self._error(f"images: {name!r}: camera {camera} is not in the list of cameras")
+            if image in number_of:
+                raise self._error(f"images: {name!r}: id {image} is used twice")
+            size, row, known = cameras[camera]
+            focal = float(row[0]) if known else None
+            number_of[image] = len(photos)
+            photos.append(Photo(str(name), None, size, focal, str(camera), positions.get(image)))
+            intrinsics.append(row if known else None)
+        if not photos:
+            raise self._error("holds no images")
+        return photos, intrinsics, number_of
+
+    def _cameras(self) -> Iterator[tuple[int, tuple[tuple[int, int], FloatArray, bool]]]:
+        """Size, intrinsics, and whether the focal length is known, by identifier."""
+        columns = "camera_id, model, width, height, params, prior_focal_length"
+        for camera, model, width, height, params, known in self._rows(f"SELECT {columns} FROM cameras"):
+            what = f"cameras: camera {camera}"
+            if model not in NAME_OF_NUMBER:
+                raise self._error(f"{what}: {unsupported(model)}")
+            if not all(isinstance(side, int) and 0 < side <= LARGEST_COUNT for side in (width, height)):
+                raise self._error(f"{what}: image size {width!r}x{height!r} is impossible")
+            name = NAME_OF_NUMBER[model]
+            numbers = self._array(what, params, 1, len(MODELS[name].params), np.float64)[0]
+            focals = numbers[: 2 if MODELS[name].has_aspect else 1]
+            if not (_plausible(numbers).all() and (focals >= _LEAST_FOCAL_PX).all()):
+                raise self._error(f"{what}: parameters {numbers.tolist()} are impossible")
+            row = intrinsics_from_params([name], [numbers.tolist()])[0][0]
+            yield camera, ((width, height), row, bool(known))
+
+    def _positions(self) -> Iterator[tuple[int, tuple[float, float, float]]]:
+        """Latitude, longitude [deg] and height [m] by image."""
+        if "pose_priors" not in self._tables:
+            return
+        known = {name for _, name, *_ in self._connection.execute("PRAGMA table_info(pose_priors)")}
+        by_sensor = f"corr_data_id, position FROM pose_priors WHERE corr_sensor_type = {_CAMERA_SENSOR} AND"
+        by_image = "image_id, position FROM pose_priors WHERE"
+        which = by_sensor if "corr_data_id" in known else by_image
+        for image, blob in self._rows(f"SELECT {which} coordinate_system = {_WGS84}"):
+            latitude, longitude, height = self._array("pose_priors", blob, 1, 3, np.float64)[0].tolist()
+            if np.isfinite([latitude, longitude]).all():
+                yield image, (latitude, longitude, height)
+
+    def _keypoints(self, number_of: dict[Any, int]) -> tuple[list[FloatArray], list[FloatArray]]:
+        keypoints = [np.empty((0, 2)) for _ in number_of]
+        scales = [np.empty(0) for _ in number_of]
+        for image, rows, columns, blob in self._rows('SELECT image_id, rows, "cols", data FROM keypoints'):
+            what = f"keypoints: image {image}"
+            if image not in number_of:
+                raise self._error(f"{what} is not in the list of images")
+            if columns not in (2, _SCALED, _AFFINE):
+                raise self._error(f"{what} has {columns!r} columns: must be 2, {_SCALED} or {_AFFINE}")
+            table = self._array(what, blob, rows, columns, np.float32).astype(np.float64)
+            if not (good := _plausible(table).all(axis=1)).all():
+                worst = int(np.argmin(good))
+                raise self._error(f"{what}: keypoint {worst} is impossible: {table[worst].tolist()}")
+            keypoints[number_of[image]] = np.ascontiguousarray(table[:, :2])
+            scales[number_of[image]] = _scales(table)
+        return keypoints, scales
+
+    def _matches(
+        self, number_of: dict[Any, int], counts: list[int]
+    ) -> Iterator[tuple[tuple[int, int], NDArray[np.int32]]]:
+        every = "SELECT pair_id, rows, data FROM matches WHERE rows > 0"
+        for pair, rows, blob in list(self._verified()) or self._rows(every):
+            images = divmod(pair, _PAIR_BASE) if isinstance(pair, int) else (None, None)
+            what = f"matches: pair {pair!r} of images {images}"
+            if not all(image in number_of for image in images):
+                raise self._error(f"{what}: they are not in the list of images")
+            first, second = (number_of[image] for image in images)
+            found = self._array(what, blob, rows, 2, np.uint32)
+            if (found >= [counts[first], counts[second]]).any():
+                raise self._error(f"{what}: a keypoint is not in the list of keypoints")
+            yield (first, second), found.astype(np.int32)
+
+    def _verified(self) -> Iterator[tuple[Any, ...]]:
+        """Matches that agree with a geometry; those of a watermark agree, and tell nothing of the scene."""
+        if "two_view_geometries" in self._tables:
+            which = f"two_view_geometries WHERE rows > 0 AND config != {_WATERMARK}"
+            yield from self._rows(f"SELECT pair_id, rows, data FROM {which}")
+
+    def _rows(self, query: str) -> sqlite3.Cursor:
+        return self._connection.execute(query)
+
+    def _array(
+        self, what: str, blob: object, rows: object, columns: int, dtype: type[np.generic]
+    ) -> NDArray[Any]:
+        """The array (rows, columns) that a cell holds."""
+        data = b"" if blob is None else blob
+        size = np.dtype(dtype).itemsize * columns
+        if not isinstance(data, bytes) or not isinstance(rows, int) or len(data) != rows * size:
+            found = f"{len(data)} bytes" if isinstance(data, bytes) else type(data).__name__
+            raise self._error(f"{what}: has {found}, must have {rows!r} rows of {size} bytes")
+        return np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(rows, columns)
+
+    def _error(self, reason: str) -> DatasetError:
+        return DatasetError(self._path, reason)
+
+
+def _plausible(numbers: NDArray[Any]) -> BoolArray:
+    return np.asarray(np.isfinite(numbers) & (np.abs(numbers) <= LARGEST_COUNT))
+
+
+def _scales(table: FloatArray) -> FloatArray:
+    """Sizes of keypoints of 2, 4 or 6 columns."""
+    if table.shape[1] == _SCALED:
+        return np.ascontiguousarray(table[:, 2])
+    if table.shape[1] == _AFFINE:
+        a, b, c, d = table[:, 2:].T
+        return np.asarray(np.sqrt(np.abs(a * d - b * c)), dtype=np.float64)
+    return np.full(len(table), np.nan)

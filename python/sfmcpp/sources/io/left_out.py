@@ -1,0 +1,54 @@
+"""What is left out on the way from one file to another, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sfmcpp.model import Problem
+from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.views import UNREGISTERED
+
+_MOST_NAMES = 3
+
+
+def left_out_on_reading(problem: Problem) -> Iterator[str]:
+    """Sentences on what the file has and the problem has not."""
+    if second := _extras(problem, SECOND_SIGHTINGS):
+        total = problem.num_observations + second
+        yield (
+            f"{second:,} of {total:,} observations are second sightings of a point by one image, which count "
+            "once: a COLMAP model that is written has them, a solve has not"
+        )
+    if count := _extras(problem, UNREGISTERED):
+        listed = ", ".join(problem.metadata.extra[UNREGISTERED][:_MOST_NAMES])
+        yield f"{count:,} images without a pose are left out: {listed}{', …' * (count > _MOST_NAMES)}"
+
+
+def left_out_on_writing(problem: Problem, format: Format) -> list[str]:
+    """What the problem has and files of the format have not: ``["40 points", "image names"]``."""
+    amounts = {
+        name: amount for name, amount in amounts_in(problem).items() if name in format.lacks and amount
+    }
+    return [name if amount is True else f"{amount:,} {name}" for name, amount in amounts.items()]
+
+
+def amounts_in(problem: Problem) -> dict[str, int]:
+    """What a problem may have, by the names of `Format.lacks`: how many, or whether at all."""
+    metadata = problem.metadata
+    uncertainties = (problem.sigma_px, problem.covariance_px2)
+    return {
+        "points": problem.num_points,
+        "observations": problem.num_observations,
+        "keypoints without a point": _extras(problem, "colmap_loose_pixels"),
+        "rotations and intrinsics": problem.num_cameras > 0,
+        "image names": bool(metadata.image_names),
+        "image sizes": metadata.image_sizes is not None,
+        "colours": metadata.point_colors is not None,
+        "masks": bool(problem.fixed_cameras.any() or problem.fixed_points.any()),
+        "uncertainties of observations": any(given is not None for given in uncertainties),
+    }
+
+
+def _extras(problem: Problem, name: str) -> int:
+    return len(problem.metadata.extra.get(name, ()))

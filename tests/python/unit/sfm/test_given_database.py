@@ -1,0 +1,168 @@
+"""Databases of COLMAP: what pycolmap writes is read and reconstructed, and what is wrong is named."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sfm import match_graph_of_database, reconstruct
+from sfmcpp.sources.io.colmap.database import read_database
+
+NAMES = ["b.jpg", "a.jpg", "c.jpg"]
+PAIR_BASE = 2**31 - 1
+
+
+def blob(array: object, dtype: type) -> bytes:
+    return np.asarray(array, dtype=dtype).tobytes()
+
+
+def write_database(path: Path) -> Path:
+    """Three images of five keypoints of each kind of columns, matched and partly verified."""
+    matches = np.column_stack([np.arange(5), [4, 3, 2, 1, 0]])
+    with sqlite3.connect(path) as tables:
+        tables.executescript(
+            "CREATE TABLE cameras (camera_id, model, width, height, params BLOB, prior_focal_length);"
+            "CREATE TABLE images (image_id INTEGER PRIMARY KEY, name, camera_id);"
+            "CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY, rows, cols, data BLOB);"
+            "CREATE TABLE matches (pair_id INTEGER PRIMARY KEY, rows, cols, data BLOB);"
+            "CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY, rows, cols, data BLOB, config);"
+            "CREATE TABLE pose_priors (image_id, position BLOB, coordinate_system);"
+        )
+        cameras = [(1, 2, 640, 480, blob([700, 320, 240, 0.1], np.float64), 1)]
+        cameras += [(4, 1, 800, 600, blob([960, 950, 400, 300], np.float64), 0)]
+        tables.executemany("INSERT INTO cameras VALUES (?, ?, ?, ?, ?, ?)", cameras)
+        tables.executemany(
+            "INSERT INTO images VALUES (?, ?, ?)", zip((3, 5, 8), NAMES, (1, 1, 4), strict=True)
+        )
+        for image, columns in ((3, 2), (5, 4), (8, 6)):
+            places = np.arange(5 * columns).reshape(5, columns) + image
+            tables.execute(
+                "INSERT INTO keypoints VALUES (?, 5, ?, ?)", (image, columns, blob(places, np.float32))
+            )
+        for first, second in ((3, 5), (3, 8)):
+            row = (first * PAIR_BASE + second, blob(matches, np.uint32))
+            tables.execute("INSERT INTO matches VALUES (?, 5, 2, ?)", row)
+        row = (3 * PAIR_BASE + 5, blob(matches[:4], np.uint32))
+        tables.execute("INSERT INTO two_view_geometries VALUES (?, 4, 2, ?, 3)", row)
+        tables.execute("INSERT INTO two_view_geometries VALUES (?, 0, 2, NULL, 1)", (3 * PAIR_BASE + 8,))
+        priors = [(5, blob([46.8, -92.0, 200], np.float64), 0), (8, blob([1, 2, 3], np.float64), 1)]
+        tables.executemany("INSERT INTO pose_priors VALUES (?, ?, ?)", priors)
+    tables.close()
+    return path
+
+
+def test_images_are_sorted_by_name_with_their_cameras_and_positions(tmp_path: Path) -> None:
+    found = read_database(write_database(tmp_path / "database.db"))
+    assert [photo.name for photo in found.photos] == ["a.jpg", "b.jpg", "c.jpg"]
+    assert [photo.size for photo in found.photos] == [(640, 480), (640, 480), (800, 600)]
+    assert [photo.focal_px for photo in found.photos] == [700, 700, None]
+    assert [photo.camera for photo in found.photos] == ["1", "1", "4"]
+    assert [photo.position for photo in found.photos] == [(46.8, -92.0, 200.0), None, None]
+    assert found.intrinsics[2] is None
+    np.testing.assert_array_equal(found.intrinsics[0], [700, 1, 320, 240, 0, 0.1, 0, 0, 0, 0, 0, 0])
+
+
+def test_keypoints_have_the_sizes_that_their_columns_tell(tmp_path: Path) -> None:
+    found = read_database(write_database(tmp_path / "database.db"))
+    np.testing.assert_array_equal(found.keypoints[0][0], [5, 6])
+    np.testing.assert_array_equal(found.scales[0], 7 + 4 * np.arange(5))
+    assert np.isnan(found.scales[1]).all()
+    a, b, c, d = 10 + 6 * np.arange(5) + np.arange(4)[:, None]
+    np.testing.assert_allclose(found.scales[2], np.sqrt(np.abs(a * d - b * c)), rtol=1e-15)
+
+
+def test_verified_matches_come_before_the_others(tmp_path: Path) -> None:
+    path = write_database(tmp_path / "database.db")
+    assert {pair: len(some) for pair, some in read_database(path).matches.items()} == {(1, 0): 4}
+    change(path, "DELETE FROM two_view_geometries")
+    matches = read_database(path).matches
+    assert {pair: len(some) for pair, some in matches.items()} == {(1, 0): 5, (1, 2): 5}
+    np.testing.assert_array_equal(matches[1, 2][:2], [[0, 4], [1, 3]])
+
+
+def change(path: Path, statement: str) -> None:
+    with sqlite3.connect(path) as tables:
+        tables.executescript(statement)
+    tables.close()
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("DROP TABLE keypoints", "is no database of COLMAP: it lacks keypoints"),
+        ("DROP TABLE keypoints; CREATE VIEW keypoints AS SELECT 1", "it lacks keypoints"),
+        ("ALTER TABLE images DROP COLUMN name", "is a damaged database: no such column"),
+        ("UPDATE cameras SET model = 5", "camera 1: camera model OPENCV_FISHEYE is not supported"),
+        ("UPDATE cameras SET width = 0", "image size 0x480 is impossible"),
+        ("UPDATE cameras SET params = x'00'", "has 1 bytes, must have 1 rows of 32 bytes"),
+        ("UPDATE cameras SET params = zeroblob(32)", "parameters [0.0, 0.0, 0.0, 0.0] are impossible"),
+        ("UPDATE images SET camera_id = 2", "'a.jpg': camera 2 is not in the list"),
+        ("UPDATE images SET name = 'a.jpg'", "'a.jpg' is there more than once"),
+        ("UPDATE keypoints SET rows = 1000000000000", "must have 1000000000000 rows of"),
+        ("UPDATE keypoints SET data = 'text'", "has str, must have"),
+        ("UPDATE keypoints SET cols = 3", "has 3 columns: must be 2, 4 or 6"),
+        ("UPDATE keypoints SET image_id = 9 WHERE image_id = 8", "image 9 is not in the list of images"),
+        ("UPDATE keypoints SET rows = 1, data = x'0000c07f0000c07f' WHERE cols = 2", "keypoint 0 is impo"),
+        ("UPDATE two_view_geometries SET pair_id = 7 WHERE rows > 0", "of images (0, 7): they are not in"),
+        ("UPDATE two_view_geometries SET data = x'ff' WHERE rows > 0", "must have 4 rows of 8 bytes"),
+        ("DELETE FROM images; DELETE FROM keypoints; DELETE FROM two_view_geometries; DELETE FROM matches",
+         "holds no images"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(tmp_path: Path, statement: str, reason: str) -> None:
+    path = write_database(tmp_path / "database.db")
+    change(path, statement)
+    with pytest.raises(DatasetError) as refused:
+        match_graph_of_database(path)
+    assert reason in str(refused.value)
+    assert refused.value.path == str(path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda data: data[: len(data) // 2], "is a damaged database"),
+        (lambda data: data[:200], "is a damaged database"),
+        (lambda data: b"no" + data[2:], "is no database of SQLite"),
+        (lambda data: data[:100] + bytes(len(data) - 100), "is a damaged database"),
+    ],
+)
+def test_a_damaged_file_is_refused(tmp_path: Path, damage: Callable[[bytes], bytes], reason: str) -> None:
+    path = write_database(tmp_path / "database.db")
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(DatasetError, match=reason):
+        match_graph_of_database(path)
+
+
+def pycolmaps(path: Path) -> Any:
+    """The model behind a database that pycolmap has written."""
+    pycolmap = pytest.importorskip("pycolmap")
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, 6
+    options.num_points3D = 120
+    database = pycolmap.Database.open(str(path))
+    pycolmap.set_random_seed(1)
+    model = pycolmap.synthesize_dataset(options, database)
+    database.close()
+    return model
+
+
+def test_a_database_of_pycolmap_is_reconstructed(tmp_path: Path) -> None:
+    pytest.importorskip("poselib", reason="PoseLib is not installed: pip install 'sfmcpp[vision]'")
+    model = pycolmaps(tmp_path / "database.db")
+    run = reconstruct(tmp_path / "database.db")
+    assert run.num_registered == 6
+    assert run.model is not None
+    known = {image.name: image.projection_center() for image in model.images.values()}
+    truth = np.array([known[photo.name] for photo in run.graph.photos])
+    found = run.model.poses[:, :, 3]
+    for centres in (truth, found):
+        centres -= centres.mean(axis=0)
+        centres /= np.linalg.norm(centres)
+    assert np.linalg.svd(truth.T @ found, compute_uv=False).sum() == pytest.approx(1, abs=1e-4)
