@@ -77,6 +77,7 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
         conflicting=sigmas > CONFLICT_SIGMAS,
         sensor_sigma=constraint.sensor_sigma,
         images_sigma=math.sqrt(from_images),
+        observations=view.count,
     )
 
 
