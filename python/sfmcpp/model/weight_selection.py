@@ -42,6 +42,8 @@ class ConflictReport:
     images_sigma : float
         Standard deviation that the noise of the images gives each number of the error, in `unit`; of a group:
         0.
+    observations : int
+        Images of points that tell the pose it is compared with; of a group: 0.
     """
 
     name: str
@@ -56,6 +58,7 @@ class ConflictReport:
     bias_sigmas: float = 0.0
     alike_sigmas: float = 0.0
     images_sigma: float = 0.0
+    observations: int = 0
 
     def describe(self) -> str:
         """The report in one sentence."""

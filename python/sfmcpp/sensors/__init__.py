@@ -3,7 +3,7 @@
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
 from sfmcpp.sensors.gps import earth_centred, east_north_up, geodetic_of, local_positions, position_at
-from sfmcpp.sensors.imu import orientations, rotation_increment
+from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
@@ -54,5 +54,6 @@ __all__ = [
     "require_agreement",
     "require_overlap",
     "rotation_increment",
+    "sampling_variance",
     "travelled_distance",
 ]

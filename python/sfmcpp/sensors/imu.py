@@ -88,6 +88,36 @@ def rotations_at_samples(stream: SensorStream, factor: float = 1.0) -> FloatArra
     return result
 
 
+@checked()
+def sampling_variance(stream: SensorStream) -> FloatArray:
+    """Variance of integrated rates from what these do between samples, gathered from the first sample on.
+
+    A body that shakes faster than it is sampled turns otherwise between samples than a straight line has it.
+    How far each sample is from the line through its neighbours tells by how much: of white noise with the
+    variance σ² the expected square is ``(1 + a² + b²) σ²``, the weights of the neighbours a and b, and the
+    trapezoids gather ``h² σ²`` over a step h.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of any kind: what is no rate is not integrated.
+
+    Returns
+    -------
+    (n,) float64
+        Variance about each axis, the mean of three, at each stamp [rad²]; zero of fewer than three samples.
+    """
+    t_s, rates = stream.t_s, stream.values
+    if stream.kind != "angular_rate" or len(t_s) < 3:
+        return np.zeros(len(t_s))
+    share = (t_s[1:-1] - t_s[:-2]) / (t_s[2:] - t_s[:-2])
+    between = (1 - share)[:, None] * rates[:-2] + share[:, None] * rates[2:]
+    apart = np.mean((rates[1:-1] - between) ** 2, axis=1)
+    variance = np.pad(apart / (1 + share**2 + (1 - share) ** 2), 1, mode="edge")
+    steps = np.diff(t_s) ** 2 * 0.5 * (variance[1:] + variance[:-1])
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def _integrated(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
     middles_s, lengths_s = segments(start_s, end_s, stream)
     turn = np.eye(3)

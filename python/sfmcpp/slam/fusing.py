@@ -202,6 +202,7 @@ def pose_constraint(measurement: Measurement, previous: FloatArray) -> PoseConst
         previous=previous,
         sensor_sigma=measurement.sigma,
         yields=measurement.yields,
+        slack=measurement.slack,
         name=measurement.sensor,
     )
     value = np.asarray(measurement.value)

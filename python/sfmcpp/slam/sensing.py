@@ -18,6 +18,7 @@ from sfmcpp.sensors import (
     pose_at,
     position_at,
     rotation_increment,
+    sampling_variance,
     travelled_distance,
 )
 
@@ -49,6 +50,8 @@ class Measurement:
         Whether the sensor's own stream shows that it cannot be right here: it gets no weight.
     yields : bool
         Whether a conflict with the images takes weight from it (:class:`sfmcpp.weighting.PoseConstraint`).
+    slack : float
+        What the stream shows that it may be off beyond `sigma` [m or rad]: a conflict is judged by both.
     """
 
     sensor: str
@@ -57,6 +60,7 @@ class Measurement:
     sigma: float | None
     doubtful: bool = False
     yields: bool = True
+    slack: float = 0.0
 
 
 @runtime_checkable
@@ -207,6 +211,10 @@ class Odometer:
 class Gyroscope:
     """Rotations: constrains the rotation from one keyframe to the next (thesis eq. 5.21).
 
+    Rates sampled too seldom for how the body shakes are off by more than is declared. The stream shows where
+    and by how much (:func:`sfmcpp.sensors.sampling_variance`), and conflicts are judged by that; a weight by
+    it costs more than it gains, as images of few tracks are worse still.
+
     Attributes
     ----------
     stream : SensorStream
@@ -241,7 +249,16 @@ class Gyroscope:
             return None
         drift_rad = self.drift_rad_sqrt_s * np.sqrt(end_s - start_s)
         sigma_rad = None if self.sigma_rad is None else float(np.hypot(self.sigma_rad, drift_rad))
-        return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad)
+        slack_rad = self._sampling_rad(start_s, end_s)
+        return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad, slack=slack_rad)
+
+    def _sampling_rad(self, start_s: float, end_s: float) -> float:
+        start, end = np.interp([start_s, end_s], self.stream.t_s, self._gathered_variance)
+        return float(np.sqrt(end - start))
+
+    @cached_property
+    def _gathered_variance(self) -> FloatArray:
+        return sampling_variance(self.stream)
 
 
 @dataclass(frozen=True, eq=False)

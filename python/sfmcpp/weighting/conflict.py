@@ -61,7 +61,7 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
     error = np.asarray(at["residuals"][0]).ravel()
     jacobian = np.asarray(at["jacobians"][0])
     vision = view.pixel_sigma(at["vision"]) ** 2 * _inverse(np.asarray(at["vision_normal"]))
-    sensor = (constraint.sensor_sigma or 0.0) ** 2 / constraint.unit.spread
+    sensor = math.hypot(constraint.sensor_sigma or 0.0, constraint.slack) ** 2 / constraint.unit.spread
     seen, covariance = _seen(jacobian, vision)
     freedom = seen.shape[1]
     squared = _squared_mahalanobis(seen.T @ error, covariance + sensor * np.eye(freedom))
@@ -77,6 +77,7 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
         conflicting=sigmas > CONFLICT_SIGMAS,
         sensor_sigma=constraint.sensor_sigma,
         images_sigma=math.sqrt(from_images),
+        observations=view.count,
     )
 
 

@@ -11,7 +11,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CONSTRAINT_KINDS
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.model.checks import require_one_of, require_positive
+from sfmcpp.model.checks import require_not_negative, require_one_of, require_positive
 from sfmcpp.weighting.units import ConstraintUnit, unit_of
 
 # Constraints on intrinsics are no constraints on one pose.
@@ -62,6 +62,9 @@ class PoseConstraint:
     yields : bool
         Whether a conflict with the images lowers the bounds of its weight. Not where the sensor shows by
         itself when it is wrong: then the map is.
+    slack : float
+        What the sensor may be off beyond `sensor_sigma`, where a conflict is judged; its weight is that of
+        `sensor_sigma` alone.
     name : str
         What reports call it; empty: its kind.
 
@@ -80,6 +83,7 @@ class PoseConstraint:
     intrinsics: FloatArray = field(default_factory=lambda: np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
     sensor_sigma: float | None = None
     yields: bool = True
+    slack: float = 0.0
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -89,6 +93,7 @@ class PoseConstraint:
             raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
         if self.sensor_sigma is not None:
             require_positive("sensor_sigma", self.sensor_sigma)
+        require_not_negative("slack", self.slack)
         self._freeze("rotation", self.rotation, (3, 3))
         self._freeze("translation", self.translation, (3,))
         self._freeze("points", self.points, (ANY, 3))

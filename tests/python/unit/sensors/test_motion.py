@@ -16,6 +16,7 @@ from sfmcpp.sensors import (
     pose_stream_values,
     predict_pose,
     rotation_increment,
+    sampling_variance,
     travelled_distance,
 )
 
@@ -33,6 +34,30 @@ def test_the_error_of_integration_falls_with_the_square_of_the_step() -> None:
         angle_between(np.asarray(rotation_increment(gyro(rate), 0.0, 4.0)), truth) for rate in (10.0, 20.0)
     )
     assert coarse / fine == pytest.approx(4.0, rel=0.1)
+
+
+def test_what_rates_do_between_samples_shows_in_the_samples() -> None:
+    """Of a body that shakes so quickly next to no angle is left; the trapezoids hold what was sampled."""
+    t_s, sigma = np.arange(0, 1000, 0.1), 0.02
+    smooth = np.outer(0.1 * np.sin(0.5 * t_s), [1.0, 0.0, 0.0])
+    rates = smooth + sigma * np.random.default_rng(0).standard_normal((len(t_s), 3))
+    stream = SensorStream(t_s, rates, "angular_rate")
+    off = []
+    for start in range(0, len(stream) - 10, 10):
+        begin, end = t_s[[start, start + 10]]
+        found = Rotation.from_matrix(rotation_increment(stream, begin, end)).as_rotvec()
+        off.append(found - np.array([0.2 * (np.cos(0.5 * begin) - np.cos(0.5 * end)), 0.0, 0.0]))
+    told = sampling_variance(stream)[-1] / len(off)
+    assert np.mean(np.square(off)) == pytest.approx(told, rel=0.1)
+
+
+def test_smooth_rates_and_orientations_gather_no_such_variance() -> None:
+    """Of smooth rates it falls with the fifth power of the step."""
+    coarse, fine = (sampling_variance(gyro(rate))[-1] for rate in (20.0, 40.0))
+    assert coarse / fine == pytest.approx(32, rel=0.1)
+    orientation = SensorStream(np.arange(4.0), np.zeros((4, 3)), "orientation")
+    assert not sampling_variance(orientation).any()
+    assert not sampling_variance(SensorStream(np.arange(2.0), np.eye(2, 3), "angular_rate")).any()
 
 
 def test_increments_compose() -> None:

@@ -14,7 +14,8 @@ from winding import AT_CAMERA, winding
 
 
 def report(sigmas: float = 0.5, **more: float | None) -> ConflictReport:
-    return ConflictReport("odometer", 0.01, "m", sigmas**2, 1, sigmas, sigmas > 3, **more)  # type: ignore[arg-type]
+    told = {"observations": 40} | more
+    return ConflictReport("odometer", 0.01, "m", sigmas**2, 1, sigmas, sigmas > 3, **told)  # type: ignore[arg-type]
 
 
 def test_sigma_is_what_is_apart_less_what_the_images_make_of_it() -> None:
@@ -72,6 +73,15 @@ def test_one_strong_conflict_is_named_where_it_is_not_usual(others: float, named
     assert bool(told) == named
     if named:
         assert "disagrees with the images at a keyframe, by up to 9 σ" in told[0]
+
+
+@pytest.mark.parametrize(("points", "named"), [(21, False), (22, True)])
+def test_few_points_say_nothing_against_a_sensor(points: int, named: bool) -> None:
+    known = Experience()
+    for k in range(20):
+        strange = {"observations": points} if 7 <= k < 14 else {}
+        known.add(report(9.0 if strange else 0.5, sensor_sigma=0.02, **strange))
+    assert bool(known.describe("odometer")) == named
 
 
 def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:

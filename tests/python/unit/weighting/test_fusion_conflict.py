@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
 from fusion_helpers import Array, Drive, error_vector, make_drive, moved, project
-from sfmcpp.weighting import PoseConstraint, conflict, refine_pose
+from sfmcpp.weighting import PoseConstraint, conflict, declared_weight, refine_pose
 from sfmcpp.weighting.conflict import equivalent_sigmas
 
 
@@ -113,3 +115,14 @@ def test_sentence_names_sensor_distance_unit_and_sigmas() -> None:
         .describe()
         .startswith("GPS (taken as exact) agrees with the images")
     )
+
+
+def test_a_conflict_is_judged_by_the_slack_of_a_sensor_its_weight_is_not() -> None:
+    drive = make_drive(0)
+    pose = refine_pose(drive.view, [], drive.truth).pose
+    strict = drive.gyro(0.01, declared=0.003)
+    lax, wide = replace(strict, slack=0.004), replace(strict, sensor_sigma=0.005)
+    told = conflict(drive.view, lax, pose)
+    assert told.squared_mahalanobis == pytest.approx(conflict(drive.view, wide, pose).squared_mahalanobis)
+    assert told.sigmas < conflict(drive.view, strict, pose).sigmas
+    assert declared_weight(lax, 40, 1.0) == declared_weight(strict, 40, 1.0)
