@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,6 +52,8 @@ class Map(Store):
     camera_model : str
         Of all cameras: ``"perspective"`` holds what ``"calibrated"`` and ``"bal"`` do.
     """
+
+    made_into: ClassVar[dict[str, str]] = {"Problem": "sfmcpp.map.problem_of_map"}
 
     def observe(self, rows: ArrayLike, points: ArrayLike) -> None:
         """Say which points some keypoints see.

@@ -160,7 +160,9 @@ def _instance_rule(cls: type) -> Rule:
 
     def rule(name: str, value: Any) -> Any:
         if not isinstance(value, cls):
-            raise InvalidArgument(f"{name} = {value!r}: must be {article} {cls.__name__}")
+            way = getattr(type(value), "made_into", {}).get(cls.__name__)
+            hint = "" if way is None else f", which {way} makes of it"
+            raise InvalidArgument(f"{name} = {value!r}: must be {article} {cls.__name__}{hint}")
         return value
 
     return rule

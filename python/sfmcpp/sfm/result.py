@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from sfmcpp.map import Map
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.map import Map, problem_of_map
+from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.match_graph import MatchGraph
 
@@ -72,7 +75,7 @@ class GpsOutcome:
 
 @dataclass(eq=False)
 class SfmRun:
-    """A reconstruction that has ended.
+    """A reconstruction that has ended; :meth:`problem` makes a model a :class:`Problem`.
 
     Attributes
     ----------
@@ -106,10 +109,35 @@ class SfmRun:
     gps: GpsOutcome | None = None
     interrupted: bool = False
 
+    made_into: ClassVar[dict[str, str]] = {"Problem": "its method problem()"}
+
     @property
     def model(self) -> Map | None:
         """The largest model, or None."""
         return self.models[0] if self.models else None
+
+    @checked()
+    def problem(self, model: int = 0) -> Problem:
+        """One of the models as a problem, to be solved, examined or written in any format.
+
+        Parameters
+        ----------
+        model : int
+            Which, 0 the largest.
+
+        Returns
+        -------
+        Problem
+            A copy: images with a pose and points with a position, with names, colours and all keypoints.
+
+        Raises
+        ------
+        InvalidArgument
+            If there is no such model.
+        """
+        if not 0 <= model < len(self.models):
+            raise InvalidArgument(f"model = {model!r}: the run has {len(self.models)} models")
+        return problem_of_map(self.models[model])
 
     @property
     def num_registered(self) -> int:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfmcpp.errors import DatasetError
+import sfmcpp
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import match_graph_of_database, reconstruct
 from sfmcpp.sources.io.colmap.database import read_database
 
@@ -158,6 +159,15 @@ def test_a_database_of_pycolmap_is_reconstructed(tmp_path: Path) -> None:
     model = pycolmaps(tmp_path / "database.db")
     run = reconstruct(tmp_path / "database.db")
     assert run.num_registered == 6
+    problem = run.problem()
+    assert problem.metadata.image_names == [photo.name for photo in run.graph.photos]
+    assert sfmcpp.to_pycolmap(problem).num_points3D() == problem.num_points > 100
+    with pytest.raises(InvalidArgument, match="model = 1: the run has 1 models"):
+        run.problem(1)
+    with pytest.raises(InvalidArgument, match="a Problem, which its method problem"):
+        sfmcpp.solve(run)
+    with pytest.raises(InvalidArgument, match=r"a Problem, which sfmcpp\.map\.problem_of_map makes of it"):
+        sfmcpp.write(run.model, tmp_path / "model")
     assert run.model is not None
     known = {image.name: image.projection_center() for image in model.images.values()}
     truth = np.array([known[photo.name] for photo in run.graph.photos])
