@@ -142,7 +142,7 @@ def _finished(
         from sfmcpp.cli.display import print_summary
         from sfmcpp.study.gps_rows import gps_rows
 
-        placed = () if gps is None else gps_rows(gps)
+        placed = () if gps is None else (*gps_rows(gps), *(("warning", told) for told in gps.warnings))
         print_summary(job.source, size, summary, seconds_read, job.targets, placed)
     return _exit_code(job, summary, complaints)
 

@@ -24,6 +24,7 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sfm.adjusting import FINE
+from sfmcpp.sfm.position_checks import beyond_judgement, unchecked
 from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -43,6 +44,11 @@ _ROUNDS = 8
 _JUDGED = 100
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
+
+_UNCHECKED = (
+    "how the model lies in the world, such as its roll about the line of the other positions, hangs on the "
+    "position of {} alone: the others cannot check it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +214,7 @@ def _georeferenced(
     _require_enough(metres)
     stated_m = told.stated_sigma_m if _is_told(problem, positions) else None
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
+    good |= beyond_judgement(problem.centres[images], metres, weights, good)
     for _ in range(_ROUNDS):
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
         placed = _placed(problem.centres[images[good]], metres[good], weights[good])
@@ -218,10 +225,12 @@ def _georeferenced(
         apart = problem.centres[images] - metres
         misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
         agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
+        agrees |= beyond_judgement(problem.centres[images], metres, weights, agrees)
         if (agrees == good).all():
             break
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
+    alone = good & unchecked(problem.centres[images], weights, good)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
         accuracy_m=_centre_sigma_m(problem, group, options),
@@ -230,6 +239,7 @@ def _georeferenced(
         geodetic=positions.geodetic,
         stated_sigma_m=told.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
+        warnings=[_UNCHECKED.format(names[image]) for image in images[alone]],
     )
     return Georeferenced(outcome, group)
 

@@ -54,6 +54,8 @@ class GpsOutcome:
     stated_sigma_m : float or None
         Where positions came with standard deviations: their median [m], beside which `sigma_m` is what it
         turned out to be. The others are right or wrong by the same factor.
+    warnings : list of str
+        What may be wrong with the positions as a whole, in sentences.
     """
 
     sigma_m: float
@@ -63,6 +65,7 @@ class GpsOutcome:
     residuals_m: dict[str, float]
     geodetic: bool = True
     stated_sigma_m: float | None = None
+    warnings: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""

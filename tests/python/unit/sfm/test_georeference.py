@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import sfmcpp
+from flights import flight, in_a_frame_of_its_own, tilt_deg
 from sfm_scenes import match_graph
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity
-from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
@@ -114,19 +113,6 @@ def camera_errors_m(problem: Problem, truth: FloatArray) -> FloatArray:
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 
 
-def in_a_frame_of_its_own(truth: Problem, seed: int) -> Problem:
-    """Far off, turned, of another scale, and perturbed."""
-    random = np.random.default_rng([seed, 4])
-    turn = nearest_rotation(random.normal(size=(3, 3)))
-    away = Similarity(0.07, turn, random.normal(0, 50.0, 3))
-    problem = sfmcpp.perturb(
-        truth, point_sigma_m=0.3, position_sigma_m=0.3, rotation_sigma_deg=0.3, seed=seed
-    )
-    problem.cameras[:] = away.apply_to_poses(problem.cameras)
-    problem.points[:] = away.apply(problem.points)
-    return problem
-
-
 def scene(seed: int) -> Problem:
     return sfmcpp.circle_scene(40, 300, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=seed)
 
@@ -202,6 +188,29 @@ def test_of_a_large_problem_deviations_must_be_stated(monkeypatch: pytest.Monkey
     expected = chosen.group.weight * (chosen.outcome.sigma_m / 0.3) ** 2
     assert found.group.weight == pytest.approx(expected, rel=0.02)
     assert camera_errors_m(problem, truth.centres).max() < 0.3
+
+
+# Six photos of a line of flight, and one aside of it.
+LINE_AND_ONE = np.append(np.outer(np.arange(6), [10.0, 10.0]), [[40.0, 5.0]], axis=0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
+    truth = flight(LINE_AND_ONE, seed)
+    gps = truth.centres + np.random.default_rng(seed).normal(0, 0.05, truth.centres.shape)
+    problem = in_a_frame_of_its_own(truth, seed)
+    found = georeference(problem, gps).outcome
+    assert not found.outliers
+    assert tilt_deg(problem, truth) < 1
+    (warning,) = found.warnings
+    assert "hangs on the position of 6 alone" in warning
+
+
+def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
+    truth = flight(LINE_AND_ONE, 0)
+    gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
+    gps[6] += [500.0, 0.0, 0.0]
+    assert georeference(in_a_frame_of_its_own(truth, 0), gps).outcome.outliers == ["6"]
 
 
 def test_what_a_problem_lacks_is_refused() -> None:
