@@ -24,6 +24,7 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sfm.adjusting import FINE
+from sfmcpp.sfm.handedness import swapped_axes
 from sfmcpp.sfm.position_checks import beyond_judgement, unchecked
 from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
@@ -49,6 +50,10 @@ _UNCHECKED = (
     "how the model lies in the world, such as its roll about the line of the other positions, hangs on the "
     "position of {} alone: the others cannot check it"
 )
+_SWAPPED = {
+    True: "latitude and longitude of the positions may be swapped",
+    False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +236,7 @@ def _georeferenced(
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
     alone = good & unchecked(problem.centres[images], weights, good)
+    swapped = swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
         accuracy_m=_centre_sigma_m(problem, group, options),
@@ -239,7 +245,10 @@ def _georeferenced(
         geodetic=positions.geodetic,
         stated_sigma_m=told.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
-        warnings=[_UNCHECKED.format(names[image]) for image in images[alone]],
+        warnings=[
+            *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
+            *(_UNCHECKED.format(names[image]) for image in images[alone]),
+        ],
     )
     return Georeferenced(outcome, group)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
@@ -17,7 +18,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors.gps import east_north_up
+from sfmcpp.sensors.gps import east_north_up, geodetic_of
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
@@ -211,6 +212,43 @@ def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
     gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
     gps[6] += [500.0, 0.0, 0.0]
     assert georeference(in_a_frame_of_its_own(truth, 0), gps).outcome.outliers == ["6"]
+
+
+GRID = np.stack(np.meshgrid(np.arange(4) * 12.0, np.arange(3) * 20.0), axis=2).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "axes", "told"),
+    [
+        (0.03, [0, 1, 2], None),
+        (0.03, [1, 0, 2], "x and y of the positions may be swapped.*: mirrored they would fit"),
+        (2.0, [0, 1, 2], None),
+        (2.0, [1, 0, 2], "x and y of the positions may be swapped.*: the cameras look up to the sky"),
+    ],
+)
+def test_swapped_axes_are_told_by_the_fit_or_by_where_cameras_look(
+    sigma_m: float, axes: list[int], told: str | None
+) -> None:
+    truth = flight(GRID, 0)
+    gps = truth.centres + np.random.default_rng(0).normal(0, sigma_m, truth.centres.shape)
+    found = georeference(in_a_frame_of_its_own(truth, 0), gps[:, axes]).outcome
+    assert bool(found.warnings) == (told is not None)
+    if told is not None:
+        assert re.search(told, found.warnings[0])
+
+
+def test_latitudes_and_longitudes_that_are_swapped_are_named() -> None:
+    truth = flight(GRID, 1)
+    gps = geodetic_of(truth.centres, [46.5, 9.25, 300.0])
+    found = georeference(in_a_frame_of_its_own(truth, 1), gps[:, [1, 0, 2]], geodetic=True).outcome
+    assert "latitude and longitude of the positions may be swapped" in found.warnings[0]
+
+
+def test_cameras_on_their_heads_are_named() -> None:
+    truth = scene(2)
+    gps = truth.centres * [1.0, -1.0, -1.0] + np.random.default_rng(2).normal(0, 0.3, truth.centres.shape)
+    (warning,) = georeference(in_a_frame_of_its_own(truth, 2), gps).outcome.warnings
+    assert warning.endswith("or z is not up: the cameras stand on their heads")
 
 
 def test_what_a_problem_lacks_is_refused() -> None:
