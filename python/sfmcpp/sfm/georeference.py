@@ -50,6 +50,7 @@ _UNCHECKED = (
     "how the model lies in the world, such as its roll about the line of the other positions, hangs on the "
     "position of {} alone: the others cannot check it"
 )
+_NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
 _SWAPPED = {
     True: "latitude and longitude of the positions may be swapped",
     False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
@@ -214,6 +215,7 @@ def _georeferenced(
 ) -> Georeferenced:
     """Move and adjust a problem whose images alone are adjusted; `moved` hears of each move."""
     images = np.flatnonzero(positions.known)
+    no_fix = np.zeros(len(names)) if positions.no_fix is None else positions.no_fix
     told = positions.of(images)
     metres, weights = told.metres, told.member_weights
     _require_enough(metres)
@@ -221,6 +223,7 @@ def _georeferenced(
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
     good |= beyond_judgement(problem.centres[images], metres, weights, good)
     for _ in range(_ROUNDS):
+        _require_off_a_line(metres[good], [names[image] for image in images[~good]])
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
         placed = _placed(problem.centres[images[good]], metres[good], weights[good])
         problem.cameras[:] = placed.apply_to_poses(problem.cameras)
@@ -246,6 +249,7 @@ def _georeferenced(
         stated_sigma_m=told.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
         warnings=[
+            *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
             *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
             *(_UNCHECKED.format(names[image]) for image in images[alone]),
         ],
@@ -258,10 +262,14 @@ def _require_enough(metres: FloatArray) -> None:
         raise InvalidArgument(
             f"gps: {len(metres)} images of the model have a position, {LEAST_POSITIONS} are needed"
         )
+
+
+def _require_off_a_line(metres: FloatArray, lies: list[str]) -> None:
     spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
     if spread[1] <= _LINE * spread[0]:
+        but = f" but for those that disagree ({', '.join(lies[:3])})" if lies else ""
         raise InvalidArgument(
-            "gps: the positions lie on a line, which leaves the model free to turn round it"
+            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
         )
 
 

@@ -22,6 +22,7 @@ from sfmcpp.sensors.gps import east_north_up, geodetic_of
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
+from sfmcpp.sfm.position_names import named_alike
 from sfmcpp.sfm.positions import Positions, local_positions, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -211,7 +212,8 @@ def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
     truth = flight(LINE_AND_ONE, 0)
     gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
     gps[6] += [500.0, 0.0, 0.0]
-    assert georeference(in_a_frame_of_its_own(truth, 0), gps).outcome.outliers == ["6"]
+    with pytest.raises(InvalidArgument, match=r"but for those that disagree \(6\) lie on a line"):
+        georeference(in_a_frame_of_its_own(truth, 0), gps)
 
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 12.0, np.arange(3) * 20.0), axis=2).reshape(-1, 2)
@@ -267,6 +269,42 @@ def test_what_a_problem_lacks_is_refused() -> None:
 def test_a_fix_at_zero_zero_does_not_move_the_origin() -> None:
     rows = np.array([[46.0, 9.0, 1.0], [46.1, 9.1, 2.0], [0.0, 0.0, 0.0], [46.2, 9.2, 3.0], [46.3, 9.3, 4.0]])
     assert local_positions(rows, geodetic=True).origin.tolist() == [46.1, 9.1, 2.0]
+
+
+@pytest.mark.parametrize("geodetic", [True, False])
+def test_a_position_of_no_fix_is_named_and_left_out(geodetic: bool) -> None:
+    truth = flight(GRID, 2)
+    gps = truth.centres + np.random.default_rng(2).normal(0, 0.1, truth.centres.shape)
+    gps = geodetic_of(gps, [46.5, 9.25, 300.0]) if geodetic else gps + UTM
+    gps[4] = 0
+    found = georeference(in_a_frame_of_its_own(truth, 2), gps, geodetic=geodetic).outcome
+    assert found.warnings == ["the position of 4 is at zero: left out, the receiver had no fix"]
+    assert not found.outliers
+    assert found.sigma_m == pytest.approx(0.1, rel=0.5)
+
+
+def test_zero_is_a_place_where_the_others_are_near() -> None:
+    rows = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 10.0, 1.0]])
+    assert local_positions(rows, geodetic=False).known.all()
+
+
+def test_a_far_lie_does_not_put_the_others_on_a_line() -> None:
+    truth = flight(GRID, 3)
+    gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
+    gps[4] += 1e6
+    assert georeference(in_a_frame_of_its_own(truth, 3), gps).outcome.outliers == ["4"]
+
+
+def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
+    images = ["a/1.JPG", "b/1.JPG", "2.JPG", "3.jpg"]
+    told = ["/sd/a/1.jpg", r"C:\dcim\b\1.JPG", "x/2.jpeg", "3.jpg", "y/3.JPG"]
+    assert named_alike(images, told) == {"a/1.JPG": told[0], "b/1.JPG": told[1], "3.jpg": "3.jpg"}
+    with pytest.raises(InvalidArgument, match=r"position of 1\.jpg may be that of a/1\.JPG or of b/1\.JPG"):
+        named_alike(images, ["1.jpg"])
+    with pytest.raises(
+        InvalidArgument, match=r"positions of m/2\.jpg and of n/2\.jpg may both be those of 2\.JPG"
+    ):
+        named_alike(images, ["n/2.jpg", "m/2.jpg"])
 
 
 def test_the_same_bits_for_the_same_seed() -> None:
