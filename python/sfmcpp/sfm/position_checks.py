@@ -11,7 +11,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import fit_similarity
-from sfmcpp.geometry.so3 import hat
+from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 # Below it a coordinate counts as not checked; Förstner's usual bound.
@@ -36,7 +36,8 @@ def unchecked(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> B
     -------
     (n,) bool
     """
-    rows = np.sqrt(weights)[:, :, None] * _similarity_jacobians(centres - centres[trusted].mean(axis=0))
+    around = centres - centres[trusted].mean(axis=0)
+    rows = np.sqrt(weights)[:, :, None] * motions_of_positions(around / np.linalg.norm(around, axis=1).max())
     normals = np.swapaxes(rows, 1, 2) @ rows
     together = normals[trusted].sum(axis=0) + np.where(trusted[:, None, None], 0.0, normals)
     hats = rows @ np.linalg.pinv(together, hermitian=True) @ np.swapaxes(rows, 1, 2)
@@ -79,10 +80,3 @@ def _explained(centres: FloatArray, metres: FloatArray, trusted: BoolArray, imag
     left = np.linalg.norm(placed.apply(centres[image]) - metres[image])
     lever = np.linalg.norm(metres[image] - metres[trusted].mean(axis=0))
     return bool(left <= _UNEXPLAINED * lever)
-
-
-def _similarity_jacobians(points: FloatArray) -> FloatArray:
-    """(n, 3, 7) derivatives of points (n, 3) by shift, turn and scale; lengths in units of their spread."""
-    unit = points / np.sqrt((points**2).sum(axis=1).mean())
-    shift = np.broadcast_to(np.eye(3), (len(unit), 3, 3))
-    return np.concatenate([shift, -hat(unit), unit[:, :, None]], axis=2)
