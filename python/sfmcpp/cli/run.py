@@ -14,14 +14,13 @@ from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
-from sfmcpp.cli.georeferencing import Gps, camera_positions
+from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read, read_part, write, write_part
-from sfmcpp.sources.io.position_files import write_positions
 from sfmcpp.weighting import solve
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def solve_file(job: Job) -> ExitCode:
         complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
         outcome = None if georeferenced is None else georeferenced.outcome
         complaints += _complaints(
-            lambda path: write_positions(path, camera_positions(problem, outcome)), job.targets.positions
+            lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
         return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints, gps=outcome)
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _LINE = 0.01
 _ROUNDS = 8
 # Cameras whose covariance tells the accuracy of all, at most.
-_JUDGED = 100
+_JUDGED = 300
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 
@@ -240,14 +240,16 @@ def _georeferenced(
     distances = np.linalg.norm(apart, axis=1)
     alone = good & unchecked(problem.centres[images], weights, good)
     swapped = swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
+    judged, sigmas_m = _centre_sigmas_m(problem, group, options)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
-        accuracy_m=_centre_sigma_m(problem, group, options),
+        accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
         outliers=[names[image] for image in images[~good]],
         origin=positions.origin,
         geodetic=positions.geodetic,
         stated_sigma_m=told.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
+        sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
         warnings=[
             *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
             *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
@@ -301,13 +303,15 @@ def _adjust(
     return group, chosen.sensor_sigma
 
 
-def _centre_sigma_m(problem: Problem, group: ConstraintGroup, options: dict[str, Any]) -> float:
-    """Standard deviation of a coordinate of a camera's centre in the world, RMS over images all along [m]."""
+def _centre_sigmas_m(
+    problem: Problem, group: ConstraintGroup, options: dict[str, Any]
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Images all along, and the standard deviations (n, 3) of their centres in the world [m]."""
     model = _linear(problem, [group], options)
     count = problem.num_cameras
     judged = np.unique(np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32))
     variances = [np.diag(block)[3:6] for block in model.covariance(cameras=judged).cameras]
-    return float(np.sqrt(np.mean(variances) * _pixel_variance(model)))
+    return judged, np.sqrt(np.array(variances) * _pixel_variance(model))
 
 
 def _linear(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:
