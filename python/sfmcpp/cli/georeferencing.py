@@ -11,7 +11,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
-from sfmcpp.sources.io.position_files import require_positions_format
+from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions
 
 if TYPE_CHECKING:
     from sfmcpp.sfm.georeference import Georeferenced
@@ -71,8 +71,21 @@ class Gps:
         return None if self.source is None else read_position_csv(self.source, numbered=True)
 
 
-def camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:
-    """Where the cameras of a problem are: in the frame of the positions it was brought to, or in its own."""
+def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None) -> None:
+    """Write where the cameras of a problem are, and how that compares with the positions it was brought to.
+
+    They are in the frame of those, or in the problem's own.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be written, or cannot hold them.
+    """
+    given = None if gps is None else GivenPositions(gps.residuals_m, gps.outliers)
+    write_positions(path, _camera_positions(problem, gps), given)
+
+
+def _camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:
     from sfmcpp.sfm.georeference import image_names
 
     if gps is None:
@@ -80,4 +93,7 @@ def camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions
     else:
         rows = geodetic_of(problem.centres, gps.origin) if gps.geodetic else problem.centres + gps.origin
     named = {name: (x, y, z) for name, (x, y, z) in zip(image_names(problem), rows.tolist(), strict=True)}
-    return NamedPositions(named, gps is not None and gps.geodetic)
+    if gps is None:
+        return NamedPositions(named, False)
+    sigmas = {name: (x, y, z) for name, (x, y, z) in ((n, s.tolist()) for n, s in gps.sigmas_m.items())}
+    return NamedPositions(named, gps.geodetic, sigmas)

@@ -14,7 +14,7 @@ from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
-from sfmcpp.cli.georeferencing import Gps, camera_positions
+from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_left_out
 from sfmcpp.cli.stopping import ctrl_c_noted
@@ -22,7 +22,6 @@ from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read_part, write, write_part
-from sfmcpp.sources.io.position_files import write_positions
 from sfmcpp.weighting import solve
 
 if TYPE_CHECKING:
@@ -94,7 +93,7 @@ def solve_file(job: Job) -> ExitCode:
         complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
         outcome = None if georeferenced is None else georeferenced.outcome
         complaints += _complaints(
-            lambda path: write_positions(path, camera_positions(problem, outcome)), job.targets.positions
+            lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
         return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints, gps=outcome)
 
@@ -143,7 +142,7 @@ def _finished(
         from sfmcpp.cli.display import print_summary
         from sfmcpp.study.gps_rows import gps_rows
 
-        placed = () if gps is None else gps_rows(gps)
+        placed = () if gps is None else (*gps_rows(gps), *(("warning", told) for told in gps.warnings))
         print_summary(job.source, size, summary, seconds_read, job.targets, placed)
     return _exit_code(job, summary, complaints)
 

@@ -10,7 +10,7 @@ from sfmcpp.ba import LinearModel, linearize
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.so3 import hat
+from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 
@@ -119,12 +119,6 @@ def _normalised(moved: FloatArray, sizes: FloatArray) -> FloatArray:
     norms = np.linalg.norm(sizes, axis=0)
     unit = moved / np.where(norms > 0, norms, 1.0)
     return np.asarray(unit.T @ unit)
-
-
-def motions_of_positions(positions: FloatArray) -> FloatArray:
-    """(n, 3, 7) response of positions (n, 3): ``ω × X + v + s X``."""
-    identity = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
-    return np.concatenate([-hat(positions), identity, positions[:, :, None]], axis=2)
 
 
 def _turns(rotations: FloatArray) -> FloatArray:

@@ -10,10 +10,9 @@ import numpy as np
 from sfmcpp.ba import LinearModel, SolveOptions, Summary
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.gauge import motions_of_positions
 from sfmcpp.doctor.trial import adjust_or_stop
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.geometry.similarity import fit_similarity, motions_of_positions
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.synthetic import perturb

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.geometry.so3 import hat, nearest_rotation
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import is_rotation, require_positive
@@ -80,6 +80,12 @@ class Similarity:
         return Similarity(
             self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation)
         )
+
+
+def motions_of_positions(positions: FloatArray) -> FloatArray:
+    """(n, 3, 7) response of positions (n, 3) to turn, shift and change of scale: ``ω × X + v + s X``."""
+    identity = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
+    return np.concatenate([-hat(positions), identity, positions[:, :, None]], axis=2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sfm.adjusting import FINE
+from sfmcpp.sfm.handedness import swapped_axes
+from sfmcpp.sfm.position_checks import beyond_judgement, unchecked
 from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -40,9 +42,19 @@ if TYPE_CHECKING:
 _LINE = 0.01
 _ROUNDS = 8
 # Cameras whose covariance tells the accuracy of all, at most.
-_JUDGED = 100
+_JUDGED = 300
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
+
+_UNCHECKED = (
+    "how the model lies in the world, such as its roll about the line of the other positions, hangs on the "
+    "position of {} alone: the others cannot check it"
+)
+_NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
+_SWAPPED = {
+    True: "latitude and longitude of the positions may be swapped",
+    False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,12 +215,15 @@ def _georeferenced(
 ) -> Georeferenced:
     """Move and adjust a problem whose images alone are adjusted; `moved` hears of each move."""
     images = np.flatnonzero(positions.known)
+    no_fix = np.zeros(len(names)) if positions.no_fix is None else positions.no_fix
     told = positions.of(images)
     metres, weights = told.metres, told.member_weights
     _require_enough(metres)
     stated_m = told.stated_sigma_m if _is_told(problem, positions) else None
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
+    good |= beyond_judgement(problem.centres[images], metres, weights, good)
     for _ in range(_ROUNDS):
+        _require_off_a_line(metres[good], [names[image] for image in images[~good]])
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
         placed = _placed(problem.centres[images[good]], metres[good], weights[good])
         problem.cameras[:] = placed.apply_to_poses(problem.cameras)
@@ -218,18 +233,28 @@ def _georeferenced(
         apart = problem.centres[images] - metres
         misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
         agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
+        agrees |= beyond_judgement(problem.centres[images], metres, weights, agrees)
         if (agrees == good).all():
             break
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
+    alone = good & unchecked(problem.centres[images], weights, good)
+    swapped = swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
+    judged, sigmas_m = _centre_sigmas_m(problem, group, options)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
-        accuracy_m=_centre_sigma_m(problem, group, options),
+        accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
         outliers=[names[image] for image in images[~good]],
         origin=positions.origin,
         geodetic=positions.geodetic,
         stated_sigma_m=told.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
+        sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
+        warnings=[
+            *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
+            *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
+            *(_UNCHECKED.format(names[image]) for image in images[alone]),
+        ],
     )
     return Georeferenced(outcome, group)
 
@@ -239,10 +264,14 @@ def _require_enough(metres: FloatArray) -> None:
         raise InvalidArgument(
             f"gps: {len(metres)} images of the model have a position, {LEAST_POSITIONS} are needed"
         )
+
+
+def _require_off_a_line(metres: FloatArray, lies: list[str]) -> None:
     spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
     if spread[1] <= _LINE * spread[0]:
+        but = f" but for those that disagree ({', '.join(lies[:3])})" if lies else ""
         raise InvalidArgument(
-            "gps: the positions lie on a line, which leaves the model free to turn round it"
+            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
         )
 
 
@@ -274,13 +303,15 @@ def _adjust(
     return group, chosen.sensor_sigma
 
 
-def _centre_sigma_m(problem: Problem, group: ConstraintGroup, options: dict[str, Any]) -> float:
-    """Standard deviation of a coordinate of a camera's centre in the world, RMS over images all along [m]."""
+def _centre_sigmas_m(
+    problem: Problem, group: ConstraintGroup, options: dict[str, Any]
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Images all along, and the standard deviations (n, 3) of their centres in the world [m]."""
     model = _linear(problem, [group], options)
     count = problem.num_cameras
     judged = np.unique(np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32))
     variances = [np.diag(block)[3:6] for block in model.covariance(cameras=judged).cameras]
-    return float(np.sqrt(np.mean(variances) * _pixel_variance(model)))
+    return judged, np.sqrt(np.array(variances) * _pixel_variance(model))
 
 
 def _linear(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sensors.gps import east_north_up
+from sfmcpp.sfm.position_names import named_alike
 
 # Fewer positions leave nothing to judge them by.
 LEAST_POSITIONS = 5
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].
 _GRID_M = 1000.0
+# A position at zero is none where the others are farther from there than any flight goes [m].
+_FAR_M = 100e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +35,15 @@ class Positions:
         Which of both.
     sigmas_m : (I, 3) float64 or None
         Standard deviations along the axes, as stated [m].
+    no_fix : (I,) bool or None
+        Which of the unknown ones a receiver without a fix has put at zero.
     """
 
     metres: FloatArray
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     geodetic: bool = False
     sigmas_m: FloatArray | None = None
+    no_fix: BoolArray | None = None
 
     @property
     def known(self) -> BoolArray:
@@ -59,7 +65,8 @@ class Positions:
     def of(self, images: NDArray[np.intp] | BoolArray) -> Positions:
         """The positions of some of the images."""
         sigmas = None if self.sigmas_m is None else self.sigmas_m[images]
-        return replace(self, metres=self.metres[images], sigmas_m=sigmas)
+        no_fix = None if self.no_fix is None else self.no_fix[images]
+        return replace(self, metres=self.metres[images], sigmas_m=sigmas, no_fix=no_fix)
 
 
 def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | None = None) -> Positions:
@@ -78,7 +85,8 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
     -------
     Positions
         Geodetic ones in the tangent plane of their median, others from an origin on whole kilometres, as
-        coordinates of millions of metres would cost digits.
+        coordinates of millions of metres would cost digits. Positions at zero, far from the others, are
+        unknown.
 
     Raises
     ------
@@ -97,7 +105,9 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
     metres = np.full(rows.shape, np.nan)
     origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M
     metres[told] = east_north_up(rows[told], origin) if geodetic else rows[told] - origin
-    return Positions(metres, origin, geodetic, sigmas_m)
+    lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
+    metres[lost] = np.nan
+    return Positions(metres, origin, geodetic, sigmas_m, lost)
 
 
 def positions_of(
@@ -114,7 +124,7 @@ def positions_of(
     names : list of I str
         Names of images.
     known : mapping
-        Positions by name; names that are no image's are left alone.
+        Positions by name, see :func:`named_alike`; names that are no image's are left alone.
     geodetic : bool
         Whether they are latitude, longitude [deg, WGS84] and height [m]; else x, y, z [m].
     sigmas : mapping, optional
@@ -128,14 +138,16 @@ def positions_of(
     Raises
     ------
     InvalidArgument
-        If no name is an image's, or a latitude is out of range.
+        If no name is an image's, one may be that of several, or a latitude is out of range.
     """
-    if not any(name in known for name in names):
+    alike = named_alike(names, known)
+    if not alike:
         listed = ", ".join(list(known)[:3])
         raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image")
-    stated = None if sigmas is None else _in_order(names, sigmas)
-    return local_positions(_in_order(names, known), geodetic, stated)
+    told = [alike.get(name) for name in names]
+    stated = None if sigmas is None else _in_order(told, sigmas)
+    return local_positions(_in_order(told, known), geodetic, stated)
 
 
-def _in_order(names: list[str], known: Mapping[str, tuple[float, float, float]]) -> FloatArray:
-    return np.array([known.get(name, (np.nan,) * 3) for name in names]).reshape(-1, 3)
+def _in_order(told: list[str | None], known: Mapping[str, tuple[float, float, float]]) -> FloatArray:
+    return np.array([(np.nan,) * 3 if name is None else known[name] for name in told]).reshape(-1, 3)

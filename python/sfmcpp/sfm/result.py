@@ -57,6 +57,11 @@ class GpsOutcome:
     stated_sigma_m : float or None
         Where positions came with standard deviations: their median [m], beside which `sigma_m` is what it
         turned out to be. The others are right or wrong by the same factor.
+    sigmas_m : dict
+        Standard deviations (3,) of the centre of each image along the axes of the world, by name [m]; of many
+        images, of 300 all along.
+    warnings : list of str
+        What may be wrong with the positions as a whole, in sentences.
     """
 
     sigma_m: float
@@ -66,6 +71,8 @@ class GpsOutcome:
     residuals_m: dict[str, float]
     geodetic: bool = True
     stated_sigma_m: float | None = None
+    sigmas_m: dict[str, FloatArray] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""

@@ -292,9 +292,11 @@ def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: boo
         found.warnings.append(f"positions that the files tell are not used: {error}")
         return
     world.update_errors()
+    found.warnings += found.gps.warnings
     lies = found.gps.outliers
     if lies:
-        found.warnings.append(f"{len(lies)} positions disagree with the images: {', '.join(lies[:5])}")
+        told = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
+        found.warnings.append(f"{told} with the images: {', '.join(lies[:5])}")
 
 
 def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:

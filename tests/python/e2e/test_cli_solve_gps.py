@@ -73,12 +73,16 @@ def test_positions_without_names_or_numbers_go_by_their_line_and_have_deviations
 
 def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> None:
     source, centres = scene(tmp_path, names=True)
-    table = write_csv(tmp_path / "utm.csv", "x,y,z", centres.tolist())
+    gps = centres + np.random.default_rng(2).normal(0, 0.1, centres.shape)
+    table = write_csv(tmp_path / "utm.csv", "x,y,z", gps.tolist())
     written = tmp_path / "out.csv"
     assert run_here("solve", source, "--gps", table, "--positions-out", written).returncode == 0
     found = read_position_csv(written)
     assert list(found.positions)[:2] == ["IMG_000.jpg", "IMG_001.jpg"]
-    np.testing.assert_allclose(list(found.positions.values()), centres, atol=0.05)
+    np.testing.assert_allclose(list(found.positions.values()), centres, atol=0.1)
+    sigmas = np.array(list((found.sigmas or {}).values()))
+    misses = (np.array(list(found.positions.values())) - centres) / sigmas
+    assert 0.5 < np.sqrt((misses**2).mean()) < 2  # of 120 correlated numbers
 
     origin = [46.5, 9.25, 800.0]
     geodetic = geodetic_of(centres - UTM, origin)
@@ -87,6 +91,7 @@ def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> No
     assert run_here("solve", source, "--gps", table, "--positions-out", places).returncode == 0
     features = strict_json(places)["features"]
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
+    assert set(features[0]["properties"]) == {"name", "sigma_e", "sigma_n", "sigma_u", "residual", "left_out"}
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.05)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 
@@ -14,7 +15,25 @@ from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.position_csv import NamedPositions
 
 
-def write_positions(path: str | PathLike[str], named: NamedPositions) -> None:
+@dataclass(frozen=True)
+class GivenPositions:
+    """How positions that are written compare with those that were given.
+
+    Attributes
+    ----------
+    residuals_m : mapping
+        Distances by name, of images that had one [m].
+    left_out : collection of str
+        Names of those that were not used.
+    """
+
+    residuals_m: Mapping[str, float] = field(default_factory=dict)
+    left_out: Collection[str] = ()
+
+
+def write_positions(
+    path: str | PathLike[str], named: NamedPositions, given: GivenPositions | None = None
+) -> None:
     """Write positions of images, ``.csv`` or ``.geojson``.
 
     Parameters
@@ -22,7 +41,10 @@ def write_positions(path: str | PathLike[str], named: NamedPositions) -> None:
     path : path-like
         The file; its suffix tells the format.
     named : NamedPositions
-        The positions; for GeoJSON, which knows no other frame, geodetic ones.
+        The positions; for GeoJSON, which knows no other frame, geodetic ones. Standard deviations are written
+        if all have them.
+    given : GivenPositions, optional
+        Columns, or properties, ``residual`` and ``left_out`` tell of them.
 
     Raises
     ------
@@ -31,7 +53,7 @@ def write_positions(path: str | PathLike[str], named: NamedPositions) -> None:
     """
     target = Path(path)
     require_positions_format(target, geodetic=named.geodetic)
-    content = _WRITERS[target.suffix.lower()](named).encode()
+    content = _WRITERS[target.suffix.lower()](named, _facts(named, given)).encode()
     with atomic_files(target) as (file,):
         file.write(content)
 
@@ -44,20 +66,43 @@ def require_positions_format(path: Path, *, geodetic: bool) -> None:
         raise DatasetError(path, "GeoJSON holds latitudes and longitudes: the positions are x, y, z")
 
 
-def _csv(named: NamedPositions) -> str:
+Facts = dict[str, dict[str, float | bool | None]]
+
+
+def _facts(named: NamedPositions, given: GivenPositions | None) -> Facts:
+    """What is known of each position, by its name and then by the name of the fact."""
+    facts: Facts = {name: {} for name in named.positions}
+    axes = "enu" if named.geodetic else "xyz"
+    sigmas = named.sigmas or {}
+    for name, known in facts.items():
+        if facts.keys() <= sigmas.keys():
+            known |= {f"sigma_{axis}": sigma for axis, sigma in zip(axes, sigmas[name], strict=True)}
+        if given is not None:
+            known |= {"residual": given.residuals_m.get(name), "left_out": name in given.left_out}
+    return facts
+
+
+def _csv(named: NamedPositions, facts: Facts) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", *(("lat", "lon", "height") if named.geodetic else ("x", "y", "z"))])
-    writer.writerows([name, *position] for name, position in named.positions.items())
+    titles = list(next(iter(facts.values()), {}))
+    writer.writerow(["name", *(("lat", "lon", "height") if named.geodetic else ("x", "y", "z")), *titles])
+    for name, position in named.positions.items():
+        writer.writerow([name, *position, *map(_cell, facts[name].values())])
     return text.getvalue()
 
 
-def _geojson(named: NamedPositions) -> str:
+def _cell(value: float | bool | None) -> float | int | str:
+    """A flag is 0 or 1, what is unknown empty."""
+    return "" if value is None else int(value) if isinstance(value, bool) else value
+
+
+def _geojson(named: NamedPositions, facts: Facts) -> str:
     features = [
         {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": [longitude, latitude, height]},
-            "properties": {"name": name},
+            "properties": {"name": name, **facts[name]},
         }
         for name, (latitude, longitude, height) in named.positions.items()
     ]
@@ -65,4 +110,4 @@ def _geojson(named: NamedPositions) -> str:
 
 
 _GEOJSON = ".geojson"
-_WRITERS: dict[str, Callable[[NamedPositions], str]] = {".csv": _csv, _GEOJSON: _geojson}
+_WRITERS: dict[str, Callable[[NamedPositions, Facts], str]] = {".csv": _csv, _GEOJSON: _geojson}

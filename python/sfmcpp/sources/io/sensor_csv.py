@@ -27,29 +27,28 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
+from sfmcpp.sources.io.units import DEGREES, LENGTH, unit_factor
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3}
 _SPEED = {"m/s": 1.0, "km/h": 1 / 3.6}
 _RATE = {"rad/s": 1.0, "deg/s": math.pi / 180}
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180}
-_DEGREES = {"deg": 1.0, "rad": 180 / math.pi}
 _NUMBER = {"": 1.0, "1": 1.0}
 
 # Unit of a group of columns, and the columns that belong together.
 GROUPS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
     "time": (_TIME, ("t",)),
     "speed": (_SPEED, ("speed",)),
-    "distance": (_LENGTH, ("distance",)),
+    "distance": (LENGTH, ("distance",)),
     "velocity": (_SPEED, ("vx", "vy", "vz")),
     "angular_rate": (_RATE, ("wx", "wy", "wz")),
-    "position": (_LENGTH, ("x", "y", "z")),
+    "position": (LENGTH, ("x", "y", "z")),
     "quaternion": (_NUMBER, ("qw", "qx", "qy", "qz")),
     "rotation_vector": (_ANGLE, ("rx", "ry", "rz")),
-    "latitude_longitude": (_DEGREES, ("lat", "lon")),
-    "height": (_LENGTH, ("height",)),
+    "latitude_longitude": (DEGREES, ("lat", "lon")),
+    "height": (LENGTH, ("height",)),
 }
 
 _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alone"}
@@ -245,22 +244,11 @@ def parse_column(header: str) -> Column | None:
     match = _HEADER.fullmatch(header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
-    name, unit = _ALIASES.get(match[1], match[1]), _normal_unit(match[2] or "")
+    name, unit = _ALIASES.get(match[1], match[1]), match[2] or ""
     if name in _UNUSED:
         return None
     for group, (units, names) in GROUPS.items():
         if name in names:
-            return Column(group, name, _factor(header, unit, units))
+            return Column(group, name, unit_factor(header, unit, units))
     known = ", ".join(name for _, names in GROUPS.values() for name in names)
     raise ValueError(f"column {header!r} is unknown: must be one of {known}")
-
-
-def _factor(header: str, unit: str, units: dict[str, float]) -> float:
-    if unit not in units:
-        what = f"has the unknown unit {unit!r}" if unit else "names no unit"
-        raise ValueError(f"column {header!r} {what}: must be one of {', '.join(f'[{u}]' for u in units)}")
-    return units[unit]
-
-
-def _normal_unit(unit: str) -> str:
-    return unit.replace(" s^-1", "/s").replace("°", "deg").replace(" ", "")

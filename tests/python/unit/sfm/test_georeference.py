@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
@@ -11,17 +12,17 @@ import numpy as np
 import pytest
 
 import sfmcpp
+from flights import flight, in_a_frame_of_its_own, tilt_deg
 from sfm_scenes import match_graph
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity
-from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors.gps import east_north_up
+from sfmcpp.sensors.gps import east_north_up, geodetic_of
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
+from sfmcpp.sfm.position_names import named_alike
 from sfmcpp.sfm.positions import Positions, local_positions, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -114,19 +115,6 @@ def camera_errors_m(problem: Problem, truth: FloatArray) -> FloatArray:
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 
 
-def in_a_frame_of_its_own(truth: Problem, seed: int) -> Problem:
-    """Far off, turned, of another scale, and perturbed."""
-    random = np.random.default_rng([seed, 4])
-    turn = nearest_rotation(random.normal(size=(3, 3)))
-    away = Similarity(0.07, turn, random.normal(0, 50.0, 3))
-    problem = sfmcpp.perturb(
-        truth, point_sigma_m=0.3, position_sigma_m=0.3, rotation_sigma_deg=0.3, seed=seed
-    )
-    problem.cameras[:] = away.apply_to_poses(problem.cameras)
-    problem.points[:] = away.apply(problem.points)
-    return problem
-
-
 def scene(seed: int) -> Problem:
     return sfmcpp.circle_scene(40, 300, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=seed)
 
@@ -204,6 +192,67 @@ def test_of_a_large_problem_deviations_must_be_stated(monkeypatch: pytest.Monkey
     assert camera_errors_m(problem, truth.centres).max() < 0.3
 
 
+# Six photos of a line of flight, and one aside of it.
+LINE_AND_ONE = np.append(np.outer(np.arange(6), [10.0, 10.0]), [[40.0, 5.0]], axis=0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
+    truth = flight(LINE_AND_ONE, seed)
+    gps = truth.centres + np.random.default_rng(seed).normal(0, 0.05, truth.centres.shape)
+    problem = in_a_frame_of_its_own(truth, seed)
+    found = georeference(problem, gps).outcome
+    assert not found.outliers
+    assert tilt_deg(problem, truth) < 1
+    (warning,) = found.warnings
+    assert "hangs on the position of 6 alone" in warning
+
+
+def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
+    truth = flight(LINE_AND_ONE, 0)
+    gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
+    gps[6] += [500.0, 0.0, 0.0]
+    with pytest.raises(InvalidArgument, match=r"but for those that disagree \(6\) lie on a line"):
+        georeference(in_a_frame_of_its_own(truth, 0), gps)
+
+
+GRID = np.stack(np.meshgrid(np.arange(4) * 12.0, np.arange(3) * 20.0), axis=2).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "axes", "told"),
+    [
+        (0.03, [0, 1, 2], None),
+        (0.03, [1, 0, 2], "x and y of the positions may be swapped.*: mirrored they would fit"),
+        (2.0, [0, 1, 2], None),
+        (2.0, [1, 0, 2], "x and y of the positions may be swapped.*: the cameras look up to the sky"),
+    ],
+)
+def test_swapped_axes_are_told_by_the_fit_or_by_where_cameras_look(
+    sigma_m: float, axes: list[int], told: str | None
+) -> None:
+    truth = flight(GRID, 0)
+    gps = truth.centres + np.random.default_rng(0).normal(0, sigma_m, truth.centres.shape)
+    found = georeference(in_a_frame_of_its_own(truth, 0), gps[:, axes]).outcome
+    assert bool(found.warnings) == (told is not None)
+    if told is not None:
+        assert re.search(told, found.warnings[0])
+
+
+def test_latitudes_and_longitudes_that_are_swapped_are_named() -> None:
+    truth = flight(GRID, 1)
+    gps = geodetic_of(truth.centres, [46.5, 9.25, 300.0])
+    found = georeference(in_a_frame_of_its_own(truth, 1), gps[:, [1, 0, 2]], geodetic=True).outcome
+    assert "latitude and longitude of the positions may be swapped" in found.warnings[0]
+
+
+def test_cameras_on_their_heads_are_named() -> None:
+    truth = scene(2)
+    gps = truth.centres * [1.0, -1.0, -1.0] + np.random.default_rng(2).normal(0, 0.3, truth.centres.shape)
+    (warning,) = georeference(in_a_frame_of_its_own(truth, 2), gps).outcome.warnings
+    assert warning.endswith("or z is not up: the cameras stand on their heads")
+
+
 def test_what_a_problem_lacks_is_refused() -> None:
     truth = scene(0)
     with pytest.raises(InvalidArgument, match=r"positions: shape \(39, 3\), must be \(40, 3\)"):
@@ -220,6 +269,42 @@ def test_what_a_problem_lacks_is_refused() -> None:
 def test_a_fix_at_zero_zero_does_not_move_the_origin() -> None:
     rows = np.array([[46.0, 9.0, 1.0], [46.1, 9.1, 2.0], [0.0, 0.0, 0.0], [46.2, 9.2, 3.0], [46.3, 9.3, 4.0]])
     assert local_positions(rows, geodetic=True).origin.tolist() == [46.1, 9.1, 2.0]
+
+
+@pytest.mark.parametrize("geodetic", [True, False])
+def test_a_position_of_no_fix_is_named_and_left_out(geodetic: bool) -> None:
+    truth = flight(GRID, 2)
+    gps = truth.centres + np.random.default_rng(2).normal(0, 0.1, truth.centres.shape)
+    gps = geodetic_of(gps, [46.5, 9.25, 300.0]) if geodetic else gps + UTM
+    gps[4] = 0
+    found = georeference(in_a_frame_of_its_own(truth, 2), gps, geodetic=geodetic).outcome
+    assert found.warnings == ["the position of 4 is at zero: left out, the receiver had no fix"]
+    assert not found.outliers
+    assert found.sigma_m == pytest.approx(0.1, rel=0.5)
+
+
+def test_zero_is_a_place_where_the_others_are_near() -> None:
+    rows = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 10.0, 1.0]])
+    assert local_positions(rows, geodetic=False).known.all()
+
+
+def test_a_far_lie_does_not_put_the_others_on_a_line() -> None:
+    truth = flight(GRID, 3)
+    gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
+    gps[4] += 1e6
+    assert georeference(in_a_frame_of_its_own(truth, 3), gps).outcome.outliers == ["4"]
+
+
+def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
+    images = ["a/1.JPG", "b/1.JPG", "2.JPG", "3.jpg"]
+    told = ["/sd/a/1.jpg", r"C:\dcim\b\1.JPG", "x/2.jpeg", "3.jpg", "y/3.JPG"]
+    assert named_alike(images, told) == {"a/1.JPG": told[0], "b/1.JPG": told[1], "3.jpg": "3.jpg"}
+    with pytest.raises(InvalidArgument, match=r"position of 1\.jpg may be that of a/1\.JPG or of b/1\.JPG"):
+        named_alike(images, ["1.jpg"])
+    with pytest.raises(
+        InvalidArgument, match=r"positions of m/2\.jpg and of n/2\.jpg may both be those of 2\.JPG"
+    ):
+        named_alike(images, ["n/2.jpg", "m/2.jpg"])
 
 
 def test_the_same_bits_for_the_same_seed() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.position_csv import read_position_csv
+from sfmcpp.sources.io.position_csv import Triple, read_position_csv
 
 
 def written(folder: Path, text: str) -> Path:
@@ -58,6 +58,50 @@ def test_images_without_names_are_numbered_by_index_or_line(tmp_path: Path) -> N
     assert by_line.positions == {"0": (1.0, 2.0, 3.0), "2": (7.0, 8.0, 9.0)}
 
 
+def test_units_in_brackets_are_obeyed(tmp_path: Path) -> None:
+    text = (
+        "name,lat [rad],lon [deg],height [ft],sigma_horizontal [cm],sigma_vertical (mm)\na,0.5,9,100,3,50\n"
+    )
+    found = read_position_csv(written(tmp_path, text))
+    assert found.positions["a"] == pytest.approx((28.6478898, 9.0, 30.48))
+    assert found.sigmas == {"a": pytest.approx((0.03, 0.03, 0.05))}
+    us_feet = read_position_csv(written(tmp_path, "name,x [us-ft],y [US ft],z [feet]\na,3937,7874,10\n"))
+    assert us_feet.positions["a"] == pytest.approx((1200.0, 2400.0, 3.048))
+
+
+LOG = """Photo{0}Latitude{0}Longitude{0}Ellipsoidal height (m){0}Std North (m){0}Std East (m){0}Std Up (m){0}Q
+a.jpg{0}46{1}8426{0}-91{1}9945{0}198{1}297{0}0{1}020{0}0{1}030{0}0{1}050{0}FIX, float
+"""
+
+
+@pytest.mark.parametrize(("separator", "point"), [("\t", "."), (";", "."), (";", ","), ("\t", ",")])
+def test_logs_of_receivers_are_read_as_they_are(tmp_path: Path, separator: str, point: str) -> None:
+    found = read_position_csv(written(tmp_path, LOG.format(separator, point)))
+    assert found.positions == {"a.jpg": (46.8426, -91.9945, 198.297)}
+    assert found.sigmas == {"a.jpg": (0.03, 0.02, 0.05)}
+
+
+@pytest.mark.parametrize(
+    ("text", "position", "sigmas"),
+    [
+        ("SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\na,1,2,3\n", (1.0, 2.0, 3.0), None),
+        (
+            "Image Name,Easting (m),Northing (m),Altitude,Ellipsoidal Height\na,1,2,9,3\n",
+            (1.0, 2.0, 3.0),
+            None,
+        ),
+        ("#Label,East,North,Height,Accuracy H,Accuracy V\na,1,2,3,4,5\n", (1.0, 2.0, 3.0), (4.0, 4.0, 5.0)),
+        ("name,lat,lon,alt,sdn(m),sde(m),sdu(m)\na,1,2,3,4,5,6\n", (1.0, 2.0, 3.0), (5.0, 4.0, 6.0)),
+    ],
+)
+def test_common_names_of_columns_are_known(
+    tmp_path: Path, text: str, position: Triple, sigmas: Triple | None
+) -> None:
+    found = read_position_csv(written(tmp_path, text))
+    assert found.positions == {"a": position}
+    assert found.sigmas == (None if sigmas is None else {"a": sigmas})
+
+
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
@@ -75,6 +119,15 @@ def test_images_without_names_are_numbered_by_index_or_line(tmp_path: Path) -> N
         ),
         ("name,x,y,z,sigma_x,sigma_y,sigma_z\na,1,2,3,1,,1\n", 2, "sigma_y is '': must be a finite number"),
         ("name,x,y,z,sigma_x,sigma_y,sigma_z\na,1,2,3,1,0,1\n", 2, "standard deviation 0: must be positive"),
+        ("name,lat,lon,height [furlong]\na,1,2,3\n", 1, "'height [furlong]' has the unknown unit 'furlong'"),
+        ("name,lat,lon,height (MSL)\na,1,2,3\n", 1, "'height (MSL)' has the unknown unit 'MSL'"),
+        ("name;x;y;z\na;1,250;2,500;3\n", 2, "the comma in '1,250' may be decimal or of thousands"),
+        ("name;x;y;z\na;1,2;2.5;3\n", 2, "the comma in '1,2' may be decimal or of thousands"),
+        (
+            "name,lat,lon,alt\na,46,5,9,25,3,0\n",
+            2,
+            "the line holds 7 cells: must be 4; where commas are decimal",
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(

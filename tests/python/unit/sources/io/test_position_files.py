@@ -9,7 +9,7 @@ import pytest
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
-from sfmcpp.sources.io.position_files import write_positions
+from sfmcpp.sources.io.position_files import GivenPositions, write_positions
 
 NAMED = NamedPositions({"a, b.jpg": (46.123456789012345, 9.25, 12.5), "Höhe.jpg": (46.5, -9.25, 0.1)}, True)
 
@@ -30,6 +30,21 @@ def test_geojson_has_the_longitude_first(tmp_path: Path) -> None:
         "geometry": {"type": "Point", "coordinates": [-9.25, 46.5, 0.1]},
         "properties": {"name": "Höhe.jpg"},
     }
+
+
+def test_accuracies_residuals_and_what_was_left_out_are_told(tmp_path: Path) -> None:
+    named = NamedPositions(NAMED.positions, True, {"a, b.jpg": (0.1, 0.2, 0.3), "Höhe.jpg": (1.0, 2.0, 3.0)})
+    given = GivenPositions({"Höhe.jpg": 8.5}, ["Höhe.jpg"])
+    write_positions(tmp_path / "p.csv", named, given)
+    header, first, second = (tmp_path / "p.csv").read_text().splitlines()
+    assert header == "name,lat,lon,height,sigma_e,sigma_n,sigma_u,residual,left_out"
+    assert first.endswith(",0.1,0.2,0.3,,0")
+    assert second.endswith(",1.0,2.0,3.0,8.5,1")
+    assert read_position_csv(tmp_path / "p.csv") == named
+    write_positions(tmp_path / "p.geojson", named, given)
+    properties = json.loads((tmp_path / "p.geojson").read_text())["features"][0]["properties"]
+    sigmas = {"sigma_e": 0.1, "sigma_n": 0.2, "sigma_u": 0.3}
+    assert properties == {"name": "a, b.jpg", **sigmas, "residual": None, "left_out": False}
 
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:

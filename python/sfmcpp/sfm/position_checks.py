@@ -1,0 +1,82 @@
+"""Which positions of images the others can check.
+
+How far the others check a coordinate is its redundancy number (W. Förstner and B. Wrobel, "Photogrammetric
+Computer Vision", 2016): the part of an error in it that is left in its residual once a similarity is
+fitted to all. Where the others lie on a line it is zero for what a turn about that line moves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import fit_similarity
+from sfmcpp.geometry.similarity import motions_of_positions
+from sfmcpp.model.arrays import BoolArray, FloatArray
+
+# Below it a coordinate counts as not checked; Förstner's usual bound.
+_LEAST_REDUNDANCY = 0.1
+# What no similarity explains of a position, in parts of its distance from the others, makes it a lie.
+_UNEXPLAINED = 0.1
+
+
+def unchecked(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> BoolArray:
+    """Find the positions of which some direction is not checked by those that are trusted.
+
+    Parameters
+    ----------
+    centres : (n, 3) float64
+        Centres of the cameras in the model.
+    weights : (n, 3) float64
+        Of the coordinates of their positions.
+    trusted : (n,) bool
+        Which positions the others are checked by.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    around = centres - centres[trusted].mean(axis=0)
+    rows = np.sqrt(weights)[:, :, None] * motions_of_positions(around / np.linalg.norm(around, axis=1).max())
+    normals = np.swapaxes(rows, 1, 2) @ rows
+    together = normals[trusted].sum(axis=0) + np.where(trusted[:, None, None], 0.0, normals)
+    hats = rows @ np.linalg.pinv(together, hermitian=True) @ np.swapaxes(rows, 1, 2)
+    return np.asarray(np.linalg.eigvalsh(hats)[:, -1] > 1 - _LEAST_REDUNDANCY)
+
+
+def beyond_judgement(
+    centres: FloatArray, metres: FloatArray, weights: FloatArray, trusted: BoolArray
+) -> BoolArray:
+    """Find the positions that disagree, and that a turn which no other forbids would bring to agree.
+
+    Parameters
+    ----------
+    centres, metres : (n, 3) float64
+        Centres of the cameras in the model, and their positions.
+    weights : (n, 3) float64
+        Of the coordinates of the positions.
+    trusted : (n,) bool
+        Which positions agree.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    if not trusted.any():
+        return trusted
+    found = unchecked(centres, weights, trusted) & ~trusted
+    for image in np.flatnonzero(found):
+        found[image] = _explained(centres, metres, trusted, image)
+    return found
+
+
+def _explained(centres: FloatArray, metres: FloatArray, trusted: BoolArray, image: np.intp) -> bool:
+    chosen = trusted.copy()
+    chosen[image] = True
+    try:
+        placed = fit_similarity(centres[chosen], metres[chosen])
+    except InvalidArgument:
+        return False
+    left = np.linalg.norm(placed.apply(centres[image]) - metres[image])
+    lever = np.linalg.norm(metres[image] - metres[trusted].mean(axis=0))
+    return bool(left <= _UNEXPLAINED * lever)
