@@ -27,7 +27,7 @@ def line_style(label: str) -> dict[str, Any]:
     name, _, variant = label.partition(", ")
     method, _, search = name.partition("+")
     color = _COLOR_OF_SEARCH[search] if search else _COLOR_OF_METHOD[method]
-    marker = {"": "o", "D = I": "x", "1/depth": "^", "rejected": "s", "damped": "d"}[variant]
+    marker = {"": "o", "D = I": "x", "1/depth": "^", "rejected": "s", "damped": "d", "refitted": "P"}[variant]
     return {"color": color, "linestyle": _DASHES_OF_METHOD[method], "marker": marker, "label": label}
 
 
