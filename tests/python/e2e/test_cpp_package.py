@@ -34,7 +34,25 @@ def test_the_example_runs_with_the_installed_library(built: Path, tmp_path: Path
     build = tmp_path / "build"
     run("cmake", "-S", EXAMPLE, "-B", build, "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={tmp_path / 'moved'}")
     run("cmake", "--build", build)
-    assert run(build / "bundle_adjustment").startswith("RMS ")
+    told = run(build / "bundle_adjustment")
+    assert "\nRMS " in told
+    assert "\ndepth of point 0: " in told
+
+
+def test_who_chooses_another_allocator_for_eigen_is_told_by_the_linker(built: Path, tmp_path: Path) -> None:
+    compiler, core = shutil.which("g++"), REPOSITORY / "cpp/include"
+    eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
+    if compiler is None or eigen is None:
+        pytest.skip("no g++, or Eigen is elsewhere")
+    sources = (EXAMPLE / "bundle_adjustment.cpp", built / "cpp/libsfmcpp.a")
+    command = [compiler, "-std=c++20", "-O1", f"-I{core}", "-isystem", eigen, *sources, "-lpthread", "-o"]
+    command.append(tmp_path / "a.out")
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run(*command, "-DEIGEN_MAX_ALIGN_BYTES=32")
+    assert "CompiledWithTheEigenAllocatorOfTheLibrary<32" in caught.value.stderr
+    ours = ["-DEIGEN_MAX_ALIGN_BYTES=16", "-DEIGEN_MALLOC_ALREADY_ALIGNED=1"]
+    run(*command, *ours, "-mavx2", "-Wall", "-Wextra", "-Werror")
+    assert "depth of point 0" in run(tmp_path / "a.out")
 
 
 def test_the_example_compiles_with_the_sources(built: Path, tmp_path: Path) -> None:

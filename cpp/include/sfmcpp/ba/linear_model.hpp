@@ -21,6 +21,7 @@
 #include <Eigen/SparseCore>
 
 #include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/core/eigen_allocator.hpp"
 #include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 
