@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
 #include "workspace.hpp"
@@ -49,9 +50,15 @@ SolveSummary describe_start(const Workspace& work,
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
+  summary.point_steps = optim::point_steps_of(options.minimizer);
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
   return summary;
+}
+
+void check_callable(const optim::Events& events) {
+  if (events.on_start && events.on_iteration && events.poll) return;
+  throw InvalidArgument("events: on_start, on_iteration and poll must be callable");
 }
 
 // The minimiser's first linearisation is at the start: no residual is evaluated for this alone.
@@ -88,6 +95,7 @@ SolveSummary solve(const Problem& problem,
                    Exchange& exchange,
                    const optim::Resumption* resumed) {
   const Stopwatch clock(resumed == nullptr ? 0.0 : resumed->seconds), setup;
+  check_callable(events);
   Workspace work(problem, options, state, exchange);
   if (options.loss == LossKind::kAuto)
     work.model.let_scale_fall(state, options.loss_scale_px.value_or(0.0));

@@ -79,11 +79,22 @@ std::optional<double> number(const T& value) {
   }
 }
 
+// A number that came from elsewhere need not be an enumerator.
+template <class T>
+void check_enumerator(const char* option, const T& value) {
+  if constexpr (std::is_enum_v<T>) {
+    if (is_enumerator(value)) return;
+    throw InvalidArgument(std::string(option) + " = " + std::to_string(static_cast<int>(value)) +
+                          ": is none of its values");
+  }
+}
+
 }  // namespace
 
 void SolveOptions::validate() const {
   OptionsCheck check;
   for_each_option([&](const OptionFacts& facts, const auto& get) {
+    check_enumerator(facts.name, get(*this));
     const std::optional<double> value = number(get(*this));
     if (value) check.require(facts.rule.holds(*value), facts.name, *value, facts.rule.text);
   });

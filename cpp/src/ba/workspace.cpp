@@ -28,13 +28,31 @@ bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
   return fixed;
 }
 
+void check_state_size(const char* array, std::size_t size, std::size_t wanted) {
+  if (size == wanted) return;
+  throw InvalidArgument(std::string("state.") + array + ": " + std::to_string(size) +
+                        " values, must be " + std::to_string(wanted) + " as in the problem");
+}
+
+// A start other than the problem's own is held to the same rules.
 void check_state(const Problem& problem, const optim::State& state) {
-  if (state.cameras.size() == problem.cameras.size() &&
-      state.intrinsics.size() == problem.intrinsics.size() &&
-      state.points.size() == problem.points.size()) {
+  check_state_size("cameras", state.cameras.size(), problem.cameras.size());
+  check_state_size("intrinsics", state.intrinsics.size(), problem.intrinsics.size());
+  check_state_size("points", state.points.size(), problem.points.size());
+  if (std::ranges::equal(state.cameras, problem.cameras) &&
+      std::ranges::equal(state.intrinsics, problem.intrinsics) &&
+      std::ranges::equal(state.points, problem.points)) {
     return;
   }
-  throw InvalidArgument("state: its sizes differ from those of the problem");
+  Problem there = problem;
+  there.cameras = state.cameras;
+  there.intrinsics = state.intrinsics;
+  there.points = state.points;
+  try {
+    check_values(there);
+  } catch (const InvalidArgument& error) {
+    throw InvalidArgument(std::string("state: ") + error.what());
+  }
 }
 
 Loss make_loss(const SolveOptions& options,

@@ -92,6 +92,7 @@ void bind_summary(py::module_& m) {
   def_minimizer_part(c);
   c.def_readonly("initial_rms_px", &S::initial_rms_px);
   c.def_readonly("final_rms_px", &S::final_rms_px);
+  c.def_property_readonly("point_steps", [](const S& s) { return enum_name(s.point_steps); });
   c.def_property_readonly("linear_solver", [](const S& s) -> std::string_view {
     if (!s.solves_linear_system) return "none";
     return enum_name(s.linear_solver.kind);

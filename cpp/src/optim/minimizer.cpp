@@ -35,9 +35,8 @@ class Minimizer {
         strategy_(make_step_strategy(options)),
         line_search_(make_line_search(options.line_search)),
         acceleration_(options),
-        holds_back_(options.point_steps != PointSteps::kWhole &&
-                    facts_of(options.method).can_hold_back() && !line_search_),
-        refits_(holds_back_ && options.point_steps != PointSteps::kHeldBack) {
+        holds_back_(point_steps_of(options) != PointSteps::kWhole),
+        refits_(point_steps_of(options) == PointSteps::kRefitted) {
     if (line_search_ || acceleration_.is_possible()) trial_ = state;
   }
 
@@ -382,6 +381,13 @@ class Minimizer {
 };
 
 }  // namespace
+
+PointSteps point_steps_of(const MinimizerOptions& options) {
+  const bool possible =
+      facts_of(options.method).can_hold_back() && options.line_search.kind == LineSearchKind::kNone;
+  if (!possible) return PointSteps::kWhole;
+  return options.point_steps == PointSteps::kAuto ? PointSteps::kRefitted : options.point_steps;
+}
 
 MinimizerSummary minimize(LeastSquaresModel& model,
                           linear::LinearSolver& solver,

@@ -137,6 +137,10 @@ void check_group(const ConstraintGroup& group) {
     refuse("constraints['" + group.name + "'].loss = 'auto'",
            "its scale is told by the residuals of observations; choose another");
   }
+  if (group.function && group.function->rows() < 1) {
+    refuse("constraints['" + group.name + "'].function",
+           "has " + std::to_string(group.function->rows()) + " rows: must have at least one");
+  }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
     check_weight(name_of(group, k) + ".weight", member.weight);

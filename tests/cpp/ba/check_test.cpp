@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "support/linearized_problem.hpp"
 
@@ -296,6 +297,42 @@ TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
   }
   EXPECT_EQ(check_counts(fixed),
             "nothing is free: every observed camera, intrinsic and point is fixed");
+}
+
+// What a solve says of a start that is not the problem's own.
+std::string start(const std::function<void(optim::State&)>& change) {
+  const OwnedProblem scene = legal_scene();
+  const Problem problem = scene.view();
+  optim::State state = state_of(problem);
+  change(state);
+  return message_of([&] { solve(problem, {}, {}, state); });
+}
+
+TEST(CheckStart, IsHeldToTheRulesOfTheProblem) {
+  EXPECT_EQ(start([](optim::State& s) { s.points[7] += 0.01; }), "no error");
+  EXPECT_EQ(start([](optim::State& s) { s.points[7] = kNaN; }),
+            "state: points[2] = nan: must be finite");
+  EXPECT_TRUE(start([](optim::State& s) {
+                s.cameras[0] *= 1.3;
+              }).starts_with("state: cameras[0]: not a rotation"));
+  EXPECT_EQ(start([](optim::State& s) { s.points.resize(119); }),
+            "state.points: 119 values, must be 120 as in the problem");
+}
+
+TEST(CheckStart, CallbacksMustBeCallable) {
+  const OwnedProblem scene = legal_scene();
+  optim::State state = state_of(scene.view());
+  optim::Events events;
+  events.on_iteration = nullptr;
+  EXPECT_EQ(message_of([&] { solve(scene.view(), {}, events, state); }),
+            "events: on_start, on_iteration and poll must be callable");
+}
+
+TEST(CheckArrays, ANumberThatIsNoCameraModelIsRefused) {
+  const OwnedProblem scene = legal_scene();
+  Problem problem = scene.view();
+  problem.camera_model = static_cast<CameraModelId>(17);
+  EXPECT_EQ(message_of([&] { check_arrays(problem); }), "camera_model = 17: is none of its values");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/optim/minimizer.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -133,6 +134,29 @@ TEST(SolveOptions, NumbersOfTheLineSearchOutOfRangeAreNamed) {
                                 "initial_radius = inf: must be positive and finite"}) {
     EXPECT_NE(message.find(violation), std::string::npos) << message;
   }
+}
+
+TEST(SolveOptions, NumbersThatAreNoEnumeratorsAreRefused) {
+  SolveOptions options;
+  options.loss = static_cast<LossKind>(99);
+  EXPECT_EQ(refusal(options), "loss = 99: is none of its values");
+  options = with(static_cast<Method>(-1));
+  EXPECT_EQ(refusal(options), "method = -1: is none of its values");
+  options = {};
+  options.linear_solver.kind = static_cast<LinearSolverKind>(99);
+  EXPECT_EQ(refusal(options), "linear_solver = 99: is none of its values");
+}
+
+TEST(SolveOptions, PointsAreRefittedWhereNothingIsSearched) {
+  const auto of = [](const SolveOptions& o) { return optim::point_steps_of(o.minimizer); };
+  SolveOptions options = with(Method::kLevenbergMarquardt);
+  EXPECT_EQ(of(options), optim::PointSteps::kRefitted);
+  options.minimizer.point_steps = optim::PointSteps::kHeldBack;
+  EXPECT_EQ(of(options), optim::PointSteps::kHeldBack);
+  options.minimizer.point_steps = optim::PointSteps::kAuto;
+  options.minimizer.line_search.kind = LineSearchKind::kTwoWayAlgebraic;
+  EXPECT_EQ(of(options), optim::PointSteps::kWhole);
+  EXPECT_EQ(of(with(Method::kGradientDescent)), optim::PointSteps::kWhole);
 }
 
 }  // namespace

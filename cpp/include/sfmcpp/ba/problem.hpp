@@ -27,11 +27,11 @@ struct Problem {
   std::span<const int> camera_index;         // M
   std::span<const int> point_index;          // M
   std::span<const double> pixels;            // M × 2
-  std::span<const double> sigma_px;          // M, or empty for 1 px
+  std::span<const double> sigma_px{};        // M, or empty for 1 px
   std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
-  std::span<const std::uint8_t> fixed_cameras;            // C
-  std::span<const std::uint8_t> fixed_points;             // N
-  std::span<const std::uint8_t> fixed_intrinsics;         // G × K
+  std::span<const std::uint8_t> fixed_cameras{};          // C
+  std::span<const std::uint8_t> fixed_points{};           // N
+  std::span<const std::uint8_t> fixed_intrinsics{};       // G × K
   const residuals::ConstraintSet* constraints = nullptr;  // null: none
 
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }

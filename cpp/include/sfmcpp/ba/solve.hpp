@@ -22,6 +22,7 @@ struct SolveSummary {
   double initial_rms_px =
       0.0;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27, of residuals over σ, without loss
   double final_rms_px = 0.0;
+  optim::PointSteps point_steps = optim::PointSteps::kWhole;  // what kAuto came to
   bool solves_linear_system = true;  // else the choice of a linear solver means nothing
   linear::LinearSolverChoice linear_solver;
   // Of a step with each solver that was weighed, on this machine if that is worth measuring.

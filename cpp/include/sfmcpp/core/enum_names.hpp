@@ -46,6 +46,12 @@ struct EnumNames {
   }();
 };
 
+// Whether a value, which may come from a number, is one of the enumerators.
+template <class E>
+constexpr bool is_enumerator(E value) {
+  return static_cast<std::size_t>(value) < EnumTraits<E>::kTable.size();
+}
+
 // All that is known of a value.
 template <class E>
 constexpr const auto& facts_of(E value) {
