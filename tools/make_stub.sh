@@ -21,5 +21,6 @@ print("class SolveKeywords(typing.TypedDict, total=False):")
 for option in SOLVE_OPTIONS:
     names = [name for name, _ in option.choices]
     other = f" | {literal([option.unset])}" if option.unset else " | None" if option.optional else ""
+    other += " | LossTable" if option.name == "loss" else ""
     print(f"    {option.name}: {literal(names) if names else option.type}{other}")
 PYTHON

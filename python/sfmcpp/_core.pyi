@@ -6,7 +6,16 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraFunction', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'LOSS_TABLE_TERMS', 'LossTable', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
+class LossTable:
+    """
+    A robust loss whose derivative is a table.
+    """
+    def __init__(self, name: str, knots: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], coefficients: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        ...
+    @property
+    def name(self) -> str:
+        ...
 class SolveOption:
     """
     What is known of an option of a solve.
@@ -168,12 +177,12 @@ class SolveOptions:
     def linear_solver(self, arg1: str) -> None:
         ...
     @property
-    def loss(self) -> str:
+    def loss(self) -> str | LossTable:
         """
         Robust loss
         """
     @loss.setter
-    def loss(self, arg1: str) -> None:
+    def loss(self, arg1: str | LossTable) -> None:
         ...
     @property
     def loss_scale_px(self) -> float | str:
@@ -572,6 +581,12 @@ class CoreCameraModel:
     @property
     def name(self) -> str:
         ...
+class CoreCameraFunction:
+    """
+    A camera model by a Python function.
+    """
+    def __init__(self, name: str, intrinsics: collections.abc.Sequence[str], function: typing.Any) -> None:
+        ...
 class CoreLinearModel:
     """
     The linear model of a problem at one state.
@@ -663,7 +678,7 @@ def linearize_pose(view: dict, constraints: collections.abc.Sequence[dict], pose
     """
     Normal equations of the images, residuals and Jacobians of the constraints.
     """
-def loss_terms(loss: str, scale: typing.SupportsFloat | typing.SupportsIndex, squared: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> tuple:
+def loss_terms(loss: str | LossTable, scale: typing.SupportsFloat | typing.SupportsIndex, squared: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> tuple:
     """
     ρ, ρ′ and d(s ρ′)/ds of squared residuals s.
     """
@@ -722,6 +737,7 @@ def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
 CAMERA_MODELS: tuple
 CONSTRAINT_KINDS: tuple
 INSTRUCTION_SET: str
+LOSS_TABLE_TERMS: int = 8
 SOLVE_OPTIONS: tuple
 __version__: str
 class SolveKeywords(typing.TypedDict, total=False):
@@ -736,7 +752,7 @@ class SolveKeywords(typing.TypedDict, total=False):
     point_steps: typing.Literal['auto', 'whole', 'held-back', 'refitted']
     linear_solver: typing.Literal['auto', 'dense', 'sparse', 'iterative']
     precision: typing.Literal['auto', 'single', 'double']
-    loss: typing.Literal['squared', 'huber', 'cauchy', 'tukey', 'geman-mcclure', 'truncated', 'auto']
+    loss: typing.Literal['squared', 'huber', 'cauchy', 'tukey', 'geman-mcclure', 'truncated', 'auto'] | LossTable
     loss_scale_px: float | typing.Literal['auto']
     max_iterations: int
     max_seconds: float | None

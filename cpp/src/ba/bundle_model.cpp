@@ -75,7 +75,7 @@ void BundleModel::let_scale_fall(const State& start, double least) {
 bool BundleModel::sharpen(State& state) {
   if (!falling_scale_) return false;
   if (scale_moves_ && move_scale(state)) return true;
-  if (rescues_left_ == 0) return false;
+  if (rescues_left_ == 0 || !images_.single_observations()) return false;
   --rescues_left_;
   return rescues_.rescue(state) > 0;
 }
@@ -106,14 +106,15 @@ double BundleModel::cost(const State& state) {
 double BundleModel::growth() const { return held_.growth(); }
 
 long BundleModel::hold_back(const State& start, State& candidate) {
-  return held_.hold_back(start, candidate);
+  return images_.single_observations() ? held_.hold_back(start, candidate) : 0;
 }
 
 long BundleModel::refit(const linear::Step& step, double cost, State& candidate) {
-  return refits_.refit(normal_, step, cost, candidate);
+  return images_.single_observations() ? refits_.refit(normal_, step, cost, candidate) : 0;
 }
 
 double BundleModel::linearize(const State& state) {
+  images_.prepare(state);
   fit_ =
       images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); }, held_.at_start());
   constraints_.linearize(state, normal_.camera_terms());
@@ -189,13 +190,13 @@ void BundleModel::move_points(const State& state,
                               int begin,
                               int end,
                               State& result) const {
-  visit_camera(problem_.camera_model, [&](auto camera) {
-    using Camera = decltype(camera);
+  visit_space(problem_.camera_model, [&](auto space) {
+    using Space = decltype(space);
     for (long p = begin; p < end; ++p) {
       const double* move = step.point.data() + kPointTangent * p;
       const double delta[kPointTangent] = {length * move[0], length * move[1], length * move[2]};
-      const long offset = Camera::kPointStorage * p;
-      Camera::plus_point(state.points.data() + offset, delta, result.points.data() + offset);
+      const long offset = Space::kPointStorage * p;
+      Space::plus_point(state.points.data() + offset, delta, result.points.data() + offset);
     }
   });
 }
@@ -235,6 +236,7 @@ void BundleModel::normalize(State& state) const {
 }
 
 double BundleModel::slope(const State& start, const linear::Step& step, const State& candidate) {
+  images_.prepare(candidate);
   const linear::Step here{step.camera, transported(start, step, candidate)};
   const double observed = -pool_.sum(static_cast<int>(graph_.chunks.size()),
                                      [&](int c) { return chunk_slope(candidate, here, c); });
@@ -246,14 +248,14 @@ std::vector<double> BundleModel::transported(const State& start,
                                              const linear::Step& step,
                                              const State& candidate) const {
   std::vector<double> result(step.point.size());
-  visit_camera(problem_.camera_model, [&](auto camera) {
-    using Camera = decltype(camera);
+  visit_space(problem_.camera_model, [&](auto space) {
+    using Space = decltype(space);
     for (long p = 0; p < graph_.num_points; ++p) {
-      const long offset = Camera::kPointStorage * p, tangent = kPointTangent * p;
-      Camera::transport(start.points.data() + offset,
-                        step.point.data() + tangent,
-                        candidate.points.data() + offset,
-                        result.data() + tangent);
+      const long offset = Space::kPointStorage * p, tangent = kPointTangent * p;
+      Space::transport(start.points.data() + offset,
+                       step.point.data() + tangent,
+                       candidate.points.data() + offset,
+                       result.data() + tangent);
     }
   });
   return result;
@@ -291,6 +293,7 @@ std::span<const double> BundleModel::weights() const {
 
 std::optional<Biquadratic> BundleModel::algebraic_cost(const State& state,
                                                        const linear::Step& step) {
+  if (problem_.camera_model.function() != nullptr) return std::nullopt;
   return algebraic_.along(state, step, weights(), algebraic_weights_);
 }
 

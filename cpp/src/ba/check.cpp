@@ -204,10 +204,10 @@ bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& grap
 }  // namespace
 
 void check_sizes(const Problem& problem) {
-  if (!is_enumerator(problem.camera_model)) {
-    throw InvalidArgument(
-        "camera_model = " + std::to_string(static_cast<int>(problem.camera_model)) +
-        ": is none of its values");
+  const CameraModel& model = problem.camera_model;
+  if (model.function() == nullptr && !is_enumerator(model.compiled())) {
+    throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
+                          ": is none of its values");
   }
   const auto cameras = static_cast<std::size_t>(problem.num_cameras());
   const auto points = static_cast<std::size_t>(problem.num_points());

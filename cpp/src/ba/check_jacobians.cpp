@@ -10,6 +10,7 @@
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
+#include "sfmcpp/residuals/function_images.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
@@ -21,7 +22,7 @@ using residuals::kReadAhead;
 constexpr std::array<const char*, 6> kPoseNames{
     "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};
 
-std::string camera_parameter(CameraModelId model, int k) {
+std::string camera_parameter(const CameraModel& model, int k) {
   if (is_metric(model)) return kPoseNames[k];
   return "P[" + std::to_string(k / 4) + "," + std::to_string(k % 4) + "]";
 }
@@ -61,7 +62,7 @@ class SingleObservation {
 
   bool in_front() const {
     std::array<double, 1 + kReadAhead> ru, rv;
-    return kernels_.residuals(batch(camera_, intrinsics_, point_), ru.data(), rv.data()) == 0;
+    return residual(batch(camera_, intrinsics_, point_), ru.data(), rv.data()) == 0;
   }
 
   // ∂(projection)/∂(camera, intrinsics, point).
@@ -70,8 +71,8 @@ class SingleObservation {
     for (int k = 0; k < 12; ++k) all[k] = k;
     std::array<double, 2 * kMaxCameraSize> camera;
     std::array<double, 8> point;
-    kernels_.linearize(batch(camera_, intrinsics_, point_),
-                       {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
+    linearize(batch(camera_, intrinsics_, point_),
+              {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
     Eigen::MatrixXd jacobian(2, size());
     for (int row = 0; row < 2; ++row) {
       for (int k = 0; k < tangent_ + num_free_; ++k)
@@ -89,6 +90,27 @@ class SingleObservation {
  private:
   using Numbers = std::array<double, kCameraStorage>;
   using PointNumbers = std::array<double, kMaxPointStorage>;
+
+  int residual(const residuals::ObservationBatch& batch, double* ru, double* rv) const {
+    if (model_.function() == nullptr) return kernels_.residuals(batch, ru, rv);
+    imaged(batch, false).residuals(0, batch, ru, rv);
+    return 0;
+  }
+  void linearize(const residuals::ObservationBatch& batch,
+                 const residuals::JacobianOutput& out) const {
+    if (model_.function() == nullptr) {
+      kernels_.linearize(batch, out);
+    } else {
+      imaged(batch, true).linearize(0, batch, out);
+    }
+  }
+  residuals::FunctionImages imaged(const residuals::ObservationBatch& batch,
+                                   bool with_jacobians) const {
+    residuals::FunctionImages image(*model_.function(), batch.count);
+    image.set(0, batch);
+    image.evaluate(with_jacobians);
+    return image;
+  }
 
   int camera_columns() const { return tangent_ + num_free_; }
 
@@ -114,7 +136,7 @@ class SingleObservation {
     plus_point(model_, point_.data(), delta.data() + tangent_ + num_free_, point.data());
     for (int k = 0; k < num_free_; ++k) intrinsics[k] += delta[tangent_ + k];
     std::array<double, 1 + kReadAhead> ru, rv;
-    kernels_.residuals(batch(camera, intrinsics, point), ru.data(), rv.data());
+    residual(batch(camera, intrinsics, point), ru.data(), rv.data());
     return Eigen::Vector2d(-ru[0], -rv[0]);
   }
 
@@ -131,14 +153,16 @@ class SingleObservation {
       steps.head(tangent_).setConstant(
           kRelative * Eigen::Map<const Eigen::VectorXd>(camera_.data(), kCameraStorage).norm());
     }
-    // The projection is linear in each intrinsic parameter alone: a large step costs no accuracy.
+    // Compiled projections are linear in each intrinsic parameter alone: a large step costs no
+    // accuracy.
+    const double relative = model_.function() == nullptr ? 0.5 : kRelative;
     for (int k = 0; k < num_free_; ++k)
-      steps[tangent_ + k] = 0.5 * std::max(1.0, std::abs(intrinsics_[k]));
+      steps[tangent_ + k] = relative * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 
   residuals::ReprojectionKernels kernels_;
-  CameraModelId model_;
+  CameraModel model_;
   int tangent_;
   int num_intrinsics_;
   int num_free_;

@@ -47,6 +47,8 @@ ImageResiduals::ImageResiduals(const Problem& problem,
       kernels_(residuals::reprojection_kernels(problem.camera_model)),
       cost_kernels_(residuals::cost_kernels(problem.camera_model)),
       whiteners_(whiteners_of(problem, graph)) {
+  if (const CameraFunction* function = problem.camera_model.function())
+    function_images_.emplace(*function, graph.num_observations());
   copy_pixels();
 }
 
@@ -98,10 +100,24 @@ residuals::WhitenerShapes ImageResiduals::shapes(const Chunk& chunk) const {
   return whiteners_.shapes_from(chunk.begin);
 }
 
+void ImageResiduals::prepare(const State& state, bool with_jacobians) const {
+  if (!function_images_) return;
+  pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
+    const Chunk& chunk = graph_.chunks[c];
+    function_images_->set(chunk.begin, batch(state, chunk));
+  });
+  function_images_->evaluate(with_jacobians);
+}
+
 int ImageResiduals::linearize(const State& state,
                               const Chunk& chunk,
                               const residuals::JacobianOutput& out) const {
-  const int behind = kernels_.linearize(batch(state, chunk), out);
+  int behind = 0;
+  if (function_images_) {
+    function_images_->linearize(chunk.begin, batch(state, chunk), out);
+  } else {
+    behind = kernels_.linearize(batch(state, chunk), out);
+  }
   residuals::whiten(shapes(chunk), chunk.end - chunk.begin, out);
   return behind;
 }
@@ -110,12 +126,18 @@ int ImageResiduals::residuals_of(const State& state,
                                  const Chunk& chunk,
                                  double* ru,
                                  double* rv) const {
-  const int behind = kernels_.residuals(batch(state, chunk), ru, rv);
+  int behind = 0;
+  if (function_images_) {
+    function_images_->residuals(chunk.begin, batch(state, chunk), ru, rv);
+  } else {
+    behind = kernels_.residuals(batch(state, chunk), ru, rv);
+  }
   residuals::whiten(shapes(chunk), chunk.end - chunk.begin, ru, rv);
   return behind;
 }
 
 std::vector<double> ImageResiduals::values(const State& state) const {
+  prepare(state, false);
   std::vector<double> values(2 * static_cast<std::size_t>(graph_.num_observations()));
   pool_.parallel_for(static_cast<int>(graph_.chunks.size()), [&](int c) {
     const Chunk& chunk = graph_.chunks[c];
@@ -151,6 +173,7 @@ double ImageResiduals::cost_of_place(const State& state, int k, const double* pl
 }
 
 ImageFit ImageResiduals::fit(const State& state, std::vector<double>* costs) const {
+  prepare(state, false);
   return sum_over_chunks([&](int c) { return chunk_fit(state, graph_.chunks[c]); }, costs);
 }
 

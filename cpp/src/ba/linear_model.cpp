@@ -30,7 +30,9 @@ void add_entries(const linear::ParameterMap& map,
 // The loss of errors that lack the weight w of the group: ρ′(w s / c²) = ρ′(s / (c² / w)).
 Loss per_unit_weight(const residuals::ConstraintGroup& group) {
   if (!(group.weight > 0.0)) return {};
-  return {group.loss.kind, group.loss.scale / std::sqrt(group.weight)};
+  Loss loss = group.loss;
+  loss.scale /= std::sqrt(group.weight);
+  return loss;
 }
 
 }  // namespace

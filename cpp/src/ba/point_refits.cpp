@@ -196,7 +196,7 @@ class Pass {
   }
 
   const residuals::PlaceKernel& kernel_;
-  CameraModelId model_;
+  CameraModel model_;
   std::size_t size_;
   std::span<const int> points_;
   State& state_;

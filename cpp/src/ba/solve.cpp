@@ -50,7 +50,8 @@ SolveSummary describe_start(const Workspace& work,
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
-  summary.point_steps = optim::point_steps_of(options.minimizer);
+  if (problem.camera_model.function() == nullptr)
+    summary.point_steps = optim::point_steps_of(options.minimizer);
   summary.solves_linear_system = facts_of(options.minimizer.method).solves_linear_system;
   summary.linear_solver = work.choice;
   return summary;

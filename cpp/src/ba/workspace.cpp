@@ -28,6 +28,26 @@ bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
   return fixed;
 }
 
+template <class T>
+[[noreturn]] void refuse_of_function(const Problem& problem, T value, const char* reason) {
+  throw InvalidArgument("camera_model = '" + std::string(problem.camera_model.name()) +
+                        "', a function, with " + std::string(EnumTraits<T>::kWhat) + " = '" +
+                        std::string(enum_name(value)) + "': " + reason);
+}
+
+// What asks for more than the images of all observations at a state.
+void refuse_beyond_functions(const Problem& problem, const SolveOptions& options) {
+  using Search = optim::LineSearchKind;
+  using Steps = optim::PointSteps;
+  if (problem.camera_model.function() == nullptr) return;
+  const Search search = options.minimizer.line_search.kind;
+  if (search == Search::kGlobalAlgebraic || search == Search::kTwoWayAlgebraic)
+    refuse_of_function(problem, search, "it needs matrices of the cameras; choose another");
+  const Steps steps = options.minimizer.point_steps;
+  if (steps == Steps::kHeldBack || steps == Steps::kRefitted)
+    refuse_of_function(problem, steps, "it looks at points one by one; leave 'auto'");
+}
+
 void check_state_size(const char* array, std::size_t size, std::size_t wanted) {
   if (size == wanted) return;
   throw InvalidArgument(std::string("state.") + array + ": " + std::to_string(size) +
@@ -59,11 +79,16 @@ Loss make_loss(const SolveOptions& options,
                const ImageResiduals& images,
                const optim::State& start,
                Exchange& exchange) {
-  if (options.loss_scale_px) return {options.loss, *options.loss_scale_px};
-  if (options.loss == LossKind::kAuto) return {options.loss, FallingScale(images, 0.0).at(start)};
+  Loss loss{.kind = options.loss, .table = options.loss_table};
+  if (options.loss_scale_px) {
+    loss.scale = *options.loss_scale_px;
+    return loss;
+  }
+  if (loss.kind == LossKind::kAuto) return {loss.kind, FallingScale(images, 0.0).at(start)};
   // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
   const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), 1e-9);
-  return {options.loss, efficient_scale(options.loss, sigma)};
+  loss.scale = efficient_scale(loss, sigma);
+  return loss;
 }
 
 // A rank that refuses its part takes the others along: they would wait for its sums.
@@ -118,6 +143,7 @@ linear::ObservationGraph checked_graph(const Problem& problem,
   linear::ObservationGraph graph;
   check_on_all_ranks(exchange, [&] {
     options.validate();
+    refuse_beyond_functions(problem, options);
     check_sizes(problem);
     std::exception_ptr of_indices, of_values;
     const auto use_indices = [&] {
@@ -153,7 +179,7 @@ double held_bytes(const linear::ObservationGraph& graph,
                   const SolveOptions& options) {
   constexpr double kNumber = sizeof(double), kIndex = sizeof(int);
   const double stored = linear::bytes_of_number(precision);
-  const double robust = options.loss == LossKind::kSquared ? 0.0 : 1.0;
+  const double robust = options.is_robust() ? 1.0 : 0.0;
   const double states = options.minimizer.line_search.kind == optim::LineSearchKind::kNone ? 3 : 4;
   // J and A|r, and what rounding took from the gradient; pixels and σ; the five indices of the
   // graph.
@@ -214,7 +240,7 @@ linear::Precision stored_precision(const Problem& problem,
   const double observations = exchange.sum(double(problem.num_observations()));
   const linear::Precision chosen = linear::choose_precision(options.precision, observations);
   const bool asked_for = options.precision != linear::Precision::kAuto;
-  return asked_for || options.loss == LossKind::kSquared ? chosen : linear::Precision::kDouble;
+  return asked_for || !options.is_robust() ? chosen : linear::Precision::kDouble;
 }
 
 void restore(std::span<const std::uint8_t> fixed,

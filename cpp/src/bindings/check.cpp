@@ -36,8 +36,9 @@ py::array_t<double> residuals(const py::dict& arrays) {
   const linear::ObservationGraph graph = ba::graph_of(problem);
   constexpr long kPassesOfASolve = 10;  // at least: a thread for one alone must find so much more
   ThreadPool pool(resolve_num_threads(0, problem.num_observations() / kPassesOfASolve));
-  const std::vector<double> stored =
-      ba::ImageResiduals(problem, graph, pool).values(ba::state_of(problem));
+  const std::vector<double> stored = or_failures_of(problem, [&] {
+    return ba::ImageResiduals(problem, graph, pool).values(ba::state_of(problem));
+  });
   py::array_t<double> result({problem.num_observations(), 2});
   double* in_order = result.mutable_data();
   for (int k = 0; k < problem.num_observations(); ++k)
@@ -94,8 +95,10 @@ void bind_check(py::module_& m) {
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {
         const ba::Problem problem = problem_of(arrays);
-        const ReleasedGil released;
-        return ba::check_jacobians(problem, max_observations);
+        return or_failures_of(problem, [&] {
+          const ReleasedGil released;
+          return ba::check_jacobians(problem, max_observations);
+        });
       },
       py::arg("arrays"),
       py::arg("max_observations") = 1000,

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <exception>
 #include <limits>
 #include <string>
 
@@ -10,8 +9,9 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
-#include "gil.hpp"
+#include "losses.hpp"
 #include "options.hpp"
+#include "python_function.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 
 namespace sfmcpp::bindings {
@@ -28,55 +28,32 @@ using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RotationMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 // `function(poses, wanted)` gives residuals (members, rows) and, where they are wanted, Jacobians
-// (members, rows, poses, 6); Python has checked the shapes. Called without the GIL or with it.
-class PythonResiduals : public residuals::ResidualFunction {
+// (members, rows, poses, 6); Python has checked the shapes.
+class PythonResiduals : public residuals::ResidualFunction, public PythonFunction {
  public:
   PythonResiduals(py::object function, int members, int poses, int rows)
-      : function_(std::move(function)), members_(members), poses_(poses), rows_(rows) {}
+      : PythonFunction(std::move(function)), members_(members), poses_(poses), rows_(rows) {}
 
   int rows() const override { return rows_; }
 
   void evaluate(const double* poses, double* residuals, double* jacobian) const override {
-    const long size = static_cast<long>(members_) * rows_;
-    if (!failure_) {
-      const HeldGil held;
-      try {
-        const py::tuple answer = call(poses, jacobian != nullptr);
-        copy(answer[0], size, residuals);
-        if (jacobian != nullptr) copy(answer[1], size * poses_ * kPoseTangent, jacobian);
-        return;
-      } catch (...) {
-        failure_ = std::current_exception();
-      }
-    }
+    const long size = static_cast<long>(members_) * rows_, columns = long{poses_} * kPoseTangent;
+    const auto arguments = [&] {
+      const std::vector<py::ssize_t> shape{members_, poses_, 3, 4};
+      return py::make_tuple(py::array_t<double>(shape, poses), jacobian != nullptr);
+    };
+    const auto take = [&](const py::tuple& answer) {
+      copy_answer(answer[0], size, residuals);
+      if (jacobian != nullptr) copy_answer(answer[1], size * columns, jacobian);
+    };
+    if (call(arguments, take)) return;
     constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
     std::fill_n(residuals, size, kNoNumber);
-    if (jacobian != nullptr) std::fill_n(jacobian, size * poses_ * kPoseTangent, kNoNumber);
+    if (jacobian != nullptr) std::fill_n(jacobian, size * columns, kNoNumber);
   }
-
-  const std::exception_ptr& failure() const { return failure_; }
 
  private:
-  py::tuple call(const double* poses, bool wanted) const {
-    const py::array_t<double> array(std::vector<py::ssize_t>{members_, poses_, 3, 4}, poses);
-    const py::bool_ with_jacobian(wanted);
-    PyObject* answer = or_wait_for_the_end([&] {
-      return PyObject_CallFunctionObjArgs(
-          function_.ptr(), array.ptr(), with_jacobian.ptr(), nullptr);
-    });
-    if (answer == nullptr) throw py::error_already_set();
-    return py::reinterpret_steal<py::tuple>(answer);
-  }
-
-  static void copy(const py::handle& value, long size, double* out) {
-    const auto array = value.cast<py::array_t<double, py::array::c_style>>();
-    if (array.size() != size) throw InvalidArgument("function: the shape of its answer changed");
-    std::copy_n(array.data(), size, out);
-  }
-
-  py::object function_;
   int members_, poses_, rows_;
-  mutable std::exception_ptr failure_;
 };
 
 void set_measurement(const ConstraintKindFacts& kind,
@@ -145,12 +122,12 @@ std::array<double, 5> pinhole_of(const ba::Problem& problem, int camera) {
 Loss loss_of(const py::dict& arrays, const std::string& group) {
   Loss loss;
   try {
-    loss.kind = parse_enum<LossKind>(arrays["loss"].cast<std::string>());
+    set_loss(arrays["loss"].cast<NamedLoss>(), loss.kind, loss.table);
   } catch (const InvalidArgument& error) {
     throw InvalidArgument("constraints['" + group + "']." + error.what());
   }
   const py::object scale = arrays["loss_scale"];
-  loss.scale = scale.is_none() ? efficient_scale(loss.kind, 1.0) : scale.cast<double>();
+  loss.scale = scale.is_none() ? efficient_scale(loss, 1.0) : scale.cast<double>();
   return loss;
 }
 
@@ -301,13 +278,6 @@ residuals::ConstraintSet constraints_of(const py::dict& arrays, const ba::Proble
   for (const py::handle group : arrays["constraints"])
     set.add(group_of(py::reinterpret_borrow<py::dict>(group), problem));
   return set;
-}
-
-void rethrow_failures(const residuals::ConstraintSet& constraints) {
-  for (const ConstraintGroup& group : constraints.groups()) {
-    const auto* own = dynamic_cast<const PythonResiduals*>(group.function.get());
-    if (own != nullptr && own->failure()) std::rethrow_exception(own->failure());
-  }
 }
 
 }  // namespace sfmcpp::bindings

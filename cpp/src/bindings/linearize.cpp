@@ -29,12 +29,10 @@ std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
-  auto model = or_failures_of(constraints, [&] {
+  return or_failures_of(problem, [&] {
     const ReleasedGil released;
     return std::make_unique<LinearModel>(problem, options, ridge);
   });
-  rethrow_failures(constraints);
-  return model;
 }
 
 py::tuple jacobian(const LinearModel& model) {
@@ -100,24 +98,13 @@ py::dict step(LinearModel& model) {
 
 // Of each group, at the present state.
 std::vector<double> constraint_costs(const py::dict& arrays) {
-  const ba::Problem problem = problem_of(arrays);
+  ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
+  problem.constraints = &constraints;
   const optim::State state = ba::state_of(problem);
   constraints.check(ba::constrained_cameras(problem, state));
-  std::vector<double> costs = constraints.costs(ba::constrained_cameras(problem, state));
-  rethrow_failures(constraints);
-  return costs;
-}
-
-using Terms = double (Loss::*)(double) const;
-
-// Of squared residuals: ρ, ρ′ and the slope of the influence.
-py::tuple loss_terms(const std::string& kind, double scale, const py::array_t<double>& squared) {
-  const Loss loss{parse_enum<LossKind>(kind), scale};
-  const auto each = [&](Terms terms) {
-    return py::vectorize([&](double s) { return (loss.*terms)(s); })(squared);
-  };
-  return py::make_tuple(each(&Loss::rho), each(&Loss::derivative), each(&Loss::influence_slope));
+  return or_failures_of(problem,
+                        [&] { return constraints.costs(ba::constrained_cameras(problem, state)); });
 }
 
 void def_state(py::class_<LinearModel>& c) {
@@ -191,12 +178,6 @@ void bind_linearize(py::module_& m) {
   def_state(c);
   def_statistics(c);
   m.def("constraint_costs", &constraint_costs, py::arg("arrays"), "Weighted cost of each group.");
-  m.def("loss_terms",
-        &loss_terms,
-        py::arg("loss"),
-        py::arg("scale"),
-        py::arg("squared"),
-        "ρ, ρ′ and d(s ρ′)/ds of squared residuals s.");
 }
 
 }  // namespace sfmcpp::bindings

@@ -31,6 +31,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("__version__") = SFMCPP_VERSION;
   m.attr("INSTRUCTION_SET") = py::str(std::string(sfmcpp::isa_name(sfmcpp::active_isa())));
   register_errors();
+  sfmcpp::bindings::bind_losses(m);
   sfmcpp::bindings::bind_options(m);
   sfmcpp::bindings::bind_summary(m);
   sfmcpp::bindings::bind_exchange(m);

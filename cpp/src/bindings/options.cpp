@@ -8,6 +8,8 @@
 
 #include <pybind11/stl.h>
 
+#include "losses.hpp"
+
 namespace sfmcpp::bindings {
 namespace {
 
@@ -46,6 +48,20 @@ void def_choice(py::class_<SolveOptions>& c, const OptionFacts& facts, const Get
       facts.name,
       [get](const SolveOptions& o) { return std::string(enum_name(get(o))); },
       [get](SolveOptions& o, const std::string& text) { get(o) = parse_enum<E>(text); },
+      facts.description);
+}
+
+// Options keep a table, and with it what Python has made of it.
+void def_loss(py::class_<SolveOptions>& c, const OptionFacts& facts) {
+  c.def_property(
+      facts.name,
+      [](const SolveOptions& o) {
+        if (o.loss_table) return NamedLoss(std::const_pointer_cast<LossTable>(o.loss_table));
+        return NamedLoss(std::string(enum_name(o.loss)));
+      },
+      py::cpp_function(
+          [](SolveOptions& o, const NamedLoss& named) { set_loss(named, o.loss, o.loss_table); },
+          py::keep_alive<1, 2>()),
       facts.description);
 }
 
@@ -90,7 +106,11 @@ Option bind_option(py::class_<SolveOptions>& c, const OptionFacts& facts, const 
   option.description = facts.description;
   if (facts.unit != nullptr) option.unit = facts.unit;
   if constexpr (std::is_enum_v<T>) {
-    def_choice<T>(c, facts, get);
+    if constexpr (std::is_same_v<T, LossKind>) {
+      def_loss(c, facts);
+    } else {
+      def_choice<T>(c, facts, get);
+    }
     option.type = "str";
     option.choices = names_of<T>();
   } else if constexpr (kIsOptional<T>) {

@@ -14,6 +14,7 @@ void bind_solve(py::module_& m);
 void bind_check(py::module_& m);
 void bind_pose(py::module_& m);
 void bind_constraint_kinds(py::module_& m);
+void bind_losses(py::module_& m);
 void bind_camera_models(py::module_& m);
 void bind_linearize(py::module_& m);
 void bind_nearest(py::module_& m);

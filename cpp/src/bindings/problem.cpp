@@ -1,9 +1,12 @@
 #include "problem.hpp"
 
+#include <limits>
+
 #include <pybind11/stl.h>
 
-#include "arrays.hpp"
 #include "options.hpp"
+#include "python_function.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -14,11 +17,75 @@ std::span<const std::uint8_t> flags(const py::dict& arrays, const char* name) {
   return {reinterpret_cast<const std::uint8_t*>(values.data()), values.size()};
 }
 
+// `function(points, intrinsics, wanted)` gives pixels (n, 2) and, where they are wanted, their
+// derivatives by points (n, 2, 3) and by intrinsics (n, 2, K); Python has checked the shapes.
+class PythonCamera : public CameraFunction, public PythonFunction {
+ public:
+  PythonCamera(std::string name, std::vector<std::string> intrinsics, py::object function)
+      : PythonFunction(std::move(function)),
+        name_(std::move(name)),
+        intrinsics_(std::move(intrinsics)),
+        names_(intrinsics_.begin(), intrinsics_.end()) {}
+
+  const std::string& name() const override { return name_; }
+  std::span<const std::string_view> intrinsic_names() const override { return names_; }
+
+  void image(int count,
+             const double* points,
+             const double* intrinsics,
+             double* pixels,
+             const Jacobians* jacobians) const override {
+    const auto width = static_cast<py::ssize_t>(names_.size());
+    const auto arguments = [&] {
+      return py::make_tuple(
+          array(count, 3, points), array(count, width, intrinsics), jacobians != nullptr);
+    };
+    const long numbers = 2L * count;
+    const auto take = [&](const py::tuple& answer) {
+      copy_answer(answer[0], numbers, pixels);
+      if (jacobians == nullptr) return;
+      copy_answer(answer[1], 3 * numbers, jacobians->by_point);
+      copy_answer(answer[2], width * numbers, jacobians->by_intrinsics);
+    };
+    if (call(arguments, take)) return;
+    constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+    std::fill_n(pixels, numbers, kNoNumber);
+    if (jacobians == nullptr) return;
+    std::fill_n(jacobians->by_point, 3 * numbers, kNoNumber);
+    std::fill_n(jacobians->by_intrinsics, width * numbers, kNoNumber);
+  }
+
+ private:
+  static py::array_t<double> array(int rows, py::ssize_t columns, const double* values) {
+    return py::array_t<double>(std::vector<py::ssize_t>{rows, columns}, values);
+  }
+
+  std::string name_;
+  std::vector<std::string> intrinsics_;
+  std::vector<std::string_view> names_;
+};
+
+CameraModel camera_model_of(const py::object& model) {
+  if (py::isinstance<PythonCamera>(model)) return CameraModel(model.cast<const PythonCamera&>());
+  return parse_enum<CameraModelId>(model.cast<std::string>());
+}
+
+void rethrow(const PythonFunction* function) {
+  if (function != nullptr && function->failure()) std::rethrow_exception(function->failure());
+}
+
 }  // namespace
+
+void rethrow_failures(const ba::Problem& problem) {
+  rethrow(dynamic_cast<const PythonCamera*>(problem.camera_model.function()));
+  if (problem.constraints == nullptr) return;
+  for (const residuals::ConstraintGroup& group : problem.constraints->groups())
+    rethrow(dynamic_cast<const PythonFunction*>(group.function.get()));
+}
 
 ba::Problem problem_of(const py::dict& arrays) {
   ba::Problem problem;
-  problem.camera_model = parse_enum<CameraModelId>(arrays["camera_model"].cast<std::string>());
+  problem.camera_model = camera_model_of(arrays["camera_model"]);
   problem.cameras = view<const double>(arrays, "cameras");
   problem.intrinsics = view<const double>(arrays, "intrinsics");
   problem.points = view<const double>(arrays, "points");
@@ -46,6 +113,11 @@ void bind_camera_models(py::module_& m) {
       .def_readonly("intrinsics", &CameraModel::intrinsics, "Names, in the order they are stored.")
       .def_readonly("can_be_free", &CameraModel::can_be_free, "Whether any of them may be free.")
       .def_readonly("metric", &CameraModel::metric, "Whether its cameras are poses [R | c].");
+  py::class_<PythonCamera>(m, "CoreCameraFunction", "A camera model by a Python function.")
+      .def(py::init<std::string, std::vector<std::string>, py::object>(),
+           py::arg("name"),
+           py::arg("intrinsics"),
+           py::arg("function"));
   py::list models;
   for (const auto& [model, name] : EnumNames<CameraModelId>::kTable) {
     const auto names = intrinsic_names(model);

@@ -155,14 +155,14 @@ ba::SolveSummary solve(const py::dict& arrays,
   auto* const communicator = ranks.is_none() ? nullptr : ranks.cast<CommunicatorExchange*>();
   Exchange& exchange = communicator ? communicator->exchange() : this_process();
   Listener listener(callback, checkpoint, communicator);
-  ba::SolveSummary summary = or_failures_of(constraints, [&] {
+  ba::SolveSummary summary = unless_function_failed(problem, [&] {
     const ReleasedGil released;
     return ba::solve(
         problem, options, listener.events(), state, exchange, before ? &*before : nullptr);
   });
   unknowns.write(state);
   listener.rethrow();
-  rethrow_failures(constraints);
+  rethrow_failures(problem);
   return summary;
 }
 
@@ -177,7 +177,8 @@ py::dict explore_step(const py::dict& arrays,
   for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});
   const Unknowns unknowns(arrays);
   optim::State state = ba::state_of(problem);
-  const ba::StepExploration found = ba::explore_step(problem, options, pairs, state);
+  const ba::StepExploration found =
+      or_failures_of(problem, [&] { return ba::explore_step(problem, options, pairs, state); });
   std::vector<double> algebraic;
   algebraic.reserve(lengths.size());
   for (const auto& [camera, point] : lengths)

@@ -169,7 +169,7 @@ double squared_error(const ConstraintResidual& e) {
 }
 
 void apply_loss(const Loss& loss, ConstraintResidual& e) {
-  if (loss.kind == LossKind::kSquared) return;
+  if (loss.is_squared()) return;
   const double factor = std::sqrt(loss.derivative(squared_error(e)));
   scale(factor, e.residual);
   scale(factor, e.by_camera);

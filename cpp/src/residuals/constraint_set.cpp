@@ -104,7 +104,7 @@ void check_intrinsics(const ConstraintGroup& group,
   const auto indices = constrained_intrinsics(group.kind, cameras.camera_model);
   if (!has_free_intrinsics(cameras.camera_model) || static_cast<int>(indices.size()) < wanted) {
     refuse(name_of(group, k),
-           kind_text(group) + ": camera model '" + std::string(enum_name(cameras.camera_model)) +
+           kind_text(group) + ": camera model '" + std::string(cameras.camera_model.name()) +
                "' has no such free parameter");
   }
   for (int camera : {member.camera, member.previous}) {
@@ -159,13 +159,18 @@ void check_member(const ConstraintGroup& group, std::size_t k, const Constrained
   const ConstraintMember& member = group.members[k];
   if (!is_metric(cameras.camera_model)) {
     refuse("constraints['" + group.name + "']",
-           "camera_model = '" + std::string(enum_name(cameras.camera_model)) +
+           "camera_model = '" + std::string(cameras.camera_model.name()) +
                "': constraints are on poses and focal lengths of metric cameras");
   }
   check_camera(name_of(group, k), member.camera, cameras.count);
   if (member.previous != kNoPrevious)
     check_camera(name_of(group, k), member.previous, cameras.count);
   if (group.function) return;
+  if (facts_of(group.kind).compares_images() && cameras.camera_model.function() != nullptr) {
+    refuse("constraints['" + group.name + "']",
+           "camera_model = '" + std::string(cameras.camera_model.name()) +
+               "', a function: images of frozen points need a compiled model");
+  }
   if (!facts_of(group.kind).is_on_poses()) check_intrinsics(group, k, cameras);
   if (facts_of(group.kind).compares_images()) check_frozen_points(group, k, cameras);
 }
@@ -230,7 +235,7 @@ PoseConstraint measurement_of(const ConstraintMember& member) {
   return constraint;
 }
 
-std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model) {
+std::vector<int> constrained_intrinsics(ConstraintKind kind, const CameraModel& model) {
   const auto& wanted = facts_of(kind).parameters;
   const auto names = intrinsic_names(model);
   std::vector<int> indices;

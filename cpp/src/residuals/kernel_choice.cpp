@@ -3,12 +3,14 @@
 
 namespace sfmcpp::residuals {
 
-ReprojectionKernels reprojection_kernels(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(kernels_for(model));
+ReprojectionKernels reprojection_kernels(const CameraModel& model) {
+  if (model.function() != nullptr) return {};
+  return SFMCPP_FOR_ACTIVE_ISA(kernels_for(model.compiled()));
 }
 
-CostKernels cost_kernels(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(cost_kernels_for(model));
+CostKernels cost_kernels(const CameraModel& model) {
+  if (model.function() != nullptr) return {};
+  return SFMCPP_FOR_ACTIVE_ISA(cost_kernels_for(model.compiled()));
 }
 
 // Halves first, as the kernels add the lanes of a pack; lanes that it does not have are zero.
@@ -19,16 +21,19 @@ double sum_of_cost_lanes(const double* lanes) {
   return (quarters[0] + quarters[2]) + (quarters[1] + quarters[3]);
 }
 
-AlgebraicKernel algebraic_kernel(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(algebraic_kernel_for(model));
+AlgebraicKernel algebraic_kernel(const CameraModel& model) {
+  if (model.function() != nullptr) return {};
+  return SFMCPP_FOR_ACTIVE_ISA(algebraic_kernel_for(model.compiled()));
 }
 
-BendingKernel bending_kernel(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(bending_kernel_for(model));
+BendingKernel bending_kernel(const CameraModel& model) {
+  if (model.function() != nullptr) return {};
+  return SFMCPP_FOR_ACTIVE_ISA(bending_kernel_for(model.compiled()));
 }
 
-PlaceKernel place_kernel(CameraModelId model) {
-  return SFMCPP_FOR_ACTIVE_ISA(place_kernel_for(model));
+PlaceKernel place_kernel(const CameraModel& model) {
+  if (model.function() != nullptr) return {};
+  return SFMCPP_FOR_ACTIVE_ISA(place_kernel_for(model.compiled()));
 }
 
 }  // namespace sfmcpp::residuals

@@ -13,9 +13,11 @@ from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
-from sfmcpp.model import Problem
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import number_array
+from sfmcpp.model.camera_models import require_named
 from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
 
 Callback = Callable[[Iteration], "bool | None"]
@@ -62,7 +64,8 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     if checkpoint is not None or resume is not None:
-        require_kinds(constraints, "in a run that is saved")
+        _require_names(constraints, options, "in a run that is saved")
+        require_named(problem.camera_model, "in a run that is saved")
     arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
     doubts = [doubt for group in constraints for doubt in _doubts(group, problem)]
@@ -109,7 +112,7 @@ def adjust_on_ranks(
     DatasetError
         As :func:`adjust`, on all ranks; also if `resume` is of another number of ranks.
     """
-    ranks.agreed(lambda: require_kinds(constraints, "on several ranks"))
+    ranks.agreed(lambda: _require_names(constraints, options, "on several ranks"))
     arrays = ranks.agreed(lambda: _arrays(parts.mine, constraints))
     alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
     require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
@@ -140,6 +143,13 @@ def _doubts(group: Group, problem: Problem) -> Iterator[str]:
             f"constraints[{group.name!r}]: the derivatives that its function gives are off by "
             f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
         )
+
+
+def _require_names(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
+    """Of groups and losses that are functions nothing tells another run or process whether they are alike."""
+    for loss in (options.loss, *(group.loss for group in require_kinds(constraints, what))):
+        if isinstance(loss, LossFunction):
+            raise InvalidArgument(f"loss = {loss!r}: must be the name of a loss {what}")
 
 
 def _least_bytes(arrays: dict[str, Any]) -> int:

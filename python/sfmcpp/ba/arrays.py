@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem, camera_model
+from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, camera_model
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
@@ -31,10 +32,17 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
     """
     if not isinstance(problem, Problem):
         raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
-    model = camera_model(problem.camera_model).name
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
-    return {"camera_model": model, **views, **copies}
+    return {"camera_model": _core_model(problem), **views, **copies}
+
+
+def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:
+    model = camera_model(problem.camera_model)
+    if not isinstance(model, CameraFunction):
+        return model.name
+    model.require_images(problem)
+    return _core.CoreCameraFunction(model.name, model.intrinsics, model.evaluate)
 
 
 def core_constraints(groups: Iterable[Group], problem: Problem) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Problem
+from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_not_negative
@@ -405,7 +405,7 @@ def linearize(
     problem: Problem,
     *,
     constraints: Iterable[Group] = (),
-    loss: Loss = "squared",
+    loss: Loss | LossFunction = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
     gauge: Gauge = "auto",
     threads: int = 0,
@@ -418,7 +418,7 @@ def linearize(
         The state, usually an optimum; left untouched.
     constraints : iterable of ConstraintGroup or ResidualGroup
         Groups with their weights.
-    loss : {"squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"}
+    loss : {"squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"} or LossFunction
         Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.
     loss_scale_px : float or "auto"
         Where the loss leaves the parabola; "auto": told by the residuals, as at the start of a solve.

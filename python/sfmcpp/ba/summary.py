@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.html import html_table
+from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import Loss
 from sfmcpp.model.weight_selection import WeightSelection
 
@@ -172,7 +173,9 @@ class Summary:
         gradient is not negligible) or ``"numerical_failure"`` (no step lowered the cost).
     message : str
         The same in words.
-    method, line_search, linear_solver, loss : str
+    loss : str or LossFunction
+        The loss as it was given.
+    method, line_search, linear_solver : str
         What was used.
     point_steps : str
         What became of points that a step made worse, where ``"auto"`` was asked for, too.
@@ -216,7 +219,7 @@ class Summary:
     line_search: str
     linear_solver: str
     linear_solver_reason: str
-    loss: Loss
+    loss: Loss | LossFunction
     loss_scale_px: float
     threads: int
     seconds_setup: float
@@ -266,7 +269,11 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON."""
-        return {**asdict(self), "group_weights": [chosen.to_dict() for chosen in self.group_weights]}
+        return {
+            **asdict(self),
+            "loss": str(self.loss),
+            "group_weights": [chosen.to_dict() for chosen in self.group_weights],
+        }
 
     def __repr__(self) -> str:
         steps = max(len(self.iterations) - 1, 0)

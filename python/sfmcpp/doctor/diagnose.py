@@ -21,6 +21,7 @@ from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model.camera_models import require_pinhole
 from sfmcpp.model.residual_group import checked_groups, require_kinds
 
 # Causes before what follows from them: of one severity, findings stay in this order.
@@ -70,11 +71,14 @@ def diagnose(
     Raises
     ------
     InvalidArgument
-        If a constraint is no valid group. What is wrong with the problem is a finding.
+        If a constraint is no valid group, or rays of the camera model are not known. What is wrong with the
+        problem is a finding.
     KeyboardInterrupt
         On Ctrl-C, during adjustments too.
     """
     groups = require_kinds(checked_groups(constraints), "where a problem is diagnosed")
+    if problem.is_metric:
+        require_pinhole(problem.camera_model)
     refused = _refused(problem)
     if refused is not None:
         return Diagnosis([refused], ["everything else: the arrays break a rule"])

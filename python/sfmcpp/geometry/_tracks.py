@@ -11,15 +11,14 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, pinhole_rows, to_normalised, undistorted_pixels
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+from sfmcpp.model.camera_models import require_pinhole
 
 _OBSERVATIONS_OF_A_PART = 1 << 18
 
 
 def require_metric(problem: Problem) -> None:
     """Raise InvalidArgument unless `problem` has poses, known intrinsics and observations of its own."""
-    if not problem.is_metric:
-        rule = "must be 'calibrated', 'perspective' or 'bal'"
-        raise InvalidArgument(f"camera_model = {problem.camera_model!r}: {rule}")
+    require_pinhole(problem.camera_model)
     for name in ("cameras", "intrinsics", "pixels"):
         array = getattr(problem, name)
         finite_array(name, array, array.shape)

@@ -11,6 +11,7 @@ from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.camera_models import require_pinhole
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -37,7 +38,7 @@ def map_of_problem(problem: Problem) -> Map:
         If it is a projective problem, or metadata do not fit it.
     """
     metadata, extra = problem.metadata, problem.metadata.extra
-    result = Map(problem.camera_model)
+    result = Map(require_pinhole(problem.camera_model))
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
     if metadata.image_sizes is not None:
         sizes[problem.intrinsics_index] = metadata.image_sizes

@@ -12,6 +12,7 @@ from sfmcpp.map.table import Table
 from sfmcpp.map.tracks import NONE, Rows, Tracks
 from sfmcpp.model import camera_model as camera_model_of
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, numbers_below
+from sfmcpp.model.camera_models import require_pinhole
 
 UNKNOWN_ERROR = -1.0
 
@@ -37,13 +38,10 @@ class Store:
     """
 
     def __init__(self, camera_model: str = "perspective") -> None:
-        model = camera_model_of(camera_model)
+        model = camera_model_of(require_pinhole(camera_model))
         self.camera_model = model.name
         self.camera_names: list[str] = []
         self.image_names: list[str] = []
-        if not model.metric:
-            rule = "must be 'calibrated', 'perspective' or 'bal'"
-            raise InvalidArgument(f"camera_model = {model.name!r}: {rule}")
         width = (len(model.intrinsics),)
         fixed = [name not in model.free_by_default for name in model.intrinsics]
         self._cameras = Table(

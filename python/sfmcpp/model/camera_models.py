@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfmcpp import _core
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.checks import looked_up
 
 
@@ -59,17 +61,20 @@ CAMERA_MODELS: dict[str, CameraModel] = {
 }
 
 
-def camera_model(name: str) -> CameraModel:
+PINHOLE_MODELS = ("calibrated", "perspective", "bal")
+
+
+def camera_model(name: str | CameraFunction) -> CameraModel | CameraFunction:
     """Look a camera model up by name.
 
     Parameters
     ----------
-    name : str
-        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``.
+    name : str or CameraFunction
+        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``. A function is its own model.
 
     Returns
     -------
-    CameraModel
+    CameraModel or CameraFunction
         Its intrinsic parameters and which are free by default.
 
     Raises
@@ -77,4 +82,22 @@ def camera_model(name: str) -> CameraModel:
     InvalidArgument
         If no camera model has that name.
     """
+    if isinstance(name, CameraFunction):
+        return name
     return looked_up("camera_model", name, CAMERA_MODELS)
+
+
+def require_named(model: str | CameraFunction, what: str) -> str:
+    """The name of a camera model; InvalidArgument if it is a function, which `what` cannot take."""
+    if isinstance(model, CameraFunction):
+        raise InvalidArgument(f"camera_model = {model!r}: must be the name of a model {what}")
+    return model
+
+
+def require_pinhole(model: str | CameraFunction) -> str:
+    """The name of a camera model of which rays are known, a pinhole with a lens; else InvalidArgument."""
+    name = camera_model(model).name
+    if isinstance(model, CameraFunction) or name not in PINHOLE_MODELS:
+        rule = "must be 'calibrated', 'perspective' or 'bal'"
+        raise InvalidArgument(f"camera_model = {name!r}: {rule}")
+    return name

@@ -14,6 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.checks import looked_up
+from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import ConstraintKindName
 
 NO_CAMERA = -1
@@ -93,13 +94,13 @@ class ConstraintGroup(MemberGroup):
     points : sequence of n (k, 3) float64, optional
         World points, one array per member, of kinds that compare images; they stay where they are.
         The images are those of a camera without distortion.
-    loss : str
+    loss : str or LossFunction
         Robust loss ρ of each member, for a sensor with outliers: ``"squared"`` (none), ``"huber"``,
-        ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or ``"truncated"``. The group then adds
-        ``½ Σ ρ(weight · member_weight · ε)``.
+        ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or ``"truncated"``, or one of your own. The group then
+        adds ``½ Σ ρ(weight · member_weight · ε)``.
     loss_scale : float, optional
         Where the loss leaves the parabola, in standard deviations of the sensor, with the weight d / σ².
-        Default: 95 % efficiency on normal errors, as for observations.
+        Default: 95 % efficiency on normal errors, as for observations; of one of your own: 1.
 
     Raises
     ------
@@ -114,7 +115,7 @@ class ConstraintGroup(MemberGroup):
     member_weights: FloatArray = None  # type: ignore[assignment]
     name: str = ""
     points: Sequence[FloatArray] = field(default=(), repr=False)
-    loss: str = "squared"
+    loss: LossFunction | str = "squared"
     loss_scale: float | None = None
 
     def _check(self) -> None:

@@ -18,7 +18,8 @@ from sfmcpp.model.arrays import (
     numbers_below,
     require_int32,
 )
-from sfmcpp.model.camera_models import camera_model
+from sfmcpp.model.camera_function import CameraFunction
+from sfmcpp.model.camera_models import CameraModel, camera_model
 from sfmcpp.model.html import html_table
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
@@ -31,8 +32,9 @@ class Problem:
 
     Parameters
     ----------
-    camera_model : str
-        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``; see :class:`CameraModel`.
+    camera_model : str or CameraFunction
+        ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``, see :class:`CameraModel`; or a
+        function of your own.
     cameras : (C, 3, 4) float64
         ``[R | c]`` of each camera: rotation world_from_camera and centre in the world. A world point X
         is at ``Rᵀ (X − c)`` in the camera, z forward, y down. Projective cameras: the matrix P.
@@ -68,7 +70,7 @@ class Problem:
         range, finite numbers, rotations) are checked by :func:`sfmcpp.check` and by every solve.
     """
 
-    camera_model: CameraModelName | str
+    camera_model: CameraModelName | str | CameraFunction
     cameras: FloatArray
     intrinsics: FloatArray
     points: FloatArray
@@ -119,6 +121,10 @@ class Problem:
         )
 
     @property
+    def _model(self) -> CameraModel | CameraFunction:
+        return camera_model(self.camera_model)
+
+    @property
     def num_cameras(self) -> int:
         """Number of cameras, C."""
         return len(self.cameras)
@@ -151,12 +157,12 @@ class Problem:
     @property
     def intrinsic_names(self) -> tuple[str, ...]:
         """Names of the columns of `intrinsics`."""
-        return camera_model(self.camera_model).intrinsics
+        return self._model.intrinsics
 
     @property
     def is_metric(self) -> bool:
         """Whether the cameras are poses in a Euclidean world, rather than projection matrices."""
-        return camera_model(self.camera_model).metric
+        return self._model.metric
 
     def set_free_intrinsics(self, *names: str) -> Problem:
         """Free exactly the named intrinsic parameters, in every row; fix the others. Returns `self`.
@@ -170,11 +176,11 @@ class Problem:
         for name in names:
             if name not in known:
                 raise InvalidArgument(
-                    f"intrinsic {name!r}: camera model {self.camera_model!r} has {', '.join(known)}"
+                    f"intrinsic {name!r}: camera model {self._model.name!r} has {', '.join(known)}"
                 )
-        if names and not camera_model(self.camera_model).can_be_free:
+        if names and not self._model.can_be_free:
             raise InvalidArgument(
-                f"intrinsic {names[0]!r}: camera model {self.camera_model!r} keeps all its intrinsics fixed; "
+                f"intrinsic {names[0]!r}: camera model {self._model.name!r} keeps all its intrinsics fixed; "
                 "use 'perspective'"
             )
         self.fixed_intrinsics[:] = [name not in names for name in known]
@@ -251,7 +257,7 @@ class Problem:
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
         facts = {
-            "camera model": self.camera_model,
+            "camera model": self._model.name,
             "cameras": f"{self.num_cameras:,}",
             "intrinsics": f"{len(self.intrinsics):,} of {', '.join(self.intrinsic_names) or 'no parameters'}",
             "points": f"{self.num_points:,}",
@@ -262,7 +268,7 @@ class Problem:
 
     def __repr__(self) -> str:
         return (
-            f"Problem({self.camera_model!r}: {self.num_cameras} cameras, {self.num_points} points, "
+            f"Problem({self._model.name!r}: {self.num_cameras} cameras, {self.num_points} points, "
             f"{self.num_observations} observations"
             f"{' with covariances' if self.covariance_px2 is not None else ''})"
         )

@@ -13,6 +13,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
+from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
 ResidualFunction: TypeAlias = Callable[[FloatArray], "ArrayLike | tuple[ArrayLike, ArrayLike]"]
@@ -46,11 +47,12 @@ class ResidualGroup(MemberGroup):
         Weight of each member. Default: 1.
     name : str
         Name of the group in summaries and messages, unique in a solve. Default: that of the function.
-    loss : str
-        Robust loss ρ: ``"squared"`` (none), ``"huber"``, ``"cauchy"`` or ``"tukey"``. One of your own,
-        ρ(s) of s = ‖r‖², is ``r √(ρ(s) / s)`` in place of r.
+    loss : str or LossFunction
+        Robust loss ρ: ``"squared"`` (none), ``"huber"``, ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or
+        ``"truncated"``, or one of your own.
     loss_scale : float, optional
-        Where the loss leaves the parabola, in units of r. Default: 95 % efficiency on normal errors.
+        Where the loss leaves the parabola, in units of r. Default: 95 % efficiency on normal errors; of one
+        of your own: 1.
 
     Raises
     ------
@@ -64,7 +66,7 @@ class ResidualGroup(MemberGroup):
     weight: float = 1.0
     member_weights: FloatArray = None  # type: ignore[assignment]
     name: str = ""
-    loss: str = "squared"
+    loss: LossFunction | str = "squared"
     loss_scale: float | None = None
 
     def _check(self) -> None:

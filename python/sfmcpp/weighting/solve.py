@@ -15,6 +15,7 @@ from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.camera_models import require_named
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
@@ -40,7 +41,8 @@ def solve(
     """Adjust cameras, intrinsics and points of a problem, in place.
 
     Minimises ½ Σ ρ(‖r‖²) over everything that is free, r = (observed − projected) / σ, and the costs of
-    the constraints, each group with a loss of its own.
+    the constraints, each group with a loss of its own. A :class:`LossFunction` stands in place of the name of
+    a loss, a :class:`CameraFunction` in place of the problem's camera model.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        ranks.agreed(lambda: _refuse_what_one_process_needs(settings))
+        ranks.agreed(lambda: _refuse_what_one_process_needs(problem, settings))
         kept = checkpoint, resume
         require_alike(ranks, {name: bool(k) for name, k in zip(("checkpoint", "resume"), kept, strict=True)})
         return _solve_on_ranks(problem, groups, weight, settings, ranks, callback, *kept)
@@ -138,7 +140,9 @@ def _checked(
     return checked_groups(constraints), settings
 
 
-def _refuse_what_one_process_needs(settings: SolveOptions) -> None:
+def _refuse_what_one_process_needs(problem: Problem | None, settings: SolveOptions) -> None:
+    if problem is not None:
+        require_named(problem.camera_model, "on several ranks")
     if settings.preconditioner in ("clusters", "two-levels"):
         raise InvalidArgument(
             f"preconditioner = {settings.preconditioner!r}: not with comm; no rank has all blocks of S"

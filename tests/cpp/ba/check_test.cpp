@@ -331,7 +331,7 @@ TEST(CheckStart, CallbacksMustBeCallable) {
 TEST(CheckArrays, ANumberThatIsNoCameraModelIsRefused) {
   const OwnedProblem scene = legal_scene();
   Problem problem = scene.view();
-  problem.camera_model = static_cast<CameraModelId>(17);
+  problem.camera_model = CameraModel(static_cast<CameraModelId>(17));
   EXPECT_EQ(message_of([&] { check_arrays(problem); }), "camera_model = 17: is none of its values");
 }
 

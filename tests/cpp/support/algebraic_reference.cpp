@@ -72,7 +72,7 @@ Matrix34 metric_change(const LinearizedProblem& work, const CameraStep& step, in
   const Matrix3d turn = skew(step.tangent.head<3>());
   Matrix34 view_change = -turn * view;
   view_change.col(3) -= view.leftCols<3>() * step.tangent.tail<3>();
-  const CameraModelId model = work.problem.camera_model;
+  const CameraModelId model = work.problem.camera_model.compiled();
   const std::span<const double> intrinsics = intrinsics_of(work, k);
   return pinhole(model, intrinsics) * view_change +
          pinhole_change(model, intrinsics, step.intrinsics) * view;
@@ -128,8 +128,10 @@ Eigen::Matrix2d residual_weight(const LinearizedProblem& work, const Loss& loss,
   const ba::Problem& problem = work.problem;
   const double* point = work.state.points.data() +
                         static_cast<long>(problem.point_storage()) * problem.point_index[k];
-  const auto image =
-      project(problem.camera_model, stored_camera(work, k), intrinsics_of(work, k).data(), point);
+  const auto image = project(problem.camera_model.compiled(),
+                             stored_camera(work, k),
+                             intrinsics_of(work, k).data(),
+                             point);
   const Eigen::Matrix2d factor = whitening_factor(problem, k);
   const Vector2d r =
       factor * Vector2d(problem.pixels[2 * k] - image.u, problem.pixels[2 * k + 1] - image.v);
@@ -149,7 +151,7 @@ Vector2d undistorted_pixel(const LinearizedProblem& work, int k) {
 }
 
 Matrix34 pinhole_matrix(const LinearizedProblem& work, int k) {
-  return pinhole(work.problem.camera_model, intrinsics_of(work, k)) *
+  return pinhole(work.problem.camera_model.compiled(), intrinsics_of(work, k)) *
          view_matrix(stored_camera(work, k));
 }
 

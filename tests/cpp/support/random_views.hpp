@@ -8,7 +8,7 @@
 
 #include <Eigen/Geometry>
 
-#include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/cameras/visit_camera.hpp"
 #include "support/uncalibrated.hpp"
 
 namespace sfmcpp::support {
@@ -51,6 +51,10 @@ inline std::vector<double> strong_intrinsics(CameraModelId model) {
       return {700, -0.3, 0.2};
     case CameraModelId::kProjective:
       return {kImageFrame.begin(), kImageFrame.end()};
+    case CameraModelId::kPlugin:
+#ifdef SFMCPP_CAMERA_PLUGIN
+      return {PluginCamera::kExample.begin(), PluginCamera::kExample.end()};
+#endif
     case CameraModelId::kCalibrated:
       break;
   }

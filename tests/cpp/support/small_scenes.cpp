@@ -12,6 +12,7 @@
 
 #include "sfmcpp/math/so3.hpp"
 #include "support/camera_dispatch.hpp"
+#include "support/random_views.hpp"
 #include "support/uncalibrated.hpp"
 
 namespace sfmcpp::support {
@@ -29,6 +30,8 @@ std::vector<double> true_intrinsics(CameraModelId model) {
       return {800, 1.02, 320, 240, 0.5, -0.12, 0.05, 0.01, -0.004, 0.002, 1e-3, -5e-4};
     case CameraModelId::kBal:
       return {800, -0.12, 0.05};
+    case CameraModelId::kPlugin:
+      return strong_intrinsics(model);
     case CameraModelId::kCalibrated:
     case CameraModelId::kProjective:
       break;
@@ -38,7 +41,7 @@ std::vector<double> true_intrinsics(CameraModelId model) {
 
 std::vector<int> free_by_default(CameraModelId model) {
   if (model == CameraModelId::kBal) return {0, 1, 2};
-  if (model == CameraModelId::kPerspective) return {0};
+  if (model == CameraModelId::kPerspective || model == CameraModelId::kPlugin) return {0};
   return {};
 }
 

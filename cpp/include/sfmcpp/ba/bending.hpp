@@ -28,10 +28,18 @@ class Bending {
                                    std::span<const double> weights);
 
  private:
-  void bend_chunk(const optim::State& state,
-                  const linear::Step& step,
-                  std::span<const double> weights,
-                  const linear::Chunk& chunk);
+  // Calls use(c, batch) for every chunk.
+  template <class F>
+  void for_each_batch(const optim::State& state,
+                      const linear::Step& step,
+                      std::span<const double> weights,
+                      const F& use) const;
+  void bend_by_kernel(const residuals::BendingBatch& batch, const linear::Chunk& chunk);
+  void bend_by_function(const CameraFunction& function,
+                        const optim::State& state,
+                        const linear::Step& step,
+                        std::span<const double> weights);
+  void write(const linear::Chunk& chunk, const double* u, double* v);
 
   const ImageResiduals& images_;
   const linear::ParameterMap& map_;

@@ -4,11 +4,13 @@
 // (core/exchange.hpp).
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/residuals/function_images.hpp"
 #include "sfmcpp/residuals/loss.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
@@ -35,7 +37,7 @@ class ImageResiduals {
 
   void set_loss(const Loss& loss) { loss_ = loss; }
   const Loss& loss() const { return loss_; }
-  bool is_robust() const { return loss_.kind != LossKind::kSquared; }
+  bool is_robust() const { return !loss_.is_squared(); }
 
   // Two per observation.
   std::vector<double> values(const optim::State& state) const;
@@ -52,12 +54,18 @@ class ImageResiduals {
     }
     return total(fits);
   }
+  // Whether observations may be asked for one by one, by the next two: not of a camera model that
+  // is a function, whose calls are for all.
+  bool single_observations() const { return !function_images_; }
   // ρ(‖r‖²) of each observation of a chunk, and of one observation with its point at `place`.
   void observation_costs(const optim::State& state,
                          const linear::Chunk& chunk,
                          double* costs) const;
   double cost_of_place(const optim::State& state, int observation, const double* place) const;
 
+  // Goes before a pass of linearize() over the chunks: the one call of a camera model that is a
+  // function. fit() and values() make theirs, with residuals alone.
+  void prepare(const optim::State& state, bool with_jacobians = true) const;
   // A chunk of observations as the kernels take it, what 1/σ_u leaves to whiten in it, and its
   // residuals with their Jacobian; how many points are not in front of the camera.
   residuals::ObservationBatch batch(const optim::State& state, const linear::Chunk& chunk) const;
@@ -93,7 +101,7 @@ class ImageResiduals {
                    double* rv) const;
   double rho(double squared) const { return is_robust() ? loss_.rho(squared) : squared; }
   void copy_pixels();
-  bool is_plain() const { return !is_robust() && whiteners_.shear.empty(); }
+  bool is_plain() const { return !is_robust() && whiteners_.shear.empty() && !function_images_; }
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
   ImageFit total(const std::vector<ImageFit>& fits) const;
 
@@ -103,6 +111,7 @@ class ImageResiduals {
   Exchange& exchange_;
   residuals::ReprojectionKernels kernels_;
   residuals::CostKernels cost_kernels_;
+  mutable std::optional<residuals::FunctionImages> function_images_;  // of the last pass
   Loss loss_;
   AlignedVector<double> u_, v_;
   residuals::Whiteners whiteners_;  // empty where all observations have a σ of 1 px

@@ -19,7 +19,7 @@ namespace sfmcpp::ba {
 // every use of the problem. A solve reads cameras, intrinsics and points from its state alone: here
 // they are the start that state_of() copies.
 struct Problem {
-  CameraModelId camera_model = CameraModelId::kCalibrated;
+  CameraModel camera_model = CameraModelId::kCalibrated;
   std::span<const double> cameras;           // C × 12, row-major: [R | c] world_from_camera, or P
   std::span<const double> intrinsics;        // G × K
   std::span<const double> points;            // N × 3, or N × 4 homogeneous

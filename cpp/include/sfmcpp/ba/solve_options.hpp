@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <memory>
 #include <optional>
 
 #include "sfmcpp/ba/algebraic_cost.hpp"
@@ -17,6 +18,7 @@ struct SolveOptions {
   optim::MinimizerOptions minimizer;
   linear::LinearSolverOptions linear_solver;
   LossKind loss = LossKind::kSquared;
+  std::shared_ptr<const LossTable> loss_table{};  // in place of `loss`, which is then squared
   // Of the residual over σ, at least that of kAuto; none: from the median absolute residual at the
   // start.
   std::optional<double> loss_scale_px = 1.0;
@@ -25,6 +27,7 @@ struct SolveOptions {
   linear::Precision precision = linear::Precision::kAuto;
   int num_threads = 0;  // 0: as many as the machine has and the problem is worth
 
+  bool is_robust() const { return loss_table || loss != LossKind::kSquared; }
   // Throws InvalidArgument listing every option out of its range.
   void validate() const;
 };

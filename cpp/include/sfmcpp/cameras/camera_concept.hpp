@@ -81,14 +81,93 @@ SFMCPP_INLINE void undistorted(const double* intrinsics, Real u, Real v, Real& x
   }
 }
 
-// Pose [R | c] followed by division by the depth, followed by a lens.
-template <class Lens>
-struct MetricCamera {
-  static constexpr auto kIntrinsicNames = Lens::kNames;
+// Poses [R | c] and points in a Euclidean world, whatever images they have.
+struct MetricSpace {
   static constexpr bool kMetric = true;
   static constexpr int kTangent = 6;
-  static constexpr int kIntrinsics = Lens::kIntrinsics;
   static constexpr int kPointStorage = 3;
+
+  static void plus(const double* camera, const double* delta, double* result) {
+    plus_pose(camera, delta, result);
+  }
+  static void plus_point(const double* point, const double* delta, double* result) {
+    for (int k = 0; k < 3; ++k) result[k] = point[k] + delta[k];
+  }
+  static void transport(const double*, const double* step, const double*, double* result) {
+    for (int k = 0; k < 3; ++k) result[k] = step[k];
+  }
+  static void normalize(double*) {}
+  static void normalize_point(double*) {}
+
+  // x_cam = Rᵀ (X − c).
+  template <class Parameter, class Real>
+  static void to_camera(const Parameter* camera, const Real* point, Real* x) {
+    const Real dx = point[0] - camera[3], dy = point[1] - camera[7], dz = point[2] - camera[11];
+    for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
+  }
+
+  // exp(−α [ω]×) (y + α m) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives m − ω × y and
+  // −2 ω × m + ω × (ω × y).
+  template <class Real>
+  static void to_camera_along(const double* camera,
+                              const double* delta,
+                              const Real* point,
+                              const Real* step,
+                              Jet<Real>* x) {
+    const double motion[12] = {camera[0],
+                               camera[1],
+                               camera[2],
+                               delta[3],
+                               camera[4],
+                               camera[5],
+                               camera[6],
+                               delta[4],
+                               camera[8],
+                               camera[9],
+                               camera[10],
+                               delta[5]};
+    Real y[3], m[3], turned[3], turned_m[3], turned_twice[3];
+    to_camera(camera, point, y);
+    to_camera(motion, step, m);
+    cross(delta, y, turned);
+    cross(delta, m, turned_m);
+    cross(delta, turned, turned_twice);
+    for (int k = 0; k < 3; ++k)
+      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0};
+  }
+
+  template <class Real>
+  static void cross(const double* w, const Real* x, Real* out) {
+    for (int k = 0; k < 3; ++k)
+      out[k] = x[(k + 2) % 3] * w[(k + 1) % 3] - x[(k + 1) % 3] * w[(k + 2) % 3];
+  }
+
+  // Note eqs 5–10: with a row a of A = ∂(u, v)/∂x_cam, the derivatives are a [x_cam]× by δR, −a Rᵀ
+  // by δc and a Rᵀ by δX.
+  template <class Parameter, class Real>
+  static void carry_to_world(const Parameter* camera,
+                             const Real* x,
+                             Real ax,
+                             Real ay,
+                             Real az,
+                             Real* by_camera,
+                             Real* by_point) {
+    by_camera[0] = ay * x[2] - az * x[1];
+    by_camera[1] = az * x[0] - ax * x[2];
+    by_camera[2] = ax * x[1] - ay * x[0];
+    for (int k = 0; k < 3; ++k) {
+      const Parameter* r = camera + 4 * k;  // row k of R: column k of Rᵀ
+      by_point[k] = ax * r[0] + ay * r[1] + az * r[2];
+      by_camera[3 + k] = -by_point[k];
+    }
+  }
+};
+
+// Pose [R | c] followed by division by the depth, followed by a lens.
+template <class Lens>
+struct MetricCamera : MetricSpace {
+  static constexpr auto kIntrinsicNames = Lens::kNames;
+  static constexpr int kIntrinsics = Lens::kIntrinsics;
 
   template <class Real>
   static ImagePoint<Real> project(const double* camera,
@@ -119,8 +198,6 @@ struct MetricCamera {
     Lens::distort(intrinsics, x[0] * inverse_depth, x[1] * inverse_depth, u, v);
   }
 
-  // Note eqs 5–10: with A = ∂(u, v)/∂x_cam, the derivatives are A [x_cam]× by δR, −A Rᵀ by δc and
-  // A Rᵀ by δX.
   template <class Parameter, class Real>
   static void linearize(const Parameter* camera,
                         const Parameter* intrinsics,
@@ -137,14 +214,7 @@ struct MetricCamera {
       const Real ax = lens.plane[row][0] * inverse_depth;
       const Real ay = lens.plane[row][1] * inverse_depth;
       const Real az = -(ax * px + ay * py);
-      out.camera[row][0] = ay * x[2] - az * x[1];
-      out.camera[row][1] = az * x[0] - ax * x[2];
-      out.camera[row][2] = ax * x[1] - ay * x[0];
-      for (int k = 0; k < 3; ++k) {
-        const Parameter* r = camera + 4 * k;  // row k of R: column k of Rᵀ
-        out.point[row][k] = ax * r[0] + ay * r[1] + az * r[2];
-        out.camera[row][3 + k] = -out.point[row][k];
-      }
+      carry_to_world(camera, x, ax, ay, az, out.camera[row], out.point[row]);
       for (int k = 0; k < kIntrinsics; ++k) out.intrinsics[row][k] = lens.intrinsics[row][k];
     }
   }
@@ -159,18 +229,6 @@ struct MetricCamera {
     point[3] = Real(1.0);
     change[3] = Real(0.0);
   }
-
-  static void plus(const double* camera, const double* delta, double* result) {
-    plus_pose(camera, delta, result);
-  }
-  static void plus_point(const double* point, const double* delta, double* result) {
-    for (int k = 0; k < 3; ++k) result[k] = point[k] + delta[k];
-  }
-  static void transport(const double*, const double* step, const double*, double* result) {
-    for (int k = 0; k < 3; ++k) result[k] = step[k];
-  }
-  static void normalize(double*) {}
-  static void normalize_point(double*) {}
 
   // P = K [Rᵀ | −Rᵀc] and, to first order,
   // ΔP = K [−[δR]× Rᵀ | [δR]× Rᵀ c − Rᵀ δc] + ΔK [Rᵀ | −Rᵀc] (docs/equations.md §5; thesis eq. 4.20
@@ -218,49 +276,6 @@ struct MetricCamera {
     const Pinhole k = Lens::pinhole(intrinsics);
     ideal_u = x * k.fx + y * k.skew + k.cx;
     ideal_v = y * k.fy + k.cy;
-  }
-
-  // x_cam = Rᵀ (X − c).
-  template <class Parameter, class Real>
-  static void to_camera(const Parameter* camera, const Real* point, Real* x) {
-    const Real dx = point[0] - camera[3], dy = point[1] - camera[7], dz = point[2] - camera[11];
-    for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
-  }
-
-  // exp(−α [ω]×) (y + α m) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives m − ω × y and
-  // −2 ω × m + ω × (ω × y).
-  template <class Real>
-  static void to_camera_along(const double* camera,
-                              const double* delta,
-                              const Real* point,
-                              const Real* step,
-                              Jet<Real>* x) {
-    const double motion[12] = {camera[0],
-                               camera[1],
-                               camera[2],
-                               delta[3],
-                               camera[4],
-                               camera[5],
-                               camera[6],
-                               delta[4],
-                               camera[8],
-                               camera[9],
-                               camera[10],
-                               delta[5]};
-    Real y[3], m[3], turned[3], turned_m[3], turned_twice[3];
-    to_camera(camera, point, y);
-    to_camera(motion, step, m);
-    cross(delta, y, turned);
-    cross(delta, m, turned_m);
-    cross(delta, turned, turned_twice);
-    for (int k = 0; k < 3; ++k)
-      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0};
-  }
-
-  template <class Real>
-  static void cross(const double* w, const Real* x, Real* out) {
-    for (int k = 0; k < 3; ++k)
-      out[k] = x[(k + 2) % 3] * w[(k + 1) % 3] - x[(k + 1) % 3] * w[(k + 2) % 3];
   }
 };
 

@@ -6,6 +6,9 @@
 #include "sfmcpp/cameras/camera_model.hpp"
 #include "sfmcpp/cameras/perspective.hpp"
 #include "sfmcpp/cameras/projective.hpp"
+#ifdef SFMCPP_CAMERA_PLUGIN
+#include SFMCPP_CAMERA_PLUGIN
+#endif
 
 namespace sfmcpp {
 
@@ -19,10 +22,28 @@ decltype(auto) visit_camera(CameraModelId model, const F& f) {
       return f(BalCamera{});
     case CameraModelId::kProjective:
       return f(ProjectiveCamera{});
+    case CameraModelId::kPlugin:
+#ifdef SFMCPP_CAMERA_PLUGIN
+      static_assert(PluginCamera::kIntrinsics <= 12, "a camera has no room for more columns");
+      return f(PluginCamera{});
+#endif
     case CameraModelId::kCalibrated:
       break;
   }
   return f(CalibratedCamera{});
+}
+
+// Throws InvalidArgument if the model is a function.
+template <class F>
+decltype(auto) visit_camera(const CameraModel& model, const F& f) {
+  return visit_camera(model.compiled(), f);
+}
+
+// The same where nothing but cameras and points and what moves them is asked for: of any model.
+template <class F>
+decltype(auto) visit_space(const CameraModel& model, const F& f) {
+  if (model.function() != nullptr) return f(MetricSpace{});
+  return visit_camera(model, f);
 }
 
 }  // namespace sfmcpp

@@ -34,6 +34,6 @@ struct AlgebraicKernel {
   Biquadratic (*sums)(const AlgebraicBatch&);
 };
 
-AlgebraicKernel algebraic_kernel(CameraModelId model);
+AlgebraicKernel algebraic_kernel(const CameraModel& model);
 
 }  // namespace sfmcpp::residuals

@@ -19,6 +19,6 @@ struct BendingKernel {
   void (*bend)(const BendingBatch&, double* u, double* v);
 };
 
-BendingKernel bending_kernel(CameraModelId model);
+BendingKernel bending_kernel(const CameraModel& model);
 
 }  // namespace sfmcpp::residuals

@@ -66,7 +66,7 @@ struct ConstraintGroup {
 
 // The cameras that the constraints are on, as ba/problem.hpp and optim/state.hpp have them.
 struct ConstrainedCameras {
-  CameraModelId camera_model = CameraModelId::kCalibrated;
+  CameraModel camera_model = CameraModelId::kCalibrated;
   int count = 0;
   const double* cameras = nullptr;
   const double* intrinsics = nullptr;
@@ -122,7 +122,7 @@ std::string name_of(const ConstraintGroup& group, std::size_t member);
 
 // Intrinsic parameters that a kind is on, in the order of the model; none where it has no such
 // parameter or the kind is on poses.
-std::vector<int> constrained_intrinsics(ConstraintKind kind, CameraModelId model);
+std::vector<int> constrained_intrinsics(ConstraintKind kind, const CameraModel& model);
 
 // What the member measured, ready to be evaluated or validated; views its points.
 PoseConstraint measurement_of(const ConstraintMember& member);

@@ -1,14 +1,18 @@
 // Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3;
 // eq. 2.51 with σ and c set right, docs/equations.md §4). All behave like s near zero.
 //
+// A loss that is no row of the table is a table itself (loss_table.hpp).
+//
 // How to add a loss: a struct like those here, an enumerator and its row in the table.
 #pragma once
 
 #include <array>
 #include <cmath>
+#include <memory>
 #include <string_view>
 
 #include "sfmcpp/core/enum_names.hpp"
+#include "sfmcpp/residuals/loss_table.hpp"
 
 namespace sfmcpp {
 
@@ -128,12 +132,25 @@ struct EnumTraits<LossKind> {
 struct Loss {
   LossKind kind = LossKind::kSquared;
   double scale = 1.0;  // c: where the loss leaves the parabola, in units of the residual
+  std::shared_ptr<const LossTable> table{};  // in place of the kind: c² ρ(s / c²)
 
-  double rho(double s) const { return facts_of(kind).rho(s, scale); }
+  bool is_squared() const { return !table && kind == LossKind::kSquared; }
+  std::string_view name() const { return table ? table->name() : enum_name(kind); }
+
+  double rho(double s) const {
+    if (table) return scale * scale * table->rho(s / (scale * scale));
+    return facts_of(kind).rho(s, scale);
+  }
   // dρ/ds: the weight of the observation.
-  double derivative(double s) const { return facts_of(kind).derivative(s, scale); }
+  double derivative(double s) const {
+    if (table) return table->derivative(s / (scale * scale));
+    return facts_of(kind).derivative(s, scale);
+  }
   // d(s ρ′)/ds: half the divergence of the influence ρ′ r of a residual of two entries.
-  double influence_slope(double s) const { return facts_of(kind).influence_slope(s, scale); }
+  double influence_slope(double s) const {
+    if (table) return table->influence_slope(s / (scale * scale));
+    return facts_of(kind).influence_slope(s, scale);
+  }
 };
 
 // Whether ρ can be computed with a scale: its square must be a number too.
@@ -144,6 +161,10 @@ inline constexpr const char* kLossScaleRule = "positive and finite, and its squa
 // the squared loss.
 inline double efficient_scale(LossKind kind, double sigma) {
   return facts_of(kind).efficient_scale * sigma;
+}
+// That of a table is not known: sigma itself.
+inline double efficient_scale(const Loss& loss, double sigma) {
+  return loss.table ? sigma : efficient_scale(loss.kind, sigma);
 }
 
 }  // namespace sfmcpp

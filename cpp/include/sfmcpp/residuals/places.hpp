@@ -26,6 +26,6 @@ struct PlaceKernel {
   void (*linearize)(const PlaceBatch&, double* records);
 };
 
-PlaceKernel place_kernel(CameraModelId model);
+PlaceKernel place_kernel(const CameraModel& model);
 
 }  // namespace sfmcpp::residuals

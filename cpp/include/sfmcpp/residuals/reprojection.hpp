@@ -37,7 +37,8 @@ struct ReprojectionKernels {
   int (*linearize)(const ObservationBatch&, const JacobianOutput&);
 };
 
-ReprojectionKernels reprojection_kernels(CameraModelId model);
+// These and the others: of compiled models; null of a function (function_images.hpp).
+ReprojectionKernels reprojection_kernels(const CameraModel& model);
 
 // Sums over a batch alone, where no residual is asked for.
 struct BatchCost {
@@ -55,7 +56,7 @@ struct CostKernels {
   void (*add_squares)(int count, const double* records, double* lanes);
 };
 
-CostKernels cost_kernels(CameraModelId model);
+CostKernels cost_kernels(const CameraModel& model);
 double sum_of_cost_lanes(const double* lanes);
 
 }  // namespace sfmcpp::residuals

@@ -10,8 +10,9 @@ from typing import cast
 from sfmcpp.ba.parts import Part, dealt_part, joined_parts
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError
-from sfmcpp.model import Problem
+from sfmcpp.model import CameraFunction, Problem
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.camera_models import PINHOLE_MODELS
 from sfmcpp.model.checks import looked_up
 from sfmcpp.sources.io import (
     alicevision,
@@ -122,8 +123,12 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:
             raise DatasetError(target, f"format {chosen.name} can be read but not written")
-        if not (problem.is_metric or chosen.holds_projective):
-            raise DatasetError(target, f"format {chosen.name} holds metric cameras only: use .npz")
+        if isinstance(problem.camera_model, CameraFunction):
+            name = problem.camera_model.name
+            raise DatasetError(target, f"camera model {name!r} is a function, which no file holds")
+        if not (problem.camera_model in PINHOLE_MODELS or chosen.holds_every_model):
+            held = ", ".join(PINHOLE_MODELS) if problem.is_metric else "metric"
+            raise DatasetError(target, f"format {chosen.name} holds {held} cameras only: use .npz")
         chosen.writer(problem, target)
 
 

@@ -33,8 +33,8 @@ class Format:
         file is not like that.
     part_reader, part_writer : callable or None
         How each of several ranks reads and writes its part alone.
-    holds_projective : bool
-        Whether it can keep projection matrices and homogeneous points.
+    holds_every_model : bool
+        Whether it can keep projection matrices and homogeneous points, and camera models that were built in.
     target_check : callable or None
         Raises a DatasetError if what is at a path must not be written over.
     lacks : tuple of str
@@ -50,7 +50,7 @@ class Format:
     share_reader: Callable[[Path, Ranks], Share | None] | None = field(default=None, repr=False)
     part_reader: Callable[[Path, Ranks], Part] | None = field(default=None, repr=False)
     part_writer: Callable[[Part, Path, Ranks], None] | None = field(default=None, repr=False)
-    holds_projective: bool = False
+    holds_every_model: bool = False
     target_check: Callable[[Path], None] | None = field(default=None, repr=False)
     lacks: tuple[str, ...] = ()
 

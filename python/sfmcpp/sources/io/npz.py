@@ -301,5 +301,5 @@ FORMAT = Format(
     read_npz,
     write_npz,
     share_reader=read_npz_share,
-    holds_projective=True,
+    holds_every_model=True,
 )

@@ -267,5 +267,5 @@ FORMAT = Format(
     _claims,
     part_reader=read_own_part,
     part_writer=write_own_part,
-    holds_projective=True,
+    holds_every_model=True,
 )

@@ -1,0 +1,192 @@
+"""A camera model by a function of the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import FloatArray, finite_array, shaped_array
+
+if TYPE_CHECKING:
+    from sfmcpp.model.problem import Problem
+
+Projection: TypeAlias = Callable[[FloatArray, FloatArray], ArrayLike]
+Jacobians: TypeAlias = Callable[[FloatArray, FloatArray], tuple[ArrayLike, ArrayLike]]
+
+_MOST_INTRINSICS = 12  # columns that a camera has room for beside those of its pose
+# Central differences of a double are best at its third root; larger where the function is close to straight,
+# as images are in intrinsics, and what high orders of a lens do to a pixel is little beside its rounding.
+_STEP, _STRAIGHT_STEP = (float(np.finfo(float).eps ** power) for power in (1 / 3, 1 / 4))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFunction:
+    """A camera model by a NumPy function, in place of the name of one: ``Problem(camera_model=…)``.
+
+    Poses are those of the other metric models, ``[R | c]``; the function takes points in the frame of the
+    camera, ``x = Rᵀ (X − c)``, to pixels. Nothing else of a camera is known: no point is behind it, and what
+    needs rays, matrices or files is refused. Every pass over the observations is one call, from the thread
+    that called the solve; the bits do not depend on the number of threads.
+
+    Parameters
+    ----------
+    project : callable
+        Called as ``project(points, intrinsics)`` with the points (M, 3) of all observations and the
+        intrinsics (M, K) of their cameras; returns pixels (M, 2), each row of the same row of its arguments
+        alone. NaN: the camera cannot see this point; a step that leads there is refused. What it raises ends
+        the solve and is raised as it is; the problem then holds the best state until there.
+    intrinsics : tuple of str
+        Names of the K intrinsic parameters, 1 to 12. The constraints ``focal`` and ``principal-point`` go by
+        ``f``, ``cx`` and ``cy``.
+    jacobians : callable, optional
+        Called as `project` is; returns the derivatives of the pixels by points (M, 2, 3) and by intrinsics
+        (M, 2, K). Default: central differences, of 2 (3 + K) calls of `project`.
+        :func:`sfmcpp.check_jacobians` tells whether they are right.
+    name : str
+        Its name in messages. Default: that of `project`.
+    free_by_default : tuple of str
+        Intrinsics that a problem leaves free unless it says otherwise. Default: none.
+
+    Raises
+    ------
+    InvalidArgument
+        If a function is not callable, or a name is missing, unknown or there twice. What the functions
+        return waits for the solve.
+    """
+
+    project: Projection
+    intrinsics: tuple[str, ...]
+    jacobians: Jacobians | None = None
+    name: str = ""
+    free_by_default: tuple[str, ...] = ()
+
+    can_be_free = True
+    metric = True
+    point_size = 3
+
+    def __post_init__(self) -> None:
+        for label in ("project", "jacobians"):
+            value = getattr(self, label)
+            if not (callable(value) or (label == "jacobians" and value is None)):
+                raise InvalidArgument(f"{label} = {value!r}: must be callable")
+        object.__setattr__(self, "intrinsics", _names("intrinsics", self.intrinsics))
+        if not 0 < len(self.intrinsics) <= _MOST_INTRINSICS:
+            raise InvalidArgument(f"intrinsics = {self.intrinsics!r}: must be 1 to {_MOST_INTRINSICS} names")
+        object.__setattr__(self, "free_by_default", _names("free_by_default", self.free_by_default))
+        for name in self.free_by_default:
+            if name not in self.intrinsics:
+                raise InvalidArgument(f"free_by_default: {name!r} is none of {', '.join(self.intrinsics)}")
+        if not isinstance(self.name, str):
+            raise InvalidArgument(f"name = {self.name!r}: must be text")
+        object.__setattr__(self, "name", self.name or getattr(self.project, "__name__", "function"))
+
+    def __repr__(self) -> str:
+        return f"CameraFunction({self.name!r}: {', '.join(self.intrinsics)})"
+
+    def evaluate(
+        self, points: FloatArray, intrinsics: FloatArray, jacobians: bool
+    ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Pixels and their derivatives.
+
+        Parameters
+        ----------
+        points : (M, 3) float64
+            In the frame of the camera.
+        intrinsics : (M, K) float64
+            Of the camera of each point.
+        jacobians : bool
+            Whether derivatives are wanted.
+
+        Returns
+        -------
+        (M, 2) float64, (M, 2, 3) float64 or None, (M, 2, K) float64 or None
+
+        Raises
+        ------
+        InvalidArgument
+            If what a function returns has another shape, or a derivative is no finite number.
+        """
+        pixels = self._pixels(points, intrinsics)
+        if not jacobians:
+            return pixels, None, None
+        by_point, by_intrinsics = (self.jacobians or self._differences)(points, intrinsics)
+        count = len(points)
+        label = f"camera_model {self.name!r}: derivatives"
+        return (
+            pixels,
+            finite_array(f"{label} by points", by_point, (count, 2, 3)),
+            finite_array(f"{label} by intrinsics", by_intrinsics, (count, 2, len(self.intrinsics))),
+        )
+
+    def require_images(self, problem: Problem) -> None:
+        """Raise InvalidArgument unless every observation of a problem has an image that is a number.
+
+        Indices out of range are left to the checks of the problem.
+        """
+        if not all(
+            index.size and 0 <= index.min() <= index.max() < size
+            for index, size in (
+                (problem.intrinsics_index, len(problem.intrinsics)),
+                (problem.camera_index, problem.num_cameras),
+                (problem.point_index, problem.num_points),
+            )
+        ):
+            return
+        poses, points = problem.cameras[problem.camera_index], problem.points[problem.point_index]
+        rows = problem.intrinsics[problem.intrinsics_index[problem.camera_index]]
+        in_camera = np.einsum("nji,nj->ni", poses[:, :, :3], points - poses[:, :, 3])
+        (bad,) = np.nonzero(~np.isfinite(self._pixels(in_camera, rows).sum(axis=1)))
+        if len(bad):
+            k = int(bad[0])
+            raise InvalidArgument(
+                f"camera_model {self.name!r}: project gives no number for observation {k}, of a point at "
+                f"{in_camera[k].tolist()} in its camera ({len(bad)} of {len(rows)} observations)"
+            )
+
+    def _pixels(self, points: FloatArray, intrinsics: FloatArray) -> FloatArray:
+        label = f"camera_model {self.name!r}: project"
+        return shaped_array(label, self.project(points, intrinsics), (len(points), 2))
+
+    def _differences(self, points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
+        here = self._pixels(points, intrinsics)
+        step = _STEP * np.linalg.norm(points, axis=1)
+        by_point = [
+            _difference(lambda x: self._pixels(x, intrinsics), here, points, k, step) for k in range(3)
+        ]
+        steps = _STRAIGHT_STEP * np.maximum(1.0, np.abs(intrinsics))
+        by_intrinsics = [
+            _difference(lambda x: self._pixels(points, x), here, intrinsics, k, steps[:, k])
+            for k in range(len(self.intrinsics))
+        ]
+        return np.stack(by_point, axis=2), np.stack(by_intrinsics, axis=2)
+
+
+def _difference(
+    pixels: Callable[[FloatArray], FloatArray], here: FloatArray, values: FloatArray, k: int, step: FloatArray
+) -> FloatArray:
+    """∂pixels / ∂values[:, k]: central differences, or one-sided ones at the edge of an image."""
+    images, places = [], []
+    for sign in (1, -1):
+        moved = values.copy()
+        moved[:, k] += sign * step
+        image = pixels(moved)
+        seen = np.isfinite(image.sum(axis=1))
+        images.append(np.where(seen[:, None], image, here))
+        places.append(np.where(seen, moved[:, k], values[:, k]))  # as it was rounded
+    with np.errstate(invalid="ignore"):  # seen from neither side: no number, which is refused
+        difference: FloatArray = (images[0] - images[1]) / (places[0] - places[1])[:, None]
+    return difference
+
+
+def _names(label: str, value: object) -> tuple[str, ...]:
+    names = (value,) if isinstance(value, str) else value
+    if not isinstance(names, tuple | list) or not all(isinstance(name, str) and name for name in names):
+        raise InvalidArgument(f"{label} = {value!r}: must be names")
+    if len(set(names)) < len(names):
+        raise InvalidArgument(f"{label} = {value!r}: a name is there twice")
+    return tuple(names)

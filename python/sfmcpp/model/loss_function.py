@@ -1,0 +1,130 @@
+"""A robust loss by functions of the user's own, as a table that solvers read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp import _core
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import FloatArray, shaped_array
+
+Curve: TypeAlias = Callable[[FloatArray], ArrayLike]
+
+_TERMS = _core.LOSS_TABLE_TERMS
+# Where a cell of the table is sampled, and where it is then compared: from 0 to 1.
+_NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(_TERMS) / (_TERMS - 1))
+_TESTS = 0.5 * (_NODES[1:] + _NODES[:-1])
+_TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
+_AT_TESTS = np.vander(_TESTS, _TERMS, increasing=True)
+_OCTAVES = np.concatenate([[0.0], np.exp2(np.arange(-20.0, 101.0))])  # of s, before cells are halved
+_TOLERANCE = 1e-12  # of a weight, relative to its cell
+# What is left of a weight by cancellation inside the function, where cells of this share of s do not help.
+_ROUNDING, _SHARE_OF_ROUNDING = 1e-14, 1 / 32
+_NARROWEST = 1e-13  # a cell with a kink or a leap, relative to s
+_MOST_CELLS = 20_000
+_RHO_TOLERANCE = 1e-6  # of ρ beside the integral of ρ′
+
+
+class LossFunction(_core.LossTable):
+    """A robust loss ρ(s) by NumPy functions, in place of the name of one: ``solve(loss=…)`` and groups.
+
+    The cost is ``½ Σ c² ρ(‖r‖² / c²)`` with the scale c of the solve or the group, which is one unless given:
+    residuals are over their σ. Solvers ask for single values from many threads, so that the derivative is
+    tabulated here, once: polynomials of degree 7 on cells that are halved until they agree with the function
+    to 1e-12 of its value, or to its rounding; kinks and leaps end in cells of 1e-13 of s. ρ is the integral
+    of that table, so that cost and gradient belong together; beyond ``s = 2¹⁰⁰`` it goes on as a line.
+
+    Parameters
+    ----------
+    rho : callable
+        ρ of squared scaled residuals s ≥ 0 (n,), (n,) itself; zero at zero. It is compared with the integral
+        of `derivative`.
+    derivative : callable
+        ρ′ = dρ/ds, the weight of an observation: finite and not negative; one at zero where small residuals
+        are to count in full.
+    name : str
+        Its name in summaries. Default: that of `rho`.
+
+    Raises
+    ------
+    InvalidArgument
+        If what a function returns has another shape or is no number, a weight is negative, `rho` is not the
+        integral of `derivative`, or `derivative` is too rough to be tabulated: another value wherever it is
+        asked.
+    """
+
+    def __init__(self, rho: Curve, derivative: Curve, name: str = "") -> None:
+        for label, function in (("rho", rho), ("derivative", derivative)):
+            if not callable(function):
+                raise InvalidArgument(f"{label} = {function!r}: must be callable")
+        if not isinstance(name, str):
+            raise InvalidArgument(f"name = {name!r}: must be text")
+        self.functions = rho, derivative
+        knots, coefficients = _tabulated(derivative)
+        super().__init__(
+            name or getattr(rho, "__name__", "function"), knots.tolist(), coefficients.ravel().tolist()
+        )
+        _require_integral(self, rho)
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __repr__(self) -> str:
+        return f"LossFunction({self.name!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LossFunction, (*self.functions, self.name)
+
+
+def _tabulated(derivative: Curve) -> tuple[FloatArray, FloatArray]:
+    """Knots (n + 1,), from zero on, and the coefficients (n, terms) between them, of powers from 0 to 1."""
+    done: list[tuple[FloatArray, FloatArray]] = []
+    begin, end = _OCTAVES[:-1], _OCTAVES[1:]
+    while len(begin):
+        values = _values("derivative", derivative, begin, end, _NODES)
+        tests = _values("derivative", derivative, begin, end, _TESTS)
+        coefficients = values @ _TO_COEFFICIENTS.T
+        error = np.abs(coefficients @ _AT_TESTS.T - tests).max(axis=1)
+        rounding = np.where(end - begin <= _SHARE_OF_ROUNDING * end, _ROUNDING, 0.0)
+        good = error <= np.maximum(_TOLERANCE * np.abs(tests).max(axis=1), rounding)
+        narrow = ~good & (end - begin <= _NARROWEST * end)
+        # A straight line there: a polynomial would swing around a leap.
+        coefficients[narrow] = 0.0
+        coefficients[narrow, 0], slope = values[narrow, 0], values[narrow, -1] - values[narrow, 0]
+        coefficients[narrow, 1] = slope
+        kept = good | narrow
+        done.append((begin[kept], coefficients[kept]))
+        if sum(len(knots) for knots, _ in done) + len(begin) > _MOST_CELLS:
+            worst = begin[np.argmax(error)]
+            raise InvalidArgument(f"derivative: too rough to be tabulated, around s = {worst:.3g}")
+        middle = 0.5 * (begin[~kept] + end[~kept])
+        begin, end = np.concatenate([begin[~kept], middle]), np.concatenate([middle, end[~kept]])
+    knots = np.concatenate([part for part, _ in done])
+    order = np.argsort(knots)
+    return np.append(knots[order], _OCTAVES[-1]), np.concatenate([part for _, part in done])[order]
+
+
+def _values(name: str, function: Curve, begin: FloatArray, end: FloatArray, places: FloatArray) -> FloatArray:
+    """Of a function of s at places of cells (n,): (n, places)."""
+    s = np.clip(begin[:, None] + (end - begin)[:, None] * places, begin[:, None], end[:, None])
+    values = shaped_array(name, function(s.ravel()), (s.size,)).reshape(s.shape)
+    bad = ~(np.isfinite(values) & (values >= 0))
+    if bad.any():
+        raise InvalidArgument(f"{name}({s[bad][0]:.6g}) = {values[bad][0]}: must be finite and not negative")
+    return values
+
+
+def _require_integral(table: _core.LossTable, rho: Curve) -> None:
+    s = np.concatenate([[0.0], np.geomspace(1e-4, 1e8, 97)])
+    given = shaped_array("rho", rho(s), s.shape)
+    expected = _core.loss_terms(table, 1.0, s)[0]
+    bad = ~(np.abs(given - expected) <= _RHO_TOLERANCE * np.maximum(np.abs(expected), 1e-4))
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise InvalidArgument(
+            f"rho({s[k]:.6g}) = {given[k]}: must be the integral of derivative, {expected[k]:.9g}"
+        )
