@@ -10,6 +10,7 @@ Bending::Bending(const ImageResiduals& images,
     : images_(images),
       map_(map),
       free_intrinsics_(free_intrinsics),
+      frames_(images.problem()),
       kernel_(residuals::bending_kernel(images.problem().camera_model)) {}
 
 const std::vector<double>& Bending::along(const optim::State& state,
@@ -29,6 +30,12 @@ void Bending::bend_chunk(const optim::State& state,
   const int tangent = camera_tangent(images_.problem().camera_model);
   std::array<double, linear::kMaxCameraSize> delta{}, intrinsics_step{};
   map_.expand(step.camera.data(), chunk.camera, delta.data());
+  Eigen::Vector3d bend = Eigen::Vector3d::Zero();
+  if (frames_.any()) {
+    const FrameMotion motion = frames_.motion(state, chunk.camera);
+    motion.move(delta.data());
+    bend = motion.bend(delta.data());
+  }
   for (std::size_t k = 0; k < free_intrinsics_.size(); ++k)
     intrinsics_step[free_intrinsics_[k]] = delta[tangent + k];
   residuals::ObservationBatch observations = images_.batch(state, chunk);
@@ -36,6 +43,7 @@ void Bending::bend_chunk(const optim::State& state,
   std::array<double, linear::kChunkSize + residuals::kReadAhead> u, v;
   kernel_.bend({.observations = observations,
                 .camera_step = delta.data(),
+                .camera_bend = bend.data(),
                 .intrinsics_step = intrinsics_step.data(),
                 .point_steps = step.point.data()},
                u.data(),

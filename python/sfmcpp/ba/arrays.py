@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem, camera_model
+from sfmcpp.model import ConstraintGroup, Problem, Rigs, camera_model
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
@@ -34,7 +34,17 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
     model = camera_model(problem.camera_model).name
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
-    return {"camera_model": model, **views, **copies}
+    return {"camera_model": model, **views, **copies, **_rig_arrays(problem.rigs)}
+
+
+def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
+    if rigs is None:
+        return dict.fromkeys(("rig_sensors", "frame_of_camera", "sensor_of_camera"))
+    return {
+        "rig_sensors": rigs.sensors,
+        "frame_of_camera": rigs.frame_of_camera.copy(),
+        "sensor_of_camera": rigs.sensor_of_camera.copy(),
+    }
 
 
 def core_constraints(groups: Iterable[Group], problem: Problem) -> list[dict[str, Any]]:

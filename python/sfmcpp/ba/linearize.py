@@ -111,7 +111,8 @@ class LinearModel:
     With r the residuals, ρ′ their weights by the loss, J the Jacobian and G, w rows and weight of each group,
     the normal matrix is ``H = JᵀJ + Σ w GᵀG`` and the gradient of the cost ``Jᵀ √ρ′ r + Σ w Gᵀ e``. Columns
     are those of the solver: a rotation moves as ``R exp(δ)`` [rad], in the frame of the camera, all else by
-    addition; first come cameras and intrinsics, then three columns for each point that may move.
+    addition; first come cameras and intrinsics, then three columns for each point that may move. With rigs,
+    the pose columns of a camera are those of its frame.
 
     Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
     and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
@@ -144,7 +145,7 @@ class LinearModel:
         The constraints.
     camera_columns : (C, D) int32
         Column of each parameter of each camera; −1: none, as it is fixed, held or not seen. Cameras that
-        share intrinsics share their columns.
+        share intrinsics, or a frame, share its columns.
     point_columns : (N,) int32
         First of the three columns of each point; −1: none.
     parameter_names : tuple of str
@@ -169,6 +170,7 @@ class LinearModel:
         ridge: float = 0.0,
     ) -> None:
         self._problem = problem
+        self._by_frame = None if problem.rigs is None else problem.rigs.motions(problem.cameras)
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
@@ -332,9 +334,10 @@ class LinearModel:
             places = np.flatnonzero(columns >= 0)
             together = np.zeros((len(columns), len(columns)))
             together[np.ix_(places, places)] = self._core.covariance(columns[places].tolist())
-        return Covariance(
+        found = Covariance(
             self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
         )
+        return found if self._by_frame is None else _moved(found, self._by_frame[chosen_cameras])
 
     def leverages(self) -> FloatArray:
         """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
@@ -440,6 +443,22 @@ def linearize(
     """
     options = SolveOptions(loss=loss, loss_scale_px=loss_scale_px, gauge=gauge, threads=threads)
     return LinearModel(problem, constraints, options)
+
+
+def _moved(of_frames: Covariance, by_frame: FloatArray) -> Covariance:
+    """Covariances with the poses of frames, moved to those of their cameras by derivatives (c, 6, 6)."""
+    count, size = of_frames.cameras.shape[:2]
+    by_columns = np.tile(np.eye(size), (count, 1, 1))
+    by_columns[:, :6, :6] = by_frame
+    joint = of_frames.joint
+    if joint is not None:
+        rows = joint.copy()
+        for _ in range(2):  # the rows, then the columns
+            cameras = rows[: count * size].reshape(count, size, -1)
+            rows[: count * size] = (by_columns @ cameras).reshape(count * size, -1)
+            rows = rows.T
+        joint = rows
+    return Covariance(by_columns @ of_frames.cameras @ by_columns.transpose(0, 2, 1), of_frames.points, joint)
 
 
 def _numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
