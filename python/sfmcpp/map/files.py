@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map.map import Map
 from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
@@ -13,6 +14,8 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
+
+_NO_RIGS = "has rigs: the images of a map move by themselves"
 
 
 @checked()
@@ -34,8 +37,10 @@ def map_of_problem(problem: Problem) -> Map:
     Raises
     ------
     InvalidArgument
-        If it is a projective problem, or metadata do not fit it.
+        If it is a projective problem or one with rigs, or metadata do not fit it.
     """
+    if problem.rigs is not None:
+        raise InvalidArgument(f"problem: {_NO_RIGS}")
     metadata, extra = problem.metadata, problem.metadata.extra
     result = Map(problem.camera_model)
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
@@ -148,9 +153,12 @@ def read_map(path: str | os.PathLike[str], format: str | None = None) -> Map:
     Raises
     ------
     DatasetError
-        If it cannot be read.
+        If it cannot be read, or has rigs of several cameras.
     """
-    return map_of_problem(read(path, format=format))
+    problem = read(path, format=format)
+    if problem.rigs is not None:
+        raise DatasetError(path, _NO_RIGS)
+    return map_of_problem(problem)
 
 
 @checked()

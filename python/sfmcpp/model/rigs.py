@@ -138,10 +138,7 @@ class Rigs:
         poses = np.asarray(frames, np.float64)
         if poses.ndim != 3 or poses.shape[1:] != (3, 4) or len(poses) <= self.frame_of_camera.max(initial=-1):
             raise InvalidArgument(f"frames: shape {poses.shape}, must be a pose for each frame")
-        of_camera, sensors = poses[self.frame_of_camera], self.sensors[self.sensor_of_camera]
-        placed: FloatArray = of_camera[:, :, :3] @ sensors
-        placed[:, :, 3] += of_camera[:, :, 3]
-        return placed
+        return composed(poses[self.frame_of_camera], self.sensors[self.sensor_of_camera])
 
     def rigid(self, cameras: ArrayLike) -> FloatArray:
         """Poses of cameras made rigid: each where its frame, as :meth:`frames` has it, puts it.
@@ -196,6 +193,21 @@ class Rigs:
 
     def __repr__(self) -> str:
         return f"Rigs({self.num_frames} frames of {self.num_sensors} sensors)"
+
+
+def composed(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """Poses ``[R | c]`` (n, 3, 4) in the world of what has poses `inner` in the axes of `outer`."""
+    result: FloatArray = outer[:, :, :3] @ inner
+    result[:, :, 3] += outer[:, :, 3]
+    return result
+
+
+def relative(outer: FloatArray, poses: FloatArray) -> FloatArray:
+    """The `inner` of :func:`composed`: `poses` in the axes of `outer`."""
+    axes = outer[:, :, :3].transpose(0, 2, 1)
+    result: FloatArray = axes @ poses
+    result[:, :, 3:] -= axes @ outer[:, :, 3:]
+    return result
 
 
 def _numbers(name: str, value: ArrayLike, end: int | None = None) -> IndexArray:
