@@ -39,7 +39,7 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 
 def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
     if rigs is None:
-        return dict.fromkeys(("rig_sensors", "frame_of_camera", "sensor_of_camera"))
+        return {}
     return {
         "rig_sensors": rigs.sensors,
         "frame_of_camera": rigs.frame_of_camera.copy(),

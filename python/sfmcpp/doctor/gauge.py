@@ -59,7 +59,7 @@ def _left(case: Case, motions: FloatArray) -> Finding:
     return Finding(
         "gauge-freedoms",
         "warning" if expected else "note",
-        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed, rigid or constrained, "
+        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed, rigid or held, "
         f"made of {', '.join(names)}",
         "fix a camera more, or give a position off the line of the others"
         if expected

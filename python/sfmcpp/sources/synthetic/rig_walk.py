@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import Problem, Rigs
 from sfmcpp.model.arguments import checked
@@ -45,7 +44,7 @@ def rig_walk_scene(
     Parameters
     ----------
     num_cameras : int
-        Images taken: three for each frame, of which there are at least two.
+        Images taken; the last frame may lack some.
     num_points : int
         Points placed; those that fewer than two cameras see are dropped.
     length_m : float
@@ -63,20 +62,17 @@ def rig_walk_scene(
     Raises
     ------
     InvalidArgument
-        If `num_cameras` is not 6, 9, 12, …, or as :func:`corridor_scene`.
+        As of :func:`corridor_scene`.
     """
-    if num_cameras < 2 * _SENSORS or num_cameras % _SENSORS:
-        raise InvalidArgument(f"num_cameras = {num_cameras}: must be 6, 9, 12, …: three for each frame")
+    require_count("num_cameras", num_cameras, at_least=2)
     require_count("num_points", num_points)
     for name, value in {"length_m": length_m, "baseline_m": baseline_m, "max_depth_m": max_depth_m}.items():
         require_positive(name, value)
     geometry = ImageGeometry(camera_model, focal_px, image_size, distortion)
     rng = np.random.default_rng(seed)
-    frames = num_cameras // _SENSORS
-    rigs = Rigs(
-        _sensors(baseline_m), np.repeat(np.arange(frames), _SENSORS), np.tile(np.arange(_SENSORS), frames)
-    )
-    cameras = rigs.cameras(_frames(frames, length_m, rng))
+    frame_of_camera, sensor_of_camera = np.divmod(np.arange(num_cameras, dtype=np.int32), _SENSORS)
+    rigs = Rigs(_sensors(baseline_m), frame_of_camera, sensor_of_camera)
+    cameras = rigs.cameras(_frames(rigs.num_frames, length_m, rng))
     width_m, height_m = _CORRIDOR_M
     points = corridor_points(num_points, length_m + 2 * max_depth_m, width_m, height_m, rng)
     points -= max_depth_m * FORWARD
