@@ -187,6 +187,18 @@ class Rigs:
         result[:, 3:, 3:] = np.eye(3)
         return result
 
+    def scaled(self, scale: float) -> Rigs:
+        """The same rigs in a world whose lengths are `scale` times as large.
+
+        Parameters
+        ----------
+        scale : float
+            Factor of all lengths.
+        """
+        sensors = self.sensors.copy()
+        sensors[:, :, 3] *= scale
+        return Rigs(sensors, self.frame_of_camera, self.sensor_of_camera)
+
     def copy(self) -> Rigs:
         """An independent copy."""
         return Rigs(self.sensors.copy(), self.frame_of_camera.copy(), self.sensor_of_camera.copy())
