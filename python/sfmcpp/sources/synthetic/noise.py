@@ -124,8 +124,9 @@ def perturb(
     result = problem.copy()
     free_points, free_cameras = ~problem.fixed_points, ~problem.fixed_cameras
     result.points[free_points] += point_steps[free_points]
-    moved = _moved(problem, position_steps, so3.exp(rotation_steps_rad))
-    result.cameras[free_cameras] = moved[free_cameras]
+    if position_sigma_m > 0 or rotation_sigma_deg > 0:
+        moved = _moved(problem, position_steps, so3.exp(rotation_steps_rad))
+        result.cameras[free_cameras] = moved[free_cameras]
     if focal_sigma > 0 and "f" in problem.intrinsic_names:
         column = problem.intrinsic_names.index("f")
         free_focals = ~problem.fixed_intrinsics[:, column]
