@@ -40,6 +40,8 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
     if rigs is None:
         return {}
+    if not isinstance(rigs, Rigs):
+        raise InvalidArgument(f"rigs = {rigs!r}: must be Rigs or None")
     return {
         "rig_sensors": rigs.sensors,
         "frame_of_camera": rigs.frame_of_camera.copy(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.linear_results import ConstraintRows, Covariance, LinearStep, moved_to_cameras
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
@@ -24,85 +25,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 _POSE = ("rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z")
-
-
-@dataclass(frozen=True, eq=False)
-class ConstraintRows:
-    """The errors ``√(member weight) e`` of a group and their derivatives, without the weight of the group.
-
-    Attributes
-    ----------
-    name : str
-        Name of the group.
-    weight : float
-        Its weight w: the group costs ``½ w ‖errors‖²``.
-    member : (R,) int32
-        The member each row belongs to; members of weight zero have none.
-    errors : (R,) float64
-        Errors over the root of their number of entries (thesis table 5.1).
-    data, indices, indptr : arrays
-        Their derivatives by the columns of cameras, compressed by rows.
-    columns : int
-        Number of these columns.
-    """
-
-    name: str
-    weight: float
-    member: IndexArray
-    errors: FloatArray
-    data: FloatArray
-    indices: IndexArray
-    indptr: IndexArray
-    columns: int
-
-    @property
-    def squared_error(self) -> float:
-        """Σ (member weight) ε over the members: ``‖errors‖²``."""
-        return float(self.errors @ self.errors)
-
-    def jacobian(self) -> csr_matrix:
-        """(R, camera columns) derivatives G of the errors, SciPy CSR."""
-        from scipy.sparse import csr_matrix
-
-        return csr_matrix((self.data, self.indices, self.indptr), shape=(len(self.errors), self.columns))
-
-
-@dataclass(frozen=True, eq=False)
-class Covariance:
-    """Covariances for observations whose σ is exact.
-
-    Attributes
-    ----------
-    cameras : (c, D, D) float64
-        Of each chosen camera: pose and free intrinsics; zero for what has no column.
-    points : (p, 3, 3) float64
-        Of each chosen point; zero for a fixed one.
-    joint : (c D + 3 p, c D + 3 p) float64 or None
-        Of all together, the cameras first, if asked for.
-    """
-
-    cameras: FloatArray
-    points: FloatArray
-    joint: FloatArray | None
-
-
-@dataclass(frozen=True, eq=False)
-class LinearStep:
-    """The minimum of a linear model.
-
-    Attributes
-    ----------
-    problem : Problem
-        The problem moved there: one undamped Gauss–Newton step.
-    errors : list of (R,) float64
-        What the model predicts of the errors of each group there.
-    decrease : float
-        What it predicts the cost to fall by.
-    """
-
-    problem: Problem
-    errors: list[FloatArray]
-    decrease: float
 
 
 class LinearModel:
@@ -170,9 +92,9 @@ class LinearModel:
         ridge: float = 0.0,
     ) -> None:
         self._problem = problem
-        self._by_frame = None if problem.rigs is None else problem.rigs.motions(problem.cameras)
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
+        self._by_frame = None if problem.rigs is None else problem.rigs.motions(problem.cameras)
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
         self.residuals: FloatArray = self._core.residuals
@@ -337,7 +259,7 @@ class LinearModel:
         found = Covariance(
             self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
         )
-        return found if self._by_frame is None else _moved(found, self._by_frame[chosen_cameras])
+        return found if self._by_frame is None else moved_to_cameras(found, self._by_frame[chosen_cameras])
 
     def leverages(self) -> FloatArray:
         """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
@@ -443,22 +365,6 @@ def linearize(
     """
     options = SolveOptions(loss=loss, loss_scale_px=loss_scale_px, gauge=gauge, threads=threads)
     return LinearModel(problem, constraints, options)
-
-
-def _moved(of_frames: Covariance, by_frame: FloatArray) -> Covariance:
-    """Covariances with the poses of frames, moved to those of their cameras by derivatives (c, 6, 6)."""
-    count, size = of_frames.cameras.shape[:2]
-    by_columns = np.tile(np.eye(size), (count, 1, 1))
-    by_columns[:, :6, :6] = by_frame
-    joint = of_frames.joint
-    if joint is not None:
-        rows = joint.copy()
-        for _ in range(2):  # the rows, then the columns
-            cameras = rows[: count * size].reshape(count, size, -1)
-            rows[: count * size] = (by_columns @ cameras).reshape(count * size, -1)
-            rows = rows.T
-        joint = rows
-    return Covariance(by_columns @ of_frames.cameras @ by_columns.transpose(0, 2, 1), of_frames.points, joint)
 
 
 def _numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
