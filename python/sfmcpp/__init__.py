@@ -28,6 +28,7 @@ from sfmcpp.model import (
     Metadata,
     Problem,
     ResidualGroup,
+    Rigs,
 )
 from sfmcpp.sources.io import CheckpointFolder, convert, formats, from_pycolmap, read, to_pycolmap, write
 from sfmcpp.sources.synthetic import (
@@ -39,6 +40,7 @@ from sfmcpp.sources.synthetic import (
     drive_with_loops_scene,
     perturb,
     photo_collection_scene,
+    rig_walk_scene,
     sphere_scene,
     street_loop_scene,
 )
@@ -63,6 +65,7 @@ __all__ = [
     "Metadata",
     "Problem",
     "ResidualGroup",
+    "Rigs",
     "SfmcppError",
     "SolveOptions",
     "Summary",
@@ -87,6 +90,7 @@ __all__ = [
     "projective_problem",
     "read",
     "residuals",
+    "rig_walk_scene",
     "solve",
     "sphere_scene",
     "street_loop_scene",

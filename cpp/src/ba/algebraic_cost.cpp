@@ -35,6 +35,7 @@ AlgebraicCost::AlgebraicCost(const ImageResiduals& images,
       graph_(images.graph()),
       map_(map),
       free_intrinsics_(free_intrinsics),
+      frames_(problem_),
       kernel_(residuals::algebraic_kernel(problem_.camera_model)) {}
 
 // Once for all line searches (thesis §4.2.2), and only if there is one. An image has observations
@@ -67,6 +68,7 @@ AlgebraicCost::CameraLine AlgebraicCost::camera_line(const optim::State& state,
                                                      int camera) const {
   std::array<double, linear::kMaxCameraSize> delta{};
   map_.expand(step.camera.data(), camera, delta.data());
+  if (frames_.any()) frames_.motion(state, camera).move(delta.data());
   const int tangent = camera_tangent(problem_.camera_model);
   std::array<double, linear::kMaxCameraSize> intrinsics_delta{};
   for (std::size_t k = 0; k < free_intrinsics_.size(); ++k)

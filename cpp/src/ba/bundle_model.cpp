@@ -49,6 +49,7 @@ BundleModel::BundleModel(const Problem& problem,
       graph_(graph),
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
+      frames_(problem),
       pool_(pool),
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
@@ -131,12 +132,24 @@ residuals::JacobianOutput BundleModel::jacobian_output(double* camera, double* p
           .point = point};
 }
 
+// Returns how many points are behind the camera.
+int BundleModel::linearize_part(const State& state,
+                                const Chunk& part,
+                                double* jacobian,
+                                linear::PointRecord* records) const {
+  const int behind =
+      images_.linearize(state, part, jacobian_output(jacobian, records->row[0].by_point));
+  if (frames_.any())
+    frames_.motion(state, part.camera)
+        .carry(jacobian, 2L * (part.end - part.begin), map_.camera_size);
+  return behind;
+}
+
 ImageFit BundleModel::linearize_chunk(const State& state, int c) {
   ImageFit fit;
   ImageResiduals::Squares squares;
   normal_.fill(c, [&](const Chunk& part, double* jacobian, linear::PointRecord* records) {
-    fit.behind_camera +=
-        images_.linearize(state, part, jacobian_output(jacobian, records->row[0].by_point));
+    fit.behind_camera += linearize_part(state, part, jacobian, records);
     images_.add_squares(part.end - part.begin, records->row[0].by_point, squares);
     if (images_.is_robust()) apply_loss(part, jacobian, records, fit.cost);
   });
@@ -210,7 +223,8 @@ void BundleModel::move_camera(
   double* to = result.cameras.data() + problem_.camera_offset(camera);
   const int tangent = camera_tangent(problem_.camera_model);
   if (std::any_of(delta.begin(), delta.begin() + tangent, [](double d) { return d != 0.0; })) {
-    plus_camera(problem_.camera_model, from, delta.data(), to);
+    frames_.any() ? frames_.plus(state, camera, delta.data(), to)
+                  : plus_camera(problem_.camera_model, from, delta.data(), to);
   } else {
     std::copy_n(from, kCameraStorage, to);
   }
@@ -266,8 +280,7 @@ double BundleModel::chunk_slope(const State& state, const linear::Step& step, in
   const int count = chunk.end - chunk.begin, size = map_.camera_size;
   std::vector<double> jacobians(2 * static_cast<std::size_t>(size) * count);
   std::vector<linear::PointRecord> records(count);
-  images_.linearize(
-      state, chunk, jacobian_output(jacobians.data(), records.data()->row[0].by_point));
+  linearize_part(state, chunk, jacobians.data(), records.data());
   std::vector<double> camera_step(size);
   map_.expand(step.camera.data(), chunk.camera, camera_step.data());
   double sum = 0.0;

@@ -167,8 +167,18 @@ Parts parts_here(const linear::ObservationGraph& graph) {
   return parts;
 }
 
-// Cameras joined through common points, of any rank.
-int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
+// Joins the cameras of each frame.
+void join_frames(std::span<const int> frame_of_camera, Parts& parts) {
+  std::vector<int> first(frame_of_camera.size(), -1);
+  for (int i = 0; i < static_cast<int>(frame_of_camera.size()); ++i) {
+    int& of_frame = first[frame_of_camera[i]];
+    if (of_frame < 0) of_frame = i;
+    parts.join(i, of_frame);
+  }
+}
+
+// Cameras joined through common points, of any rank, and through rigs.
+int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
   const int cameras = graph.num_cameras;
   Parts here = parts_here(graph), joined(cameras);
   std::vector<double> roots(cameras);
@@ -176,9 +186,12 @@ int num_components(const linear::ObservationGraph& graph, Exchange& exchange) {
   const std::vector<double> all = exchange.gather(roots);
   for (std::size_t k = 0; k < all.size(); ++k)
     joined.join(static_cast<int>(k % roots.size()), static_cast<int>(all[k]));
-  int components = 0;
-  for (int i = 0; i < cameras; ++i) components += joined.root(i) == i && graph.is_observed(i);
-  return components;
+  join_frames(rigs.frame_of_camera, joined);
+  std::vector<char> is_component(cameras, 0);
+  for (int i = 0; i < cameras; ++i) {
+    if (graph.is_observed(i)) is_component[joined.root(i)] = 1;
+  }
+  return static_cast<int>(std::ranges::count(is_component, 1));
 }
 
 Eigen::Vector3d centre_of(const Problem& problem, int camera) {
@@ -291,6 +304,7 @@ void check_determined(const linear::ObservationGraph& graph,
 }
 
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
+                                        const Rigs& rigs,
                                         bool constrained,
                                         Exchange& exchange) {
   std::vector<std::string> warnings;
@@ -312,7 +326,7 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
       [&](int p) { return graph.observations_of_point(p) == 1; },
       "seen by one camera only, the depth is held by damping alone",
       warnings);
-  const int components = num_components(graph, exchange);
+  const int components = num_components(graph, rigs, exchange);
   if (components > 1) {
     warnings.push_back(
         "the cameras fall into " + std::to_string(components) + " parts that share no point: " +

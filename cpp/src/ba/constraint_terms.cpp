@@ -84,7 +84,7 @@ void check_constraints(const Problem& problem, const optim::State& state) {
 ConstraintTerms::ConstraintTerms(const Problem& problem,
                                  const linear::ParameterMap& map,
                                  const std::vector<int>& free_intrinsics)
-    : problem_(problem), map_(map) {
+    : problem_(problem), map_(map), frames_(problem) {
   columns_.width = map.camera_size;
   columns_.of_intrinsics.assign(problem.num_intrinsics(), residuals::ConstraintColumns::kNone);
   for (std::size_t k = 0; k < free_intrinsics.size(); ++k)
@@ -122,12 +122,27 @@ std::vector<double> ConstraintTerms::costs(const optim::State& state) const {
 }
 
 void ConstraintTerms::for_each_active(
+    const ConstraintGroup& group,
+    const optim::State& state,
+    const std::function<void(std::size_t, ConstraintResidual&)>& visit) const {
+  const ConstrainedCameras cameras = constrained_cameras(problem_, state);
+  const auto carry = [&](int camera, int rows, std::vector<double>& jacobian) {
+    if (frames_.any() && camera != kNoPrevious)
+      frames_.motion(state, camera).carry(jacobian.data(), rows, columns_.width);
+  };
+  residuals::evaluate_all(group, cameras, &columns_, [&](std::size_t k, ConstraintResidual& e) {
+    carry(group.members[k].camera, e.rows, e.by_camera);
+    carry(group.members[k].previous, e.rows, e.by_previous);
+    visit(k, e);
+  });
+}
+
+void ConstraintTerms::for_each_weighted(
     const optim::State& state,
     const std::function<void(const ConstraintMember&, ConstraintResidual&)>& visit) const {
   if (active_.empty()) return;
-  const ConstrainedCameras cameras = constrained_cameras(problem_, state);
   for (const ConstraintGroup& group : problem_.constraints->groups()) {
-    residuals::evaluate_all(group, cameras, &columns_, [&](std::size_t k, ConstraintResidual& e) {
+    for_each_active(group, state, [&](std::size_t k, ConstraintResidual& e) {
       residuals::apply_loss(group.loss, e);
       visit(group.members[k], e);
     });
@@ -136,7 +151,7 @@ void ConstraintTerms::for_each_active(
 
 void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& terms) const {
   terms.set_zero();
-  for_each_active(state, [&](const ConstraintMember& member, ConstraintResidual& e) {
+  for_each_weighted(state, [&](const ConstraintMember& member, ConstraintResidual& e) {
     for (double& value : e.residual) value = -value;  // e + J δ is −(r − J δ)
     const bool two = member.previous != kNoPrevious;
     terms.add({.rows = e.rows,
@@ -151,7 +166,7 @@ void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& 
 double ConstraintTerms::slope(const optim::State& state,
                               const std::vector<double>& camera_step) const {
   double sum = 0.0;
-  for_each_active(state, [&](const ConstraintMember& member, const ConstraintResidual& e) {
+  for_each_weighted(state, [&](const ConstraintMember& member, const ConstraintResidual& e) {
     std::vector<double> moved(e.rows, 0.0);
     add_product(e.by_camera, map_, camera_step, member.camera, moved);
     if (member.previous != kNoPrevious)

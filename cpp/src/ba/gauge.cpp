@@ -7,6 +7,7 @@
 #include <Eigen/Householder>
 
 #include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -31,7 +32,7 @@ class GaugeChooser {
                const linear::ObservationGraph& graph,
                const optim::State& state,
                Exchange& exchange)
-      : problem_(problem), graph_(graph), state_(state) {
+      : problem_(problem), graph_(graph), state_(state), frames_(problem) {
     normalise();
     find_free_motions(exchange);
   }
@@ -47,7 +48,7 @@ class GaugeChooser {
  private:
   void hold_first_pose() {
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_free(i)) continue;
+      if (!is_free(i) || !frames_.leads(i)) continue;
       for (int k = 0; k < kPoseTangent; ++k) hold_if_it_moves({i, k});
       return;
     }
@@ -82,12 +83,13 @@ class GaugeChooser {
     return rows;
   }
 
-  Motions response_of_camera(int i) const {
+  Motions response_of_pose(const PoseMatrix& pose) const {
     Motions rows = Motions::Zero(6, 7);
-    rows.topLeftCorner<3, 3>() = camera(i).leftCols<3>().transpose();
-    rows.bottomRows<3>() = response_of_position(camera(i).col(3));
+    rows.topLeftCorner<3, 3>() = pose.leftCols<3>().transpose();
+    rows.bottomRows<3>() = response_of_position(pose.col(3));
     return rows;
   }
+  Motions response_of_camera(int i) const { return response_of_pose(camera(i)); }
 
   // `free_` ← the motions that leave everything fixed where it is.
   void find_free_motions(Exchange& exchange) {
@@ -96,6 +98,7 @@ class GaugeChooser {
     add_fixed_points(held);
     exchange.sum({held.data(), static_cast<std::size_t>(held.size())});
     add_constraints(held);
+    add_rigs(held);
     const Spectrum spectrum = symmetric_spectrum(held);
     const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.values[6]);
     const auto dimension = (spectrum.values.array() <= negligible).count();
@@ -116,6 +119,15 @@ class GaugeChooser {
       const Motions rows = response_of_position(
           Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
       held += rows.transpose() * rows;
+    }
+  }
+
+  // A similarity that grows the world would move the cameras of a frame apart.
+  void add_rigs(Similarities& held) const {
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (!is_free(i) || frames_.leads(i)) continue;
+      const Eigen::Vector3d apart = camera(i).col(3) - camera(frames_.lead(i)).col(3);
+      held(6, 6) += apart.squaredNorm() / (extent_ * extent_);
     }
   }
 
@@ -160,7 +172,7 @@ class GaugeChooser {
   }
 
   Eigen::RowVectorXd free_response(PoseParameter parameter) const {
-    return response_of_camera(parameter.camera).row(parameter.column) * free_;
+    return response_of_pose(frames_.pose(state_, parameter.camera)).row(parameter.column) * free_;
   }
 
   // Holding a parameter removes from the free motions the one that moves it.
@@ -185,7 +197,7 @@ class GaugeChooser {
     PoseParameter best{0, 0};
     double largest = 0.0;
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_free(i)) continue;
+      if (!is_free(i) || !frames_.leads(i)) continue;
       for (int k = 0; k < kPoseTangent; ++k) {
         const double size = free_response({i, k}).norm();
         if (size <= largest) continue;
@@ -199,6 +211,7 @@ class GaugeChooser {
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
   const optim::State& state_;
+  Frames frames_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
   Eigen::MatrixXd free_;  // 7 × remaining degrees of freedom, orthonormal

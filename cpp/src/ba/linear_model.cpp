@@ -72,8 +72,8 @@ void LinearModel::name_columns() {
 }
 
 void LinearModel::fill_groups() {
-  const residuals::ConstrainedCameras cameras = constrained_cameras(problem_, state_);
-  const residuals::ConstraintColumns& columns = work_->space.model.constraints().columns();
+  const ConstraintTerms& constraints = work_->space.model.constraints();
+  const int width = work_->space.map.camera_size;
   for (const residuals::ConstraintGroup& group : constraints_.groups()) {
     residuals::ConstraintGroup unweighted = group;
     unweighted.weight = 1.0;
@@ -87,15 +87,14 @@ void LinearModel::fill_groups() {
       residuals::apply_loss(per_unit_weight(group), e);
       for (long row = 0; row < e.rows; ++row) {
         const auto place = static_cast<int>(errors.size());
-        add_entries(map_, member.camera, e.by_camera.data() + columns.width * row, place, entries);
+        add_entries(map_, member.camera, e.by_camera.data() + width * row, place, entries);
         if (member.previous != residuals::kNoPrevious)
-          add_entries(
-              map_, member.previous, e.by_previous.data() + columns.width * row, place, entries);
+          add_entries(map_, member.previous, e.by_previous.data() + width * row, place, entries);
         errors.push_back(e.residual[row]);
         rows.member.push_back(static_cast<int>(k));
       }
     };
-    residuals::evaluate_all(unweighted, cameras, &columns, add);
+    constraints.for_each_active(unweighted, state_, add);
     rows.errors = Eigen::Map<const VectorXd>(errors.data(), static_cast<Index>(errors.size()));
     rows.jacobian.resize(rows.errors.size(), map_.num_columns);
     rows.jacobian.setFromTriplets(entries.begin(), entries.end());

@@ -3,6 +3,7 @@
 #include <numeric>
 
 #include "linear_model_work.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -79,14 +80,18 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     rows << -skew((x - middle) / extent), Matrix3d::Identity(), (x - middle) / extent;
     return rows;
   };
+  const Frames frames(problem_);
   MatrixXd result = MatrixXd::Zero(num_columns(), 7);
   held.setZero();
   for (int i = 0; i < num_cameras(); ++i) {
     if (work_->graph().observations_of_camera(i) == 0) continue;
+    const PoseMatrix frame = frames.pose(state_, i);
     Eigen::Matrix<double, kPoseTangent, 7> rows;
-    rows << Motion::Zero(), of_position(camera(i).col(3));
-    rows.topLeftCorner<3, 3>() = camera(i).leftCols<3>().transpose();
+    rows << Motion::Zero(), of_position(frame.col(3));
+    rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
     if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
+    const double apart = (camera(i).col(3) - camera(frames.lead(i)).col(3)).norm() / extent;
+    held(6, 6) += apart * apart;
     rows.bottomRows<3>() *= extent;
     for (int k = 0; k < kPoseTangent; ++k) {
       if (const int column = map_.columns_of(i)[k]; column != kNoColumn)

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "sfmcpp/ba/rigs.hpp"
+
 namespace sfmcpp::ba {
 namespace {
 
@@ -20,6 +22,7 @@ class Builder {
         graph_(graph),
         intrinsics_(intrinsics),
         gauge_(gauge),
+        frames_(problem),
         tangent_(camera_tangent(problem.camera_model)) {
     map_.camera_size = linear::padded_camera_size(tangent_ + static_cast<int>(intrinsics.size()));
     map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size,
@@ -34,6 +37,7 @@ class Builder {
     for (int i = 0; i < problem_.num_cameras(); ++i) {
       if (!graph_.takes_part(i)) continue;
       if (!problem_.fixed_cameras[i]) add_pose(i);
+      if (frames_.size(i) > 1) end_block();  // a block is shared as a whole or not at all
       if (graph_.is_observed(i) && users_[group(i)] == 1) add_intrinsics(group(i), {i});
       end_block();
     }
@@ -52,7 +56,14 @@ class Builder {
     return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k];
   }
 
+  // A frame has the pose columns of its lead, which comes before its other cameras.
   void add_pose(int camera) {
+    const int lead = frames_.lead(camera);
+    if (camera != lead) {
+      for (int k = 0; k < tangent_; ++k) column(camera, k) = column(lead, k);
+      map_.has_shared_columns = true;
+      return;
+    }
     for (int k = 0; k < tangent_; ++k) {
       if (!std::binary_search(gauge_.begin(), gauge_.end(), PoseParameter{camera, k})) {
         column(camera, k) = next_column_++;
@@ -91,6 +102,7 @@ class Builder {
   const ObservationGraph& graph_;
   const std::vector<int>& intrinsics_;
   const std::vector<PoseParameter>& gauge_;
+  Frames frames_;
   int tangent_;             // columns of a camera, intrinsics aside
   std::vector<int> users_;  // observed cameras of each row of intrinsics
   ParameterMap map_;

@@ -44,7 +44,7 @@ SolveSummary describe_start(const Workspace& work,
   SolveSummary summary;
   summary.num_threads = work.pool.num_threads();
   const bool constrained = work.model.constraints().num_equations() > 0;
-  summary.warnings = warnings_about(work.graph, constrained, work.exchange);
+  summary.warnings = warnings_about(work.graph, problem.rigs, constrained, work.exchange);
   std::ranges::move(warnings_about_baselines(problem, work.graph),
                     std::back_inserter(summary.warnings));
   const std::vector<double> costs = work.model.constraints().costs(state);

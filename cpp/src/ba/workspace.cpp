@@ -6,6 +6,7 @@
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/ba/held_cameras.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/statistics.hpp"
 
@@ -134,6 +135,19 @@ void rethrow(const std::exception_ptr& thrown) {
   if (thrown) std::rethrow_exception(thrown);
 }
 
+// Cameras without observations, where a constraint or their frame tells where they are.
+void hold_cameras(const Problem& problem,
+                  const optim::State& start,
+                  linear::ObservationGraph& graph) {
+  const Frames frames(problem);
+  frames.hold_cameras(graph);
+  const std::vector<std::uint8_t> held = cameras_held_by_constraints(problem, graph, start);
+  if (held.empty()) return;
+  graph.held.resize(held.size());
+  std::ranges::transform(graph.held, held, graph.held.begin(), std::bit_or<>());
+  frames.hold_cameras(graph);
+}
+
 // The graph needs indices alone: it is made while the other numbers are checked.
 linear::ObservationGraph checked_graph(const Problem& problem,
                                        const SolveOptions& options,
@@ -155,11 +169,12 @@ linear::ObservationGraph checked_graph(const Problem& problem,
                              [&](int) { of_values = thrown_by([&] { check_values(problem); }); });
     rethrow(of_indices);
     rethrow(of_values);
+    check_rigs(problem);
     check_state(problem, start);
     check_constraints(problem, start);
   });
   exchange.sum(graph.of_camera_on_all_ranks);
-  graph.held = cameras_held_by_constraints(problem, graph, start);
+  hold_cameras(problem, start, graph);
   return graph;
 }
 

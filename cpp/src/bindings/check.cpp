@@ -13,6 +13,7 @@
 #include "sfmcpp/ba/ideal_images.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/mask.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -20,11 +21,13 @@ namespace {
 std::vector<std::string> check(const py::dict& arrays) {
   const ba::Problem problem = problem_of(arrays);
   ba::check_arrays(problem);
-  const linear::ObservationGraph graph = ba::graph_of(problem);
+  ba::check_rigs(problem);
+  linear::ObservationGraph graph = ba::graph_of(problem);
+  ba::Frames(problem).hold_cameras(graph);
   ba::check_duplicates(problem, graph);
   ba::check_determined(graph,
                        ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)));
-  std::vector<std::string> warnings = ba::warnings_about(graph);
+  std::vector<std::string> warnings = ba::warnings_about(graph, problem.rigs);
   std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
   return warnings;
 }

@@ -96,6 +96,11 @@ ba::Problem problem_of(const py::dict& arrays) {
   if (!arrays["sigma_px"].is_none()) problem.sigma_px = view<const double>(arrays, "sigma_px");
   if (!arrays["covariance_px2"].is_none())
     problem.covariance_px2 = view<const double>(arrays, "covariance_px2");
+  if (arrays.contains("rig_sensors")) {
+    problem.rigs = {.sensors = view<const double>(arrays, "rig_sensors"),
+                    .frame_of_camera = view<const int>(arrays, "frame_of_camera"),
+                    .sensor_of_camera = view<const int>(arrays, "sensor_of_camera")};
+  }
   problem.fixed_cameras = flags(arrays, "fixed_cameras");
   problem.fixed_points = flags(arrays, "fixed_points");
   problem.fixed_intrinsics = flags(arrays, "fixed_intrinsics");

@@ -97,9 +97,25 @@ void CameraTerms::add_diagonal(const ParameterMap& map, std::vector<double>& dia
   double values[kMaxCameraSize];
   for (std::size_t b = 0; b < pairs_.size(); ++b) {
     const auto& [i, j] = pairs_[b];
-    if (i != j) continue;
+    if (i != j) {
+      add_shared_diagonal(static_cast<int>(b), map.columns_of(i), map.columns_of(j), diagonal);
+      continue;
+    }
     for (int k = 0; k < size_; ++k) values[k] = entry(static_cast<int>(b), k, k);
     map.fold(values, i, diagonal.data());
+  }
+}
+
+// Where both cameras of a block have a column, the block and its transpose meet on the diagonal.
+void CameraTerms::add_shared_diagonal(int b,
+                                      const int* columns_of_i,
+                                      const int* columns_of_j,
+                                      std::vector<double>& diagonal) const {
+  for (int r = 0; r < size_; ++r) {
+    if (columns_of_i[r] == kNoColumn) continue;
+    for (int c = 0; c < size_; ++c) {
+      if (columns_of_i[r] == columns_of_j[c]) diagonal[columns_of_i[r]] += 2.0 * entry(b, r, c);
+    }
   }
 }
 

@@ -19,8 +19,14 @@ void bend(const BendingBatch& batch, double* u, double* v) {
     for (int k = 0; k < 3; ++k)
       step[k] = gather<kLanes>(batch.point_steps + k, seen.point + first, 3);
     Jet<Real> image_u, image_v;
-    Camera::project_along(
-        seen.camera, batch.camera_step, intrinsics, point, step, image_u, image_v);
+    Camera::project_along(seen.camera,
+                          batch.camera_step,
+                          batch.camera_bend,
+                          intrinsics,
+                          point,
+                          step,
+                          image_u,
+                          image_v);
     const Real weight = load<kLanes>(seen.inverse_sigma + first);
     store(u + first, image_u.second * weight);
     store(v + first, image_v.second * weight);

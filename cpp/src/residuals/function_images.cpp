@@ -35,7 +35,8 @@ void FunctionImages::set_along(int first, const BendingBatch& batch, double leng
   for (int k = 0; k < seen.count; ++k) {
     Jet<double> x[3];
     const double* step = batch.point_steps + 3L * seen.point[k];
-    Space::to_camera_along(seen.camera, batch.camera_step, point_of(seen, k), step, x);
+    Space::to_camera_along(
+        seen.camera, batch.camera_step, batch.camera_bend, point_of(seen, k), step, x);
     for (int i = 0; i < 3; ++i)
       point(first + k)[i] = x[i].value + length * (x[i].first + 0.5 * length * x[i].second);
     for (int i = 0; i < num_intrinsics_; ++i)

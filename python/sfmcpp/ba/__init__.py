@@ -3,13 +3,8 @@
 from sfmcpp.ba.adjust import adjust
 from sfmcpp.ba.check import check, check_jacobians, cost, residuals, residuals_px
 from sfmcpp.ba.explore import StepExploration, explore_step
-from sfmcpp.ba.linearize import (
-    ConstraintRows,
-    Covariance,
-    LinearModel,
-    LinearStep,
-    linearize,
-)
+from sfmcpp.ba.linear_results import ConstraintRows, Covariance, LinearStep
+from sfmcpp.ba.linearize import LinearModel, linearize
 from sfmcpp.ba.options import GAUGES, LINE_SEARCHES, LINEAR_SOLVERS, LOSSES, METHODS, SolveOptions
 from sfmcpp.ba.projective import as_projective, projection_matrices, projective_problem
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary

@@ -9,7 +9,7 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, camera_model
+from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, Rigs, camera_model
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
@@ -34,7 +34,7 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
         raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
-    return {"camera_model": _core_model(problem), **views, **copies}
+    return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(problem.rigs)}
 
 
 def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:
@@ -43,6 +43,18 @@ def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:
         return model.name
     model.require_images(problem)
     return _core.CoreCameraFunction(model.name, model.intrinsics, model.evaluate)
+
+
+def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
+    if rigs is None:
+        return {}
+    if not isinstance(rigs, Rigs):
+        raise InvalidArgument(f"rigs = {rigs!r}: must be Rigs or None")
+    return {
+        "rig_sensors": rigs.sensors,
+        "frame_of_camera": rigs.frame_of_camera.copy(),
+        "sensor_of_camera": rigs.sensor_of_camera.copy(),
+    }
 
 
 def core_constraints(groups: Iterable[Group], problem: Problem) -> list[dict[str, Any]]:

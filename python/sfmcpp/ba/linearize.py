@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.linear_results import ConstraintRows, Covariance, LinearStep, moved_to_cameras
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import LossFunction, Problem
@@ -26,92 +27,14 @@ if TYPE_CHECKING:
 _POSE = ("rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z")
 
 
-@dataclass(frozen=True, eq=False)
-class ConstraintRows:
-    """The errors ``√(member weight) e`` of a group and their derivatives, without the weight of the group.
-
-    Attributes
-    ----------
-    name : str
-        Name of the group.
-    weight : float
-        Its weight w: the group costs ``½ w ‖errors‖²``.
-    member : (R,) int32
-        The member each row belongs to; members of weight zero have none.
-    errors : (R,) float64
-        Errors over the root of their number of entries (thesis table 5.1).
-    data, indices, indptr : arrays
-        Their derivatives by the columns of cameras, compressed by rows.
-    columns : int
-        Number of these columns.
-    """
-
-    name: str
-    weight: float
-    member: IndexArray
-    errors: FloatArray
-    data: FloatArray
-    indices: IndexArray
-    indptr: IndexArray
-    columns: int
-
-    @property
-    def squared_error(self) -> float:
-        """Σ (member weight) ε over the members: ``‖errors‖²``."""
-        return float(self.errors @ self.errors)
-
-    def jacobian(self) -> csr_matrix:
-        """(R, camera columns) derivatives G of the errors, SciPy CSR."""
-        from scipy.sparse import csr_matrix
-
-        return csr_matrix((self.data, self.indices, self.indptr), shape=(len(self.errors), self.columns))
-
-
-@dataclass(frozen=True, eq=False)
-class Covariance:
-    """Covariances for observations whose σ is exact.
-
-    Attributes
-    ----------
-    cameras : (c, D, D) float64
-        Of each chosen camera: pose and free intrinsics; zero for what has no column.
-    points : (p, 3, 3) float64
-        Of each chosen point; zero for a fixed one.
-    joint : (c D + 3 p, c D + 3 p) float64 or None
-        Of all together, the cameras first, if asked for.
-    """
-
-    cameras: FloatArray
-    points: FloatArray
-    joint: FloatArray | None
-
-
-@dataclass(frozen=True, eq=False)
-class LinearStep:
-    """The minimum of a linear model.
-
-    Attributes
-    ----------
-    problem : Problem
-        The problem moved there: one undamped Gauss–Newton step.
-    errors : list of (R,) float64
-        What the model predicts of the errors of each group there.
-    decrease : float
-        What it predicts the cost to fall by.
-    """
-
-    problem: Problem
-    errors: list[FloatArray]
-    decrease: float
-
-
 class LinearModel:
     """A problem linearised at one state; :func:`linearize` makes one.
 
     With r the residuals, ρ′ their weights by the loss, J the Jacobian and G, w rows and weight of each group,
     the normal matrix is ``H = JᵀJ + Σ w GᵀG`` and the gradient of the cost ``Jᵀ √ρ′ r + Σ w Gᵀ e``. Columns
     are those of the solver: a rotation moves as ``R exp(δ)`` [rad], in the frame of the camera, all else by
-    addition; first come cameras and intrinsics, then three columns for each point that may move.
+    addition; first come cameras and intrinsics, then three columns for each point that may move. With rigs,
+    the pose columns of a camera are those of its frame.
 
     Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
     and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
@@ -144,7 +67,7 @@ class LinearModel:
         The constraints.
     camera_columns : (C, D) int32
         Column of each parameter of each camera; −1: none, as it is fixed, held or not seen. Cameras that
-        share intrinsics share their columns.
+        share intrinsics, or a frame, share its columns.
     point_columns : (N,) int32
         First of the three columns of each point; −1: none.
     parameter_names : tuple of str
@@ -171,6 +94,7 @@ class LinearModel:
         self._problem = problem
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
+        self._by_frame = None if problem.rigs is None else problem.rigs.motions(problem.cameras)
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
         self.residuals: FloatArray = self._core.residuals
@@ -332,9 +256,10 @@ class LinearModel:
             places = np.flatnonzero(columns >= 0)
             together = np.zeros((len(columns), len(columns)))
             together[np.ix_(places, places)] = self._core.covariance(columns[places].tolist())
-        return Covariance(
+        found = Covariance(
             self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
         )
+        return found if self._by_frame is None else moved_to_cameras(found, self._by_frame[chosen_cameras])
 
     def leverages(self) -> FloatArray:
         """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.

@@ -168,18 +168,20 @@ def _in_order(rows: Rows) -> Rows:
 
 @dataclass(frozen=True)
 class ProblemSize:
-    """How many cameras, points and observations a problem has."""
+    """How many cameras, points and observations a problem has, and frames if it has rigs."""
 
     num_cameras: int
     num_points: int
     num_observations: int
+    num_frames: int | None = None
 
     @classmethod
     def of(cls, problem: Problem, ranks: Ranks | None = None) -> ProblemSize:
         """Of a problem, or of all whose part it is on this rank."""
         own = (problem.num_points, problem.num_observations)
         points, observations = zip(*([own] if ranks is None else ranks.everyones(own)), strict=True)
-        return cls(problem.num_cameras, sum(points), sum(observations))
+        frames = None if problem.rigs is None else problem.rigs.num_frames
+        return cls(problem.num_cameras, sum(points), sum(observations), frames)
 
 
 def dealt_part(whole: Callable[[], Problem], ranks: Ranks) -> Part:

@@ -9,6 +9,7 @@ import typer
 
 import sfmcpp
 from sfmcpp.cli.choices import (
+    RIGS,
     Checkpoint,
     CheckpointEvery,
     Resume,
@@ -99,6 +100,9 @@ def solve(
             "or x, y, z; and sigma_x, sigma_y, sigma_z if known.",
         ),
     ] = None,
+    rigs: Annotated[
+        str, choice_option(RIGS, "Rigs of the input: sensors stay in them, or cameras move alone")
+    ] = RIGS[0],
     mpi: Annotated[
         bool, typer.Option("--mpi", help="Ask MPI for other ranks; under mpiexec that is done anyway.")
     ] = False,
@@ -113,7 +117,8 @@ def solve(
     targets = Targets(output, report, plot, positions_out)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
-    return solve_file(Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps)))
+    job = Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps), rigs)
+    return solve_file(job)
 
 
 @app.command()

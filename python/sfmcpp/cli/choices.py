@@ -13,6 +13,8 @@ import typer
 from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import signature_with_options
 
+# What holds the cameras of a rig to each other.
+RIGS = ("fixed", "ignore")
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 Checkpoint = Annotated[

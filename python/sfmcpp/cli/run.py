@@ -13,6 +13,7 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
+from sfmcpp.cli.choices import RIGS
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
@@ -53,6 +54,8 @@ class Job:
         Whether to ask MPI for other processes even where no known launcher has left a trace.
     gps : Gps
         Positions to bring the problem to.
+    rigs : str
+        ``"fixed"``: sensors stay where they are in their rigs; ``"ignore"``: each camera moves by itself.
     """
 
     source: Path
@@ -64,6 +67,7 @@ class Job:
     checkpoints: Checkpoints = field(default_factory=Checkpoints)
     mpi: bool = False
     gps: Gps = field(default_factory=Gps)
+    rigs: str = RIGS[0]
 
 
 def solve_file(job: Job) -> ExitCode:
@@ -163,6 +167,8 @@ def _problem(job: Job) -> Problem:
 
 
 def _refined(job: Job, problem: Problem) -> Problem:
+    if job.rigs == "ignore":
+        problem.rigs = None
     try:
         if job.refine is not None:
             problem.set_free_intrinsics(*job.refine)

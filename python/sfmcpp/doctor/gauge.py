@@ -31,7 +31,8 @@ def gauge(case: Case) -> Iterator[Finding]:
     if not problem.is_metric:
         yield _note("the 15 freedoms of a projective world are left", 15)
         return
-    if not (problem.fixed_cameras.any() or problem.fixed_points.any() or case.constraints):
+    held = problem.fixed_cameras.any() or problem.fixed_points.any() or problem.rigs is not None
+    if not (held or case.constraints):
         yield _note("all 7 freedoms of the world are left: position, rotation and scale mean nothing", 7)
         return
     if problem.num_observations > _MOST_OBSERVATIONS:
@@ -58,7 +59,7 @@ def _left(case: Case, motions: FloatArray) -> Finding:
     return Finding(
         "gauge-freedoms",
         "warning" if expected else "note",
-        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed or constrained, "
+        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed, rigid or held, "
         f"made of {', '.join(names)}",
         "fix a camera more, or give a position off the line of the others"
         if expected
@@ -83,12 +84,13 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     """
     middle = problem.centres.mean(axis=0)
     extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
+    poses = _moving_poses(problem)
     of_cameras = np.concatenate(
-        [_turns(problem.rotations), extent * motions_of_positions((problem.centres - middle) / extent)],
+        [_turns(poses[:, :, :3]), extent * motions_of_positions((poses[:, :, 3] - middle) / extent)],
         axis=1,
     )
     of_points = extent * motions_of_positions((problem.points - middle) / extent)
-    held = _held_by_observations(model, problem, of_cameras, of_points)
+    held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
     columns = model.camera_columns[:, :6]
     of_columns = np.zeros((model.num_camera_columns, 7))
     of_columns[columns[columns >= 0]] = of_cameras[columns >= 0]
@@ -97,6 +99,24 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
         held += _normalised(jacobian @ of_columns, np.asarray(abs(jacobian) @ abs(of_columns)))
     values, vectors = np.linalg.eigh(held)
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
+
+
+def _moving_poses(problem: Problem) -> FloatArray:
+    """(C, 3, 4) poses that the columns of cameras move: with rigs, those of their frames."""
+    if problem.rigs is None:
+        return problem.cameras
+    return problem.rigs.frames(problem.cameras)[problem.rigs.frame_of_camera]
+
+
+def _held_by_rigs(problem: Problem) -> FloatArray:
+    """(7, 7) that cameras of a frame keep their distances."""
+    if problem.rigs is None:
+        return np.zeros((7, 7))
+    order = np.argsort(problem.rigs.frame_of_camera, kind="stable")
+    together = np.diff(problem.rigs.frame_of_camera[order]) == 0
+    apart = np.linalg.norm(np.diff(problem.centres[order], axis=0), axis=1)
+    rows = (together * apart)[:, None] * (np.arange(7) == FREEDOMS.index("scale"))
+    return _normalised(rows, rows)
 
 
 def _held_by_observations(

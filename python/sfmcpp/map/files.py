@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map.map import Map
 from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
@@ -14,6 +15,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.camera_models import require_pinhole
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
+
+_NO_RIGS = "has rigs: the images of a map move by themselves"
 
 
 @checked()
@@ -35,8 +38,10 @@ def map_of_problem(problem: Problem) -> Map:
     Raises
     ------
     InvalidArgument
-        If it is a projective problem, or metadata do not fit it.
+        If it is a projective problem or one with rigs, or metadata do not fit it.
     """
+    if problem.rigs is not None:
+        raise InvalidArgument(f"problem: {_NO_RIGS}")
     metadata, extra = problem.metadata, problem.metadata.extra
     result = Map(require_pinhole(problem.camera_model))
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
@@ -149,9 +154,12 @@ def read_map(path: str | os.PathLike[str], format: str | None = None) -> Map:
     Raises
     ------
     DatasetError
-        If it cannot be read.
+        If it cannot be read, or has rigs of several cameras.
     """
-    return map_of_problem(read(path, format=format))
+    problem = read(path, format=format)
+    if problem.rigs is not None:
+        raise DatasetError(path, _NO_RIGS)
+    return map_of_problem(problem)
 
 
 @checked()

@@ -7,6 +7,7 @@ from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.problem import Problem
 from sfmcpp.model.residual_group import ResidualGroup
+from sfmcpp.model.rigs import Rigs
 from sfmcpp.model.sensor_stream import Gap, SensorStream
 from sfmcpp.model.trajectory import Trajectory
 from sfmcpp.model.weight_selection import WeightSelection
@@ -23,6 +24,7 @@ __all__ = [
     "Metadata",
     "Problem",
     "ResidualGroup",
+    "Rigs",
     "SensorStream",
     "Trajectory",
     "WeightSelection",

@@ -23,6 +23,7 @@ from sfmcpp.model.camera_models import CameraModel, camera_model
 from sfmcpp.model.html import html_table
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
+from sfmcpp.model.rigs import Rigs
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
 
@@ -60,6 +61,9 @@ class Problem:
         Points that stay as they are. Default: none.
     fixed_intrinsics : (G, K) bool, optional
         Single intrinsic parameters that stay as they are. Default: the camera model's.
+    rigs : Rigs, optional
+        Which cameras are rigid to each other; a solve then moves their frames. Cameras of one frame are
+        fixed all or none. Default: each camera moves by itself.
     metadata : Metadata, optional
         Names, colours and the like; no solver looks at it.
 
@@ -83,6 +87,7 @@ class Problem:
     fixed_cameras: BoolArray = None  # type: ignore[assignment]
     fixed_points: BoolArray = None  # type: ignore[assignment]
     fixed_intrinsics: BoolArray = None  # type: ignore[assignment]
+    rigs: Rigs | None = None
     metadata: Metadata = field(default_factory=Metadata)
 
     def __post_init__(self) -> None:
@@ -99,6 +104,8 @@ class Problem:
         if self.covariance_px2 is not None:
             self.covariance_px2 = _array("covariance_px2", self.covariance_px2, np.float64, (count, 2, 2))
             require_one_uncertainty(self.sigma_px, self.covariance_px2)
+        if self.rigs is not None:
+            _require_fitting_rigs(self.rigs, self.num_cameras)
         self._set_defaults(model.intrinsics, model.free_by_default)
 
     def _set_defaults(self, names: Sequence[str], free: Iterable[str]) -> None:
@@ -251,8 +258,9 @@ class Problem:
 
     def copy(self) -> Problem:
         """An independent copy; the metadata is shared."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Problem(**{k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items()})
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        copied = {k: v.copy() for k, v in values.items() if isinstance(v, np.ndarray | Rigs)}
+        return Problem(**values | copied)
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -262,6 +270,7 @@ class Problem:
             "intrinsics": f"{len(self.intrinsics):,} of {', '.join(self.intrinsic_names) or 'no parameters'}",
             "points": f"{self.num_points:,}",
             "observations": f"{self.num_observations:,}",
+            "rigs": repr(self.rigs) if self.rigs else "none",
             "read from": self.metadata.source_format or "no file",
         }
         return html_table(facts.items())
@@ -270,7 +279,8 @@ class Problem:
         return (
             f"Problem({self._model.name!r}: {self.num_cameras} cameras, {self.num_points} points, "
             f"{self.num_observations} observations"
-            f"{' with covariances' if self.covariance_px2 is not None else ''})"
+            f"{' with covariances' if self.covariance_px2 is not None else ''}"
+            f"{'' if self.rigs is None else f', {self.rigs.num_frames} rigid frames'})"
         )
 
 
@@ -298,6 +308,13 @@ def _chosen(value: ArrayLike, count: int) -> NDArray[Any]:
             raise InvalidArgument(f"chosen: mask of shape {rows.shape}, must be ({count},)")
         return rows
     return numbers_below("chosen", rows, count)
+
+
+def _require_fitting_rigs(rigs: Rigs, cameras: int) -> None:
+    if not isinstance(rigs, Rigs):
+        raise InvalidArgument(f"rigs = {rigs!r}: must be Rigs or None")
+    if rigs.num_cameras != cameras:
+        raise InvalidArgument(f"rigs: of {rigs.num_cameras} cameras, the problem has {cameras}")
 
 
 def _require_private_intrinsics(groups: int, cameras: int) -> None:

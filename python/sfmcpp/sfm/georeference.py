@@ -228,6 +228,8 @@ def _georeferenced(
         placed = _placed(problem.centres[images[good]], metres[good], weights[good])
         problem.cameras[:] = placed.apply_to_poses(problem.cameras)
         problem.points[:] = placed.apply(problem.points)
+        if problem.rigs is not None:
+            problem.rigs = problem.rigs.scaled(placed.scale)
         moved(placed)
         group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
         apart = problem.centres[images] - metres

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sfmcpp.ba.linearize import LinearStep
+from sfmcpp.ba.linear_results import LinearStep
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray

@@ -59,11 +59,13 @@ class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {
 };
 
 TEST_P(BendingKernelCase, IsTheWeightedSecondDifferenceOfTheProjection) {
+  constexpr std::array<double, 3> straight{};
   std::vector<double> u(kCount + kReadAhead), v(kCount + kReadAhead);
   GetParam()
       .isa.bending(GetParam().model)
       .bend({.observations = batch.view(),
              .camera_step = camera_step.data(),
+             .camera_bend = straight.data(),
              .intrinsics_step = intrinsics_step.data(),
              .point_steps = point_steps.data()},
             u.data(),

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
@@ -68,6 +69,7 @@ class AlgebraicCost {
   const linear::ObservationGraph& graph_;
   const linear::ParameterMap& map_;
   const std::vector<int>& free_intrinsics_;
+  Frames frames_;
   residuals::AlgebraicKernel kernel_;
   std::vector<ImageNormalization> normalizations_;  // of each image, once it is asked for
 };

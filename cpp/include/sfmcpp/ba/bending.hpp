@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/residuals/bending.hpp"
 
@@ -44,6 +45,7 @@ class Bending {
   const ImageResiduals& images_;
   const linear::ParameterMap& map_;
   const std::vector<int>& free_intrinsics_;
+  Frames frames_;
   residuals::BendingKernel kernel_;
   std::vector<double> values_;
 };

@@ -12,6 +12,7 @@
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/ba/point_rescues.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/optim/model.hpp"
 
@@ -74,6 +75,10 @@ class BundleModel final : public optim::LeastSquaresModel {
   bool move_scale(const optim::State& state);
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   ImageFit linearize_chunk(const optim::State& state, int chunk);
+  int linearize_part(const optim::State& state,
+                     const linear::Chunk& part,
+                     double* jacobian,
+                     linear::PointRecord* records) const;
   void apply_loss(const linear::Chunk& part,
                   double* jacobian,
                   linear::PointRecord* records,
@@ -100,6 +105,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   const linear::ObservationGraph& graph_;
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
+  Frames frames_;
   ThreadPool& pool_;
   Exchange& exchange_;
   ImageResiduals images_;

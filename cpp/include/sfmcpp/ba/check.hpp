@@ -32,6 +32,7 @@ void check_determined(const linear::ObservationGraph& graph,
 // of the problem that share no point, and what holds them together if there are constraints. Of
 // points, each rank speaks of its own.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
+                                        const Rigs& rigs = {},
                                         bool constrained = false,
                                         Exchange& exchange = this_process());
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 
@@ -29,8 +30,12 @@ class ConstraintTerms {
                   const std::vector<int>& free_intrinsics);
 
   linear::CameraPairs pairs() const;
-  // Where derivatives go among the columns of a camera.
-  const residuals::ConstraintColumns& columns() const { return columns_; }
+  // Calls visit(member's position, e) for each active member of a group: e with derivatives in the
+  // columns of cameras.
+  void for_each_active(
+      const residuals::ConstraintGroup& group,
+      const optim::State& state,
+      const std::function<void(std::size_t, residuals::ConstraintResidual&)>& visit) const;
   // Independent equations at most.
   long num_equations() const;
 
@@ -49,12 +54,13 @@ class ConstraintTerms {
   };
 
   // Those that were active at the start must be so still: weights stay during a solve.
-  void for_each_active(const optim::State& state,
-                       const std::function<void(const residuals::ConstraintMember&,
-                                                residuals::ConstraintResidual&)>& visit) const;
+  void for_each_weighted(const optim::State& state,
+                         const std::function<void(const residuals::ConstraintMember&,
+                                                  residuals::ConstraintResidual&)>& visit) const;
 
   const Problem& problem_;
   const linear::ParameterMap& map_;
+  Frames frames_;
   residuals::ConstraintColumns columns_;
   std::vector<Active> active_;
 };

@@ -10,7 +10,7 @@
 namespace sfmcpp::ba {
 
 struct PoseParameter {
-  int camera;
+  int camera;  // the first of its frame, whose pose is meant (ba/rigs.hpp)
   int column;  // of the pose: rotation 0–2, centre 3–5
   auto operator<=>(const PoseParameter&) const = default;
 };

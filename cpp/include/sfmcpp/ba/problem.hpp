@@ -15,6 +15,15 @@ class ConstraintSet;
 
 namespace sfmcpp::ba {
 
+// Cameras that are rigid to each other (ba/rigs.hpp). Empty: none are.
+struct Rigs {
+  std::span<const double> sensors{};        // S × 12, row-major: [R | t] rig_from_sensor
+  std::span<const int> frame_of_camera{};   // C
+  std::span<const int> sensor_of_camera{};  // C
+
+  bool empty() const { return frame_of_camera.empty(); }
+};
+
 // C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
 // every use of the problem. A solve reads cameras, intrinsics and points from its state alone: here
 // they are the start that state_of() copies.
@@ -29,9 +38,10 @@ struct Problem {
   std::span<const double> pixels;            // M × 2
   std::span<const double> sigma_px{};        // M, or empty for 1 px
   std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
-  std::span<const std::uint8_t> fixed_cameras{};          // C
-  std::span<const std::uint8_t> fixed_points{};           // N
-  std::span<const std::uint8_t> fixed_intrinsics{};       // G × K
+  Rigs rigs{};
+  std::span<const std::uint8_t> fixed_cameras{};     // C: with rigs, the same for a whole frame
+  std::span<const std::uint8_t> fixed_points{};      // N
+  std::span<const std::uint8_t> fixed_intrinsics{};  // G × K
   const residuals::ConstraintSet* constraints = nullptr;  // null: none
 
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }

@@ -106,11 +106,12 @@ struct MetricSpace {
     for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
   }
 
-  // exp(−α [ω]×) (y + α m) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives m − ω × y and
-  // −2 ω × m + ω × (ω × y).
+  // exp(−α [ω]×) (y + α m − ½ α² b) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives
+  // m − ω × y and −2 ω × m + ω × (ω × y) − b.
   template <class Real>
   static void to_camera_along(const double* camera,
                               const double* delta,
+                              const double* bend,
                               const Real* point,
                               const Real* step,
                               Jet<Real>* x) {
@@ -133,7 +134,7 @@ struct MetricSpace {
     cross(delta, m, turned_m);
     cross(delta, turned, turned_twice);
     for (int k = 0; k < 3; ++k)
-      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0};
+      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0 - bend[k]};
   }
 
   template <class Real>
@@ -182,18 +183,19 @@ struct MetricCamera : MetricSpace {
     return image;
   }
 
-  // The image along α ↦ (R exp([α δR]×), c + α δc; X + α δX), with the intrinsics along the same
-  // path: exact up to the second derivative.
+  // The image along α ↦ (R exp([α δR]×), c + α δc + ½ α² R b; X + α δX), with the intrinsics along
+  // the same path: exact up to the second derivative.
   template <class Real>
   static void project_along(const double* camera,
                             const double* delta,
+                            const double* bend,
                             const Jet<Real>* intrinsics,
                             const Real* point,
                             const Real* step,
                             Jet<Real>& u,
                             Jet<Real>& v) {
     Jet<Real> x[3];
-    to_camera_along(camera, delta, point, step, x);
+    to_camera_along(camera, delta, bend, point, step, x);
     const Jet<Real> inverse_depth = reciprocal(x[2]);
     Lens::distort(intrinsics, x[0] * inverse_depth, x[1] * inverse_depth, u, v);
   }

@@ -36,6 +36,7 @@ struct ProjectiveCamera {
   template <class Real>
   static void project_along(const double* p,
                             const double* delta,
+                            const double*,
                             const Jet<Real>* frame,
                             const Real* q,
                             const Real* step,

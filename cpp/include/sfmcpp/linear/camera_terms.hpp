@@ -18,7 +18,7 @@ using CameraPairs = std::vector<std::pair<int, int>>;
 
 inline constexpr int kNoCamera = -1;
 
-// Jacobians are row-major, rows × D. Columns of two cameras may not be one reduced column.
+// Jacobians are row-major, rows × D.
 struct CameraResidual {
   int rows = 0;
   const double* residual = nullptr;
@@ -61,6 +61,10 @@ class CameraTerms {
   int find(int i, int j) const;
   const double* block(int b) const { return blocks_.data() + static_cast<long>(size_) * size_ * b; }
   double entry(int b, int row, int column) const { return block(b)[place_[size_ * row + column]]; }
+  void add_shared_diagonal(int b,
+                           const int* columns_of_i,
+                           const int* columns_of_j,
+                           std::vector<double>& diagonal) const;
   void add_rhs_of(int camera, const CameraResidual& residual, const double* jacobian);
   void add_block(int rows, int i, const double* by_i, int j, const double* by_j);
 

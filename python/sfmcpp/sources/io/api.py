@@ -97,7 +97,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
     """Write a problem; the file appears complete or not at all.
 
-    Masks are kept by ``.npz`` alone, standard deviations and covariances by ``.npz`` and sba's format.
+    Masks are kept by ``.npz`` alone, standard deviations and covariances by ``.npz`` and sba's format, rigs
+    by ``.npz`` and COLMAP's formats: in others each camera is by itself.
 
     Parameters
     ----------

@@ -246,6 +246,7 @@ FORMAT = Format(
         "image sizes",
         "colours",
         "masks",
+        "rigid frames",
         "uncertainties of observations",
     ),
 )

@@ -46,6 +46,7 @@ def amounts_in(problem: Problem) -> dict[str, int]:
         "image sizes": metadata.image_sizes is not None,
         "colours": metadata.point_colors is not None,
         "masks": bool(problem.fixed_cameras.any() or problem.fixed_points.any()),
+        "rigid frames": 0 if problem.rigs is None else problem.rigs.num_frames,
         "uncertainties of observations": any(given is not None for given in uncertainties),
     }
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba.parts import COLORS, OBSERVATION_ROWS, POINT_ROWS
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model import Metadata, Problem
+from sfmcpp.model import Metadata, Problem, Rigs
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
 from sfmcpp.sources.io.files import open_content
@@ -36,9 +36,10 @@ VERSION = 1
 _ZIP_MAGIC = b"PK"
 _PIECE_BYTES = 1 << 20
 _OLDEST_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
-METADATA, _EXTRA = "metadata", "extra."
-_NOT_ARRAYS = ("camera_model", METADATA)
+METADATA, _EXTRA, _RIGS = "metadata", "extra.", "rigs."
+_NOT_ARRAYS = ("camera_model", METADATA, "rigs")
 _ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
+_RIG_ARRAYS = tuple(f.name for f in fields(Rigs))
 _OPTIONAL = ("sigma_px", "covariance_px2")
 _LOCAL_LENGTHS = 26  # where the local header of a zip archive's member tells how long its name is
 _METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
@@ -132,9 +133,18 @@ def _unchecked(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     metadata = _metadata(path, header, members)
     arrays = {name: members.get(name) for name in _ARRAYS}
     try:
-        return Problem(header["camera_model"], metadata=metadata, **arrays)  # type: ignore[arg-type]
+        rigs = _rigs(path, members)
+        return Problem(header["camera_model"], metadata=metadata, rigs=rigs, **arrays)  # type: ignore[arg-type]
     except InvalidArgument as error:
         raise DatasetError(path, str(error)) from error
+
+
+def _rigs(path: Path, members: Mapping[str, NDArray[Any]]) -> Rigs | None:
+    found = {name: members[_RIGS + name] for name in _RIG_ARRAYS if _RIGS + name in members}
+    if found and len(found) < len(_RIG_ARRAYS):
+        missing = ", ".join(_RIGS + name for name in _RIG_ARRAYS if name not in found)
+        raise DatasetError(path, f"its rigs lack {missing}")
+    return Rigs(**found) if found else None
 
 
 def write_npz(problem: Problem, path: Path) -> None:
@@ -154,6 +164,7 @@ def members_of_problem(problem: Problem, path: Path) -> dict[str, NDArray[Any]]:
     _require_consistent(problem, path)
     extra = problem.metadata.extra
     arrays: dict[str, Any] = {name: getattr(problem, name) for name in _ARRAYS}
+    arrays |= {_RIGS + name: getattr(problem.rigs, name, None) for name in _RIG_ARRAYS}
     arrays |= {name: getattr(problem.metadata, name) for name in _METADATA_ARRAYS}
     arrays |= {_EXTRA + key: value for key, value in extra.items() if isinstance(value, np.ndarray)}
     arrays[METADATA] = _header(problem, path)

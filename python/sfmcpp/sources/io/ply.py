@@ -56,6 +56,7 @@ FORMAT = Format(
         "image names",
         "image sizes",
         "masks",
+        "rigid frames",
         "uncertainties of observations",
     ),
 )

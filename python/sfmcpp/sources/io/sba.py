@@ -336,5 +336,6 @@ FORMAT = Format(
         "image sizes",
         "colours",
         "masks",
+        "rigid frames",
     ),
 )

@@ -158,6 +158,7 @@ FORMAT = Format(
         "keypoints without a point",
         "colours",
         "masks",
+        "rigid frames",
         "uncertainties of observations",
     ),
 )

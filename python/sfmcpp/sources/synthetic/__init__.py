@@ -14,6 +14,7 @@ from sfmcpp.sources.synthetic.drive_with_loops import drive_with_loops_scene
 from sfmcpp.sources.synthetic.missing import hide_observations
 from sfmcpp.sources.synthetic.noise import add_outliers, perturb
 from sfmcpp.sources.synthetic.photo_collection import photo_collection_scene
+from sfmcpp.sources.synthetic.rig_walk import rig_walk_scene
 from sfmcpp.sources.synthetic.street_loop import street_loop_scene
 from sfmcpp.sources.synthetic.table_walk import table_walk
 from sfmcpp.sources.synthetic.tracker import Tracker
@@ -33,6 +34,7 @@ __all__ = [
     "hide_observations",
     "perturb",
     "photo_collection_scene",
+    "rig_walk_scene",
     "sphere_scene",
     "street_loop_scene",
     "table_walk",
@@ -48,6 +50,7 @@ SCENES: dict[str, Callable[..., Problem]] = {
     "city-blocks": city_blocks_scene,
     "drive-with-loops": drive_with_loops_scene,
     "photo-collection": photo_collection_scene,
+    "rig-walk": rig_walk_scene,
 }
 
 # Each takes length_m, frame_hz, focal_px, image_size, tracker, sensors and seed.

@@ -12,7 +12,8 @@ from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortio
 from sfmcpp.sources.synthetic.observation import keep_points_seen_twice, observe
 from sfmcpp.sources.synthetic.sight import Sight
 
-_FORWARD = np.array([1.0, 0.0, 0.0])
+FORWARD = np.array([1.0, 0.0, 0.0])
+"""World direction in which the corridor runs."""
 _EYE_HEIGHT_SHARE = 0.6
 
 
@@ -70,16 +71,24 @@ def corridor_scene(
         require_positive(name, value)
     geometry = ImageGeometry(camera_model, focal_px, image_size, distortion)
     rng = np.random.default_rng(seed)
-    centres = _walk(num_cameras, length_m, _EYE_HEIGHT_SHARE * height_m)
-    cameras = looking_at(centres, centres + _FORWARD, UP)
-    along_m = rng.uniform(0, length_m + max_depth_m, num_points)
-    points = np.column_stack([along_m, _on_section(num_points, width_m, height_m, rng)])
+    centres = walk(num_cameras, length_m, height_m)
+    cameras = looking_at(centres, centres + FORWARD, UP)
+    points = corridor_points(num_points, length_m + max_depth_m, width_m, height_m, rng)
     return keep_points_seen_twice(observe(geometry, cameras, points, pixel_sigma_px, rng, Sight(max_depth_m)))
 
 
-def _walk(num_cameras: int, length_m: float, eye_height_m: float) -> FloatArray:
-    along_m = np.linspace(0, length_m, num_cameras)
-    return np.stack([along_m, np.zeros(num_cameras), np.full(num_cameras, eye_height_m)], axis=1)
+def walk(count: int, length_m: float, height_m: float) -> FloatArray:
+    """(count, 3) places along the middle of a corridor of that height, evenly spaced."""
+    along_m = np.linspace(0, length_m, count)
+    return np.stack([along_m, np.zeros(count), np.full(count, _EYE_HEIGHT_SHARE * height_m)], axis=1)
+
+
+def corridor_points(
+    count: int, length_m: float, width_m: float, height_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """(count, 3) points, uniform on walls, floor and ceiling."""
+    along_m = rng.uniform(0, length_m, count)
+    return np.column_stack([along_m, _on_section(count, width_m, height_m, rng)])
 
 
 def _on_section(count: int, width_m: float, height_m: float, rng: np.random.Generator) -> FloatArray:

@@ -86,8 +86,8 @@ def perturb(
 ) -> Problem:
     """Copy `problem` with Gaussian noise on its points, poses (thesis §4.4.1.3) and focal lengths.
 
-    What is fixed stays as it is. The same seed gives the same directions at every noise level, and each
-    kind of noise is independent of the levels of the others.
+    What is fixed stays as it is; of rigid cameras, their frames move. The same seed gives the same directions
+    at every noise level, and each kind of noise is independent of the levels of the others.
 
     Parameters
     ----------
@@ -124,11 +124,21 @@ def perturb(
     result = problem.copy()
     free_points, free_cameras = ~problem.fixed_points, ~problem.fixed_cameras
     result.points[free_points] += point_steps[free_points]
-    result.centres[free_cameras] += position_steps[free_cameras]
-    result.rotations[free_cameras] = (problem.rotations @ so3.exp(rotation_steps_rad))[free_cameras]
+    if position_sigma_m > 0 or rotation_sigma_deg > 0:
+        moved = _moved(problem, position_steps, so3.exp(rotation_steps_rad))
+        result.cameras[free_cameras] = moved[free_cameras]
     if focal_sigma > 0 and "f" in problem.intrinsic_names:
         column = problem.intrinsic_names.index("f")
         free_focals = ~problem.fixed_intrinsics[:, column]
         zoom = np.exp(focal_sigma * rng.standard_normal(len(free_focals)))
         result.intrinsics[free_focals, column] *= zoom[free_focals]
     return result
+
+
+def _moved(problem: Problem, steps: FloatArray, turns: FloatArray) -> FloatArray:
+    """(C, 3, 4) cameras moved by `steps` (C, 3) and `turns` (C, 3, 3); of rigs, their frames moved so."""
+    poses = problem.cameras if problem.rigs is None else problem.rigs.frames(problem.cameras)
+    moved = np.concatenate(
+        [poses[:, :, :3] @ turns[: len(poses)], poses[:, :, 3:] + steps[: len(poses), :, None]], axis=2
+    )
+    return moved if problem.rigs is None else problem.rigs.cameras(moved)

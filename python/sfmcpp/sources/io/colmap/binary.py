@@ -23,7 +23,6 @@ FILES = ("cameras.bin", "images.bin", "points3D.bin")
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")
 _IMAGE = struct.Struct("<I7dI")
-_RIG, _SENSOR = struct.Struct("<II"), struct.Struct("<iI")
 _KEYPOINT = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])
 _POINT = np.dtype(
     [("id", "<i8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_count", "<u8")]
@@ -32,7 +31,7 @@ _POINTS_AT_ONCE = 1 << 16
 _TRACK = np.dtype([("image", "<u4"), ("keypoint", "<u4")])
 
 
-class _Records:
+class Records:
     """A cursor over the records of one file that never reads past its end."""
 
     def __init__(self, path: Path, smallest_record: int) -> None:
@@ -45,9 +44,11 @@ class _Records:
             raise DatasetError(path, reason)
 
     def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """The next numbers."""
         return layout.unpack_from(self.data, self.skip(layout.size))
 
     def array(self, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
+        """The next `count` of a type."""
         return np.frombuffer(self.data, dtype, count, self.skip(count * dtype.itemsize))
 
     def ragged(self, head: np.dtype[Any], item: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -59,6 +60,7 @@ class _Records:
         return heads.view(head), items.view(item)
 
     def name(self) -> str:
+        """Text up to a zero."""
         end = self.data.find(b"\0", self.offset)
         if end < 0:
             raise self.error("truncated: an image name has no end")
@@ -78,10 +80,12 @@ class _Records:
         return start
 
     def require_end(self) -> None:
+        """Refuse what is left over."""
         if self.offset != len(self.data):
             raise self.error(f"trailing garbage: {len(self.data) - self.offset} bytes")
 
     def error(self, reason: str) -> DatasetError:
+        """Make a DatasetError at the present byte."""
         return DatasetError(self.path, f"{reason} at byte {self.offset} of {len(self.data)}")
 
 
@@ -89,15 +93,6 @@ def read_binary(folder: Path) -> Tables:
     """Tables of the three binary files in `folder`."""
     cameras, images, points = (folder / name for name in FILES)
     return Tables(_read_cameras(cameras), _read_images(images), _read_points(points))
-
-
-def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
-    """Identifier and number of sensors of each rig in a rigs.bin, up to the first with more than one."""
-    records = _Records(path, _RIG.size)
-    for _ in range(records.count):
-        rig, sensors = records.unpack(_RIG)
-        yield rig, sensors
-        records.skip(sensors * _SENSOR.size)
 
 
 def binary_files(tables: Tables) -> Iterable[Iterable[bytes]]:
@@ -108,7 +103,7 @@ def binary_files(tables: Tables) -> Iterable[Iterable[bytes]]:
 
 
 def _read_cameras(path: Path) -> CameraTable:
-    records = _Records(path, _CAMERA.size)
+    records = Records(path, _CAMERA.size)
     ids, models, sizes, params = [], [], [], []
     for _ in range(records.count):
         camera_id, number, width, height = records.unpack(_CAMERA)
@@ -131,7 +126,7 @@ def _read_cameras(path: Path) -> CameraTable:
 
 
 def _read_images(path: Path) -> ImageTable:
-    records = _Records(path, _IMAGE.size + 1 + _COUNT.size)
+    records = Records(path, _IMAGE.size + 1 + _COUNT.size)
     heads, names, keypoints = [], [], []
     for _ in range(records.count):
         heads.append(records.unpack(_IMAGE))
@@ -172,7 +167,7 @@ def _require_finite_images(images: ImageTable) -> None:
 
 
 def _read_points(path: Path) -> PointTable:
-    records = _Records(path, _POINT.itemsize)
+    records = Records(path, _POINT.itemsize)
     heads, tracks = records.ragged(_POINT, _TRACK)
     records.require_end()
     points = PointTable(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
@@ -11,20 +13,29 @@ from sfmcpp.model import Problem
 from sfmcpp.sources.io.atomic import atomic_folder
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.from_tables import problem_from_tables
+from sfmcpp.sources.io.colmap.rig_files import (
+    BINARY_FILES,
+    TEXT_FILES,
+    RigModel,
+    binary_rig_files,
+    read_binary_rigs,
+    read_text_rigs,
+    text_rig_files,
+)
+from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
 from sfmcpp.sources.io.format import Format
 
 
 def read_colmap_text(folder: Path) -> Problem:
-    """Read cameras.txt, images.txt and points3D.txt; see :func:`read_colmap_binary`."""
+    """Read cameras.txt, images.txt and points3D.txt, and rigs; see :func:`read_colmap_binary`."""
     _require_model(folder, text.FILES)
-    _require_single_sensors(folder / "rigs.txt", text.sensors_of_rigs)
-    return problem_from_tables(text.read_text(folder), "colmap-text")
+    return _problem(text.read_text(folder), read_text_rigs(folder), "colmap-text")
 
 
 def read_colmap_binary(folder: Path) -> Problem:
-    """Read cameras.bin, images.bin and points3D.bin; camera model ``"perspective"``.
+    """Read cameras.bin, images.bin and points3D.bin, and rigs; camera model ``"perspective"``.
 
     Images become cameras, in the order of their ids; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
@@ -32,27 +43,36 @@ def read_colmap_binary(folder: Path) -> Problem:
     points are not kept. Where an image observes a point by several keypoints, which COLMAP allows (SIFT gives
     one corner several orientations), the first in the track counts; the others become keypoints without a
     point, ``metadata.extra["colmap_second_sightings"]`` (D, 3) has camera, keypoint and point id of each, and
-    writing puts them back into the tracks, unless the first has gone.
+    writing puts them back into the tracks, unless the first has gone. Where a rig in
+    rigs.bin has several cameras, the problem has `rigs`, with the poses of frames.bin.
 
     Raises
     ------
     DatasetError
-        If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a rig
-        has several sensors, or a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL,
-        OPENCV.
+        If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a sensor
+        of a rig is no camera or has no pose, or a camera model is none of SIMPLE_PINHOLE, PINHOLE,
+        SIMPLE_RADIAL, RADIAL, OPENCV.
     """
     _require_model(folder, binary.FILES)
-    _require_single_sensors(folder / "rigs.bin", binary.sensors_of_rigs)
-    return problem_from_tables(binary.read_binary(folder), "colmap-binary")
+    return _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")
+
+
+def _problem(tables: Tables, rigs: RigModel | None, source_format: str) -> Problem:
+    problem = problem_from_tables(tables, source_format)
+    if rigs is not None:
+        add_rigs(problem, tables, rigs)
+    return problem
 
 
 def write_colmap_text(problem: Problem, folder: Path) -> None:
-    """Write cameras.txt, images.txt and points3D.txt; see :func:`write_colmap_binary`."""
-    _write(problem, folder, text.FILES, text.text_files)
+    """Write cameras.txt, images.txt and points3D.txt, and rigs; see :func:`write_colmap_binary`."""
+    _write(problem, folder, _Files(text.FILES, text.text_files, TEXT_FILES, text_rig_files))
 
 
 def write_colmap_binary(problem: Problem, folder: Path) -> None:
     """Write cameras.bin, images.bin and points3D.bin into `folder`, which is made if it does not exist.
+
+    A problem with rigs becomes rigs.bin and frames.bin as well, the first sensor of each rig its origin.
 
     The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
     Masks, standard deviations and covariances are not kept. Pixels stay as they are: COLMAP counts them from
@@ -61,29 +81,40 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     Raises
     ------
     DatasetError
-        If no supported camera model holds the intrinsics, `folder` already has rigs or frames (they would
-        contradict the new poses), or a file cannot be written.
+        If no supported camera model holds the intrinsics, a sensor of a rig has several rows of intrinsics
+        or shares one, `folder` already has rigs or frames (of a model that would be replaced), or a file
+        cannot be written.
     """
-    _write(problem, folder, binary.FILES, binary.binary_files)
+    _write(problem, folder, _Files(binary.FILES, binary.binary_files, BINARY_FILES, binary_rig_files))
 
 
-def _write(
-    problem: Problem,
-    folder: Path,
-    names: tuple[str, ...],
-    contents: Callable[[Tables], Iterable[Iterable[bytes]]],
-) -> None:
+@dataclass(frozen=True)
+class _Files:
+    """Names and contents of the files of a kind, and of those of rigs."""
+
+    names: tuple[str, ...]
+    contents: Callable[[Tables], Iterable[Iterable[bytes]]]
+    rig_names: tuple[str, str]
+    rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
+
+
+def _write(problem: Problem, folder: Path, files: _Files) -> None:
     if folder.exists() and not folder.is_dir():
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
-    _require_no_rigs(folder, Path(names[0]).suffix)
+    _require_no_rigs(folder, files.rig_names)
     tables = tables_from_problem(problem, folder)
-    with atomic_folder(folder, names) as files:
-        for file, content in zip(files, contents(tables), strict=True):
-            file.writelines(content)
+    names, contents = files.names, files.contents(tables)
+    if problem.rigs is not None:
+        paths = [folder / name for name in files.rig_names]
+        model = rig_model_of(problem, problem.rigs, tables, paths)
+        names, contents = (*names, *files.rig_names), chain(contents, files.rig_contents(model))
+    with atomic_folder(folder, names) as streams:
+        for stream, content in zip(streams, contents, strict=True):
+            stream.writelines(content)
 
 
-def _require_no_rigs(folder: Path, suffix: str) -> None:
-    for name in (f"rigs{suffix}", f"frames{suffix}"):
+def _require_no_rigs(folder: Path, names: tuple[str, str]) -> None:
+    for name in names:
         if (folder / name).exists():
             reason = "is of the model that is there: it would be replaced, and this contradict its poses"
             raise DatasetError(folder / name, f"{reason}; write to another folder")
@@ -95,15 +126,6 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
         raise DatasetError(folder, f"is a directory without a COLMAP model: it lacks {', '.join(missing)}")
-
-
-def _require_single_sensors(path: Path, sensors_of: Callable[[Path], Iterable[tuple[int, int]]]) -> None:
-    """Refuse cameras that are mounted together: they would be solved as if each moved by itself."""
-    if not path.exists():
-        return
-    for rig, sensors in sensors_of(path):
-        if sensors > 1:
-            raise DatasetError(path, f"rig {rig} has {sensors} sensors: rigs are not supported yet")
 
 
 def _has_any(folder: Path, names: tuple[str, ...]) -> bool:
@@ -125,7 +147,7 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
-    target_check=partial(_require_no_rigs, suffix=".txt"),
+    target_check=partial(_require_no_rigs, names=TEXT_FILES),
     lacks=(
         "masks",
         "uncertainties of observations",
@@ -138,7 +160,7 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
-    target_check=partial(_require_no_rigs, suffix=".bin"),
+    target_check=partial(_require_no_rigs, names=BINARY_FILES),
     lacks=(
         "masks",
         "uncertainties of observations",

@@ -33,8 +33,8 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     Raises
     ------
     InvalidArgument
-        If it is no reconstruction, a rig has several sensors, or a camera model is none of SIMPLE_PINHOLE,
-        PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV.
+        If it is no reconstruction, a sensor of a rig is no camera or has no pose, or a camera model is none
+        of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV.
     """
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__
@@ -50,7 +50,7 @@ def from_pycolmap(reconstruction: Any) -> Problem:
 
 @checked()
 def to_pycolmap(problem: Problem) -> Any:
-    """Make a reconstruction for pycolmap, with a trivial rig for each camera.
+    """Make a reconstruction for pycolmap, with the rigs of the problem or a trivial rig for each camera.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def to_pycolmap(problem: Problem) -> Any:
     ImportError
         If pycolmap is not installed.
     InvalidArgument
-        If no supported camera model of COLMAP holds the intrinsics.
+        If no supported camera model of COLMAP holds the intrinsics, or no rig of COLMAP the sensors.
     """
     import pycolmap
 

@@ -27,23 +27,13 @@ from sfmcpp.sources.io.rows import Rows, format_ragged, tokens_of_items
 
 FILES = ("cameras.txt", "images.txt", "points3D.txt")
 _IMAGE_NUMBERS, _POINT_NUMBERS = 9, 8
-_KEYPOINT, _TRACK, _RIG_WORDS = 3, 2, 2
+_KEYPOINT, _TRACK = 3, 2
 
 
 def read_text(folder: Path) -> Tables:
     """Tables of the three text files in `folder`."""
     cameras, images, points = (folder / name for name in FILES)
     return Tables(_read_cameras(cameras), _read_images(images), _read_points(points))
-
-
-def sensors_of_rigs(path: Path) -> Iterator[tuple[int, int]]:
-    """Identifier and number of sensors of each rig in a rigs.txt."""
-    for row, line in enumerate(_read_lines(path)):
-        words = line.split()
-        if not _is_comment(line):
-            if len(words) < _RIG_WORDS or not all(word.isdigit() for word in words[:_RIG_WORDS]):
-                raise DatasetError(path, "the line must start with a rig's id and number of sensors", row + 1)
-            yield int(words[0]), int(words[1])
 
 
 def text_files(tables: Tables) -> Iterable[Iterable[bytes]]:
@@ -54,8 +44,8 @@ def text_files(tables: Tables) -> Iterable[Iterable[bytes]]:
 
 
 def _read_cameras(path: Path) -> CameraTable:
-    lines = _read_lines(path)
-    rows = [i for i, line in enumerate(lines) if not _is_comment(line)]
+    lines = read_lines(path)
+    rows = [i for i, line in enumerate(lines) if not is_comment(line)]
     models = []
     for row in rows:
         words = lines[row].split()
@@ -95,7 +85,7 @@ def _require_widths(text: NumberText, widths: Int64Array) -> None:
 
 
 def _read_images(path: Path) -> ImageTable:
-    lines = _read_lines(path)
+    lines = read_lines(path)
     rows = _image_rows(lines)
     heads, keypoints, names = [b""] * len(lines), [b""] * len(lines), []
     for row in rows:
@@ -127,7 +117,7 @@ def _image_rows(lines: list[bytes]) -> list[int]:
     """Where images start: each takes two lines, the second of which may be empty."""
     rows, row = [], 0
     while row < len(lines):
-        if _is_comment(lines[row]):
+        if is_comment(lines[row]):
             row += 1
         else:
             rows.append(row)
@@ -175,11 +165,13 @@ def _read_points(path: Path) -> PointTable:
     )
 
 
-def _read_lines(path: Path) -> list[bytes]:
+def read_lines(path: Path) -> list[bytes]:
+    """The lines of a file."""
     return read_bytes(path).split(b"\n")
 
 
-def _is_comment(line: bytes) -> bool:
+def is_comment(line: bytes) -> bool:
+    """Whether a line is empty or begins with #."""
     return not line.strip() or line.lstrip().startswith(b"#")
 
 

@@ -149,32 +149,6 @@ def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path) -> None:
     assert not (tmp_path / "cameras.bin").exists()
 
 
-RIGS_TEXT = "# RIG_ID NUM_SENSORS ...\n4 1 CAMERA 7\n9 {} CAMERA 7 CAMERA 8 0\n"
-
-
-def rigs_binary(sensors: int) -> bytes:
-    """Two rigs, the first with one sensor, the second with that many of which one is written."""
-    return struct.pack("<QIIiIIIiI", 2, 4, 1, 0, 7, 9, sensors, 0, 7)
-
-
-@pytest.mark.parametrize("format", FORMATS)
-def test_a_rig_of_several_sensors_is_refused_and_one_of_a_single_sensor_is_not(
-    tmp_path: Path, format: str
-) -> None:
-    problem = read(small_model(tmp_path))
-    write(problem, tmp_path, format=format)
-    name = "rigs.txt" if format == "colmap-text" else "rigs.bin"
-    for sensors in (1, 2):
-        (tmp_path / name).write_bytes(
-            RIGS_TEXT.format(sensors).encode() if format == "colmap-text" else rigs_binary(sensors)
-        )
-        if sensors == 1:
-            assert_same_problem(read(tmp_path, format=format), problem, intrinsics_rtol=4e-16)
-    with pytest.raises(DatasetError, match="rig 9 has 2 sensors: rigs are not supported yet") as refused:
-        read(tmp_path, format=format)
-    assert refused.value.path == str(tmp_path / name)
-
-
 @pytest.mark.parametrize("format", FORMATS)
 def test_errors_of_points_are_those_of_the_problem_that_is_written(tmp_path: Path, format: str) -> None:
     problem = random_model(5, "OPENCV")

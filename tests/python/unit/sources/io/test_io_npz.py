@@ -25,7 +25,7 @@ from io_helpers import (
     random_problem,
     refusal,
 )
-from sfmcpp import CAMERA_MODELS, DatasetError, Problem
+from sfmcpp import CAMERA_MODELS, DatasetError, Problem, rig_walk_scene
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.limits import MAX_EXPANDED
 
@@ -199,3 +199,35 @@ def test_members_damaged_behind_a_right_checksum_are_read_or_refused(seed: int) 
             for name, content in members.items():
                 archive.writestr(name, content)
         assert_valid_or_refused(path)
+
+
+def test_rigs_are_kept(tmp_path: Path) -> None:
+    problem = rig_walk_scene(6, 100, seed=0)
+    write(problem, tmp_path / "x.npz")
+    again = read(tmp_path / "x.npz")
+    assert again.rigs is not None
+    assert problem.rigs is not None
+    for name in ("sensors", "frame_of_camera", "sensor_of_camera"):
+        np.testing.assert_array_equal(getattr(again.rigs, name), getattr(problem.rigs, name))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("sensors", None, "its rigs lack rigs.sensors"),
+        ("sensors", np.ones((3, 3, 4)), r"rigs.sensors\[0\]: not a rotation"),
+        ("sensor_of_camera", np.zeros(6, np.int32), "rigs: frame 0 has sensor 0 twice"),
+        ("frame_of_camera", np.full(6, 6, np.int32), r"rigs.frame_of_camera\[0\] = 6: must be in \[0, 6\)"),
+        ("frame_of_camera", np.zeros(5, np.int32), "6 values for 5 cameras"),
+    ],
+)
+def test_rigs_that_cannot_be_are_refused(
+    tmp_path: Path, name: str, value: np.ndarray | None, reason: str
+) -> None:
+    path = tmp_path / "x.npz"
+    write(rig_walk_scene(6, 100, seed=0), path)
+    members = dict(np.load(path))
+    del members[f"rigs.{name}"]
+    np.savez(path, **members, **({} if value is None else {f"rigs.{name}": value}))
+    with pytest.raises(DatasetError, match=reason):
+        read(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -129,19 +128,85 @@ def test_images_without_a_pose_are_named() -> None:
     assert "unregistered_images" not in sfmcpp.from_pycolmap(reconstruction()).metadata.extra
 
 
-def test_rigs_of_several_cameras_are_refused() -> None:
-    with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: rigs: rig \d+ has 2 sensors"):
-        sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=2))
+def test_rigs_are_solved_as_pycolmap_solves_them() -> None:
+    problem = sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=3))
+    assert problem.rigs is not None
+    assert (problem.rigs.num_frames, problem.rigs.num_sensors) == (2, 3)
+    start = sfmcpp.perturb(
+        problem, point_sigma_m=0.02, position_sigma_m=0.02, rotation_sigma_deg=0.2, seed=1
+    ).set_free_intrinsics()
+    start.pixels += np.random.default_rng(2).standard_normal(start.pixels.shape)
+    model = sfmcpp.to_pycolmap(start)
+    summary = sfmcpp.solve(start, function_tolerance=1e-12)
+    theirs = adjusted_by_pycolmap(model)
+    assert summary.initial_cost == pytest.approx(theirs.initial_cost, rel=1e-9)
+    assert summary.final_cost == pytest.approx(theirs.final_cost, rel=1e-9)
+    again = sfmcpp.from_pycolmap(model)
+    assert sfmcpp.cost(again) == pytest.approx(summary.final_cost, rel=1e-9)
+
+
+def adjusted_by_pycolmap(model: Any) -> Any:
+    """Ceres' summary of pycolmap's own adjustment of frames and points, all else as it is."""
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in model.images:
+        config.add_image(image)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.UNSPECIFIED)
+    config.set_constant_rig_from_world_pose(min(model.frames))
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = options.refine_extra_params = options.refine_sensor_from_rig = False
+    options.print_summary = False
+    options.ceres.solver_options.max_num_iterations = 100
+    options.ceres.solver_options.function_tolerance = 1e-14
+    return pycolmap.create_default_bundle_adjuster(options, config, model).solve().ceres_summary
+
+
+def test_rigs_and_frames_come_back_as_they_were() -> None:
+    model = reconstruction(cameras_per_rig=2)
+    again = sfmcpp.to_pycolmap(sfmcpp.from_pycolmap(model))
+    assert sorted(again.frames) == sorted(model.frames)
+    for number, frame in model.frames.items():
+        other = again.frames[number]
+        np.testing.assert_allclose(
+            other.rig_from_world.matrix(), frame.rig_from_world.matrix(), rtol=0, atol=1e-12
+        )
+        assert {(d.sensor_id.id, d.id) for d in other.data_ids} == {
+            (d.sensor_id.id, d.id) for d in frame.data_ids
+        }
+    for number, rig in model.rigs.items():
+        assert again.rigs[number].ref_sensor_id == rig.ref_sensor_id
+        for sensor, pose in rig.non_ref_sensors.items():
+            found = again.rigs[number].sensor_from_rig(sensor)
+            np.testing.assert_allclose(found.matrix(), pose.matrix(), rtol=0, atol=1e-12)
+
+
+def test_rigs_of_any_problem_become_those_of_pycolmap() -> None:
+    scene = sfmcpp.rig_walk_scene(12, 300, camera_model="perspective", seed=1)
+    model = sfmcpp.to_pycolmap(scene)
+    assert (model.num_rigs(), model.num_frames(), model.num_images()) == (1, 4, 12)
+    again = sfmcpp.from_pycolmap(model)
+    np.testing.assert_allclose(again.cameras, scene.cameras, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["write_text", "write_binary"])
-@pytest.mark.parametrize("reader", [sfmcpp.read, read_map])
-def test_a_real_rig_in_files_is_refused_by_every_reader(
-    tmp_path: Path, kind: str, reader: Callable[[Path], object]
-) -> None:
-    getattr(reconstruction(cameras_per_rig=2), kind)(str(tmp_path))
-    with pytest.raises(sfmcpp.DatasetError, match=r"rigs\.(txt|bin): rig \d+ has 2 sensors"):
-        reader(tmp_path)
+def test_rigs_in_files_are_read_and_a_map_of_them_is_refused(tmp_path: Path, kind: str) -> None:
+    model = reconstruction(cameras_per_rig=2)
+    getattr(model, kind)(str(tmp_path))
+    assert_same_problem(sfmcpp.read(tmp_path), sfmcpp.from_pycolmap(model), intrinsics_rtol=4e-16)
+    with pytest.raises(sfmcpp.DatasetError, match="has rigs: the images of a map move by themselves"):
+        read_map(tmp_path)
+
+
+@pytest.mark.parametrize("format", ["colmap-text", "colmap-binary"])
+def test_rigs_are_the_same_after_reading_and_writing(tmp_path: Path, format: str) -> None:
+    once = sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=3))
+    sfmcpp.write(once, tmp_path / "model", format=format)
+    again = sfmcpp.read(tmp_path / "model", format=format)
+    assert_same_problem(again, once, intrinsics_rtol=4e-16)
+    assert again.rigs is not None
+    assert once.rigs is not None
+    np.testing.assert_array_equal(again.rigs.frame_of_camera, once.rigs.frame_of_camera)
+    np.testing.assert_array_equal(again.rigs.sensor_of_camera, once.rigs.sensor_of_camera)
+    np.testing.assert_allclose(again.rigs.sensors, once.rigs.sensors, rtol=0, atol=1e-14)
 
 
 def test_a_model_solved_by_the_command_line_has_errors_of_its_solved_state(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "city-blocks": {"num_cameras": 120},
     "drive-with-loops": {"num_cameras": 120},
     "photo-collection": {"num_cameras": 120, "cameras_per_landmark": 40},
+    "rig-walk": {"num_cameras": 30, "num_points": 1000},
 }
 # These keep every point, seen or not.
 COMPLETE = {"circle", "sphere"}

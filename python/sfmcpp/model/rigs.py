@@ -1,0 +1,241 @@
+"""Rigs: cameras that move together, each a sensor of a rigid frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, index_array
+
+_LOOSE = 1e-6  # of R Rᵀ, as for cameras
+
+
+@dataclass(eq=False)
+class Rigs:
+    """Which cameras of a problem are rigid to each other: each is one sensor of one frame.
+
+    Camera i is where both put it: ``R_i = R_f R_s`` and ``c_i = c_f + R_f t_s``, with the pose of its frame
+    in the world ``[R_f | c_f]``. A solve moves frames, six numbers each, and never the cameras of one against
+    each other. A camera by itself is the only one of its frame, with a sensor of its own at ``[I | 0]``.
+
+    Parameters
+    ----------
+    sensors : (S, 3, 4) float64
+        ``[R_s | t_s]`` of each sensor: rotation rig_from_sensor, and the centre of the camera in the rig, in
+        units of the world. COLMAP's ``sensor_from_rig`` is the inverse.
+    frame_of_camera : (C,) int32
+        Frame of each camera, below C.
+    sensor_of_camera : (C,) int32
+        Sensor of each camera, a row of `sensors`. A frame has a sensor once at most.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is out of range or not finite, a sensor's matrix is no rotation, or a
+        frame has a sensor twice.
+    """
+
+    sensors: FloatArray
+    frame_of_camera: IndexArray
+    sensor_of_camera: IndexArray
+
+    def __post_init__(self) -> None:
+        self.sensors = finite_array("rigs.sensors", self.sensors, (ANY, 3, 4))
+        self.frame_of_camera = _numbers("frame_of_camera", self.frame_of_camera)
+        self.sensor_of_camera = _numbers("sensor_of_camera", self.sensor_of_camera, self.num_sensors)
+        _require_rotations(self.sensors[:, :, :3])
+        if len(self.sensor_of_camera) != self.num_cameras:
+            raise InvalidArgument(
+                f"rigs.sensor_of_camera: {len(self.sensor_of_camera)} values for {self.num_cameras} cameras, "
+                "must be one for each"
+            )
+        self._require_sensors_once()
+
+    def _require_sensors_once(self) -> None:
+        pairs = self.frame_of_camera.astype(np.int64) * self.num_sensors + self.sensor_of_camera
+        _, first, counts = np.unique(pairs, return_index=True, return_counts=True)
+        if (counts > 1).any():
+            camera = first[np.argmax(counts > 1)]
+            raise InvalidArgument(
+                f"rigs: frame {self.frame_of_camera[camera]} has sensor {self.sensor_of_camera[camera]} twice"
+            )
+
+    @property
+    def num_cameras(self) -> int:
+        """Number of cameras, C."""
+        return len(self.frame_of_camera)
+
+    @property
+    def num_sensors(self) -> int:
+        """Number of sensors, S."""
+        return len(self.sensors)
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames that have a camera."""
+        return len(np.unique(self.frame_of_camera))
+
+    def frames(self, cameras: ArrayLike) -> FloatArray:
+        """Poses of the frames of cameras.
+
+        Parameters
+        ----------
+        cameras : (C, 3, 4) array
+            Poses of all cameras, rotation world_from_camera and centre. Where those of a frame are not rigid
+            to each other, its pose is the mean of what they say: of rotations by their sum, of centres.
+
+        Returns
+        -------
+        (F, 3, 4) float64
+            Rotation world_from_rig and origin of each frame in the world; of a number that no camera
+            has, NaN.
+
+        Raises
+        ------
+        InvalidArgument
+            If the shape is wrong or a number is not finite.
+        """
+        poses = finite_array("cameras", cameras, (self.num_cameras, 3, 4))
+        sensors = self.sensors[self.sensor_of_camera]
+        turns = np.zeros((int(self.frame_of_camera.max(initial=-1)) + 1, 3, 3))
+        np.add.at(turns, self.frame_of_camera, poses[:, :, :3] @ sensors[:, :, :3].transpose(0, 2, 1))
+        counts = np.bincount(self.frame_of_camera)
+        left, _, right = np.linalg.svd(turns)
+        left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+        rotations = left @ right
+        origins = np.zeros((len(counts), 3, 1))
+        np.add.at(
+            origins,
+            self.frame_of_camera,
+            poses[:, :, 3:] - rotations[self.frame_of_camera] @ sensors[:, :, 3:],
+        )
+        with np.errstate(invalid="ignore"):
+            result = np.concatenate([rotations, origins / counts[:, None, None]], axis=2)
+        result[counts == 0] = np.nan
+        return result
+
+    def cameras(self, frames: ArrayLike) -> FloatArray:
+        """Poses of all cameras where their frames are.
+
+        Parameters
+        ----------
+        frames : (F, 3, 4) array
+            Rotation world_from_rig and origin of each frame.
+
+        Returns
+        -------
+        (C, 3, 4) float64
+            Rotation world_from_camera and centre of each camera.
+
+        Raises
+        ------
+        InvalidArgument
+            If there are fewer frames than the numbers of `frame_of_camera` need, or the shape is wrong.
+        """
+        poses = np.asarray(frames, np.float64)
+        if poses.ndim != 3 or poses.shape[1:] != (3, 4) or len(poses) <= self.frame_of_camera.max(initial=-1):
+            raise InvalidArgument(f"frames: shape {poses.shape}, must be a pose for each frame")
+        return composed(poses[self.frame_of_camera], self.sensors[self.sensor_of_camera])
+
+    def rigid(self, cameras: ArrayLike) -> FloatArray:
+        """Poses of cameras made rigid: each where its frame, as :meth:`frames` has it, puts it.
+
+        Parameters
+        ----------
+        cameras : (C, 3, 4) array
+            Poses of all cameras.
+
+        Returns
+        -------
+        (C, 3, 4) float64
+            Poses that a solve accepts.
+
+        Raises
+        ------
+        InvalidArgument
+            As of :meth:`frames`.
+        """
+        return self.cameras(self.frames(cameras))
+
+    def motions(self, cameras: ArrayLike) -> FloatArray:
+        """How cameras answer to small motions of their frames.
+
+        Parameters
+        ----------
+        cameras : (C, 3, 4) array
+            Poses of all cameras.
+
+        Returns
+        -------
+        (C, 6, 6) float64
+            Derivatives of turn and centre of each camera by those of its frame, poses moving as in a solve
+            (``R exp([δ]×)``, ``c + δ``): ``δR_i = R_sᵀ δR`` and ``δc_i = δc − R_f [t_s]× δR``.
+
+        Raises
+        ------
+        InvalidArgument
+            As of :meth:`frames`.
+        """
+        sensors = self.sensors[self.sensor_of_camera]
+        rotations = self.frames(cameras)[self.frame_of_camera, :, :3]
+        result = np.zeros((self.num_cameras, 6, 6))
+        result[:, :3, :3] = sensors[:, :, :3].transpose(0, 2, 1)
+        result[:, 3:, :3] = rotations @ np.cross(sensors[:, None, :, 3], np.eye(3))
+        result[:, 3:, 3:] = np.eye(3)
+        return result
+
+    def scaled(self, scale: float) -> Rigs:
+        """The same rigs in a world whose lengths are `scale` times as large.
+
+        Parameters
+        ----------
+        scale : float
+            Factor of all lengths.
+        """
+        sensors = self.sensors.copy()
+        sensors[:, :, 3] *= scale
+        return Rigs(sensors, self.frame_of_camera, self.sensor_of_camera)
+
+    def copy(self) -> Rigs:
+        """An independent copy."""
+        return Rigs(self.sensors.copy(), self.frame_of_camera.copy(), self.sensor_of_camera.copy())
+
+    def __repr__(self) -> str:
+        return f"Rigs({self.num_frames} frames of {self.num_sensors} sensors)"
+
+
+def composed(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """Poses ``[R | c]`` (n, 3, 4) in the world of what has poses `inner` in the axes of `outer`."""
+    result: FloatArray = outer[:, :, :3] @ inner
+    result[:, :, 3] += outer[:, :, 3]
+    return result
+
+
+def relative(outer: FloatArray, poses: FloatArray) -> FloatArray:
+    """The `inner` of :func:`composed`: `poses` in the axes of `outer`."""
+    axes = outer[:, :, :3].transpose(0, 2, 1)
+    result: FloatArray = axes @ poses
+    result[:, :, 3:] -= axes @ outer[:, :, 3:]
+    return result
+
+
+def _numbers(name: str, value: ArrayLike, end: int | None = None) -> IndexArray:
+    """`value` as numbers from 0 to `end` − 1, or below their count."""
+    numbers = index_array(f"rigs.{name}", value)
+    end = len(numbers) if end is None else end
+    outside = np.flatnonzero((numbers < 0) | (numbers >= end))
+    if len(outside):
+        raise InvalidArgument(f"rigs.{name}[{outside[0]}] = {numbers[outside[0]]}: must be in [0, {end})")
+    return numbers
+
+
+def _require_rotations(matrices: FloatArray) -> None:
+    error = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    bad = np.flatnonzero((error > _LOOSE) | (np.linalg.det(matrices) < 0))
+    if len(bad):
+        raise InvalidArgument(
+            f"rigs.sensors[{bad[0]}]: not a rotation: must be orthonormal to {_LOOSE:g} with determinant 1"
+        )

@@ -1,0 +1,216 @@
+"""COLMAP's rigs and frames as rigs of a problem, and back.
+
+Inside, sensors have the pose of a camera in its rig, as cameras have in the world; files have the inverse,
+and the first sensor of a rig at its origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.model import Problem, Rigs
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.rigs import composed, relative
+from sfmcpp.sources.io.colmap.rig_files import CAMERA, Frame, Pose, Rig, RigModel, Sensor
+from sfmcpp.sources.io.colmap.tables import ImageTable, Int64Array, Tables
+from sfmcpp.sources.io.poses import cameras_from_pose, pose_from_cameras
+
+_LOOSE = 1e-6  # of the pose of an image against that of its frame, relative to its translation
+_RIG_IDS, _SENSOR_ROWS, _FRAME_IDS = "colmap_rig_ids", "colmap_sensor_rows", "colmap_frame_ids"
+
+
+def add_rigs(problem: Problem, tables: Tables, model: RigModel) -> None:
+    """Give a problem of these tables its rigs; its cameras are then where frames and sensors put them.
+
+    Raises
+    ------
+    DatasetError
+        Naming file, rig, frame or image, if they contradict each other, a sensor is no camera or its pose
+        is not known.
+    """
+    mounted = _Mounted.of(model)
+    frames = _poses([frame.pose for frame in model.frames], model.frames_path, "frame")
+    frame_of_image, sensor_of_image = mounted.images(model, tables.images)
+    rigs = Rigs(mounted.sensors, frame_of_image.astype(np.int32), sensor_of_image.astype(np.int32))
+    cameras = rigs.cameras(frames)
+    _require_agreement(tables.images, cameras, problem.cameras)
+    problem.cameras, problem.rigs = cameras, rigs
+    problem.metadata.extra |= {
+        _RIG_IDS: mounted.rig_ids,
+        _SENSOR_ROWS: tables.cameras.rows_of(mounted.camera_ids),
+        _FRAME_IDS: np.array([frame.id for frame in model.frames], np.int64),
+    }
+
+
+@dataclass(frozen=True)
+class _Mounted:
+    """All sensors of all rigs: rig and camera of each, and its pose in the rig."""
+
+    rig_ids: Int64Array
+    camera_ids: Int64Array
+    sensors: FloatArray
+
+    @classmethod
+    def of(cls, model: RigModel) -> _Mounted:
+        pairs = [(rig.id, sensor) for rig in model.rigs for sensor in rig.sensors]
+        for rig_id, sensor in pairs:
+            if sensor.kind != CAMERA:
+                reason = f"rig {rig_id} has a sensor of kind {sensor.kind}: only cameras are supported"
+                raise DatasetError(model.rigs_path, reason)
+            if sensor.pose is None:
+                reason = f"rig {rig_id}: the pose of camera {sensor.id} in the rig is not known"
+                raise DatasetError(model.rigs_path, reason)
+        ids = np.array([sensor.id for _, sensor in pairs], np.int64)
+        values, counts = np.unique(ids, return_counts=True)
+        if (counts > 1).any():
+            raise DatasetError(model.rigs_path, f"camera {values[np.argmax(counts > 1)]} is in rigs twice")
+        poses = [sensor.pose or () for _, sensor in pairs]
+        rig_ids = np.array([rig_id for rig_id, _ in pairs], np.int64)
+        return cls(rig_ids, ids, _poses(poses, model.rigs_path, "sensor"))
+
+    def images(self, model: RigModel, images: ImageTable) -> tuple[Int64Array, Int64Array]:
+        """Frame and sensor of each image."""
+        rows = {int(number): row for row, number in enumerate(images.ids)}
+        sensors = {int(number): row for row, number in enumerate(self.camera_ids)}
+        result = np.full((2, len(images.ids)), -1)
+        for number, frame in enumerate(model.frames):
+            for _, camera, image in frame.data:
+                row, sensor = rows.get(image, -1), sensors.get(camera, -1)
+                if reason := self._contradiction(frame, camera, image, row, sensor, images, result[0]):
+                    raise DatasetError(model.frames_path, f"frame {frame.id}: {reason}")
+                result[:, row] = number, sensor
+        images.require(result[0] >= 0, f"no frame of {model.frames_path.name} has this image")
+        return result[0], result[1]
+
+    def _contradiction(
+        self,
+        frame: Frame,
+        camera: int,
+        image: int,
+        row: int,
+        sensor: int,
+        images: ImageTable,
+        frame_of_image: Int64Array,
+    ) -> str:
+        if row < 0:
+            return f"image {image} is not in the list of images"
+        if sensor < 0 or self.rig_ids[sensor] != frame.rig_id:
+            return f"camera {camera} is none of rig {frame.rig_id}"
+        if images.camera_ids[row] != camera:
+            return f"image {image} is of camera {images.camera_ids[row]}, not of {camera}"
+        return f"image {image} is in another frame too" if frame_of_image[row] >= 0 else ""
+
+
+def _poses(poses: Sequence[Pose], path: Path, what: str) -> FloatArray:
+    """``[R | c]`` of poses that files have."""
+    values = np.array(poses, np.float64).reshape(-1, 7)
+    bad = np.flatnonzero(~(np.isfinite(values).all(axis=1) & (values[:, :4] != 0).any(axis=1)))
+    if len(bad):
+        raise DatasetError(path, f"{what} {bad[0] + 1} of {len(values)}: its pose is impossible")
+    return cameras_from_pose(rotation_from_quaternion(values[:, :4]), values[:, 4:])
+
+
+def _require_agreement(images: ImageTable, cameras: FloatArray, alone: FloatArray) -> None:
+    turn = np.abs(cameras - alone)[:, :, :3].max(axis=(1, 2), initial=0.0)
+    off = np.linalg.norm((cameras - alone)[:, :, 3], axis=1)
+    good = (turn <= _LOOSE) & (off <= _LOOSE * (1 + np.linalg.norm(alone[:, :, 3], axis=1)))
+    images.require(good, "its pose is not that of its frame and sensor")
+
+
+def rig_model_of(problem: Problem, rigs: Rigs, tables: Tables, paths: Sequence[Path]) -> RigModel:
+    """Rigs and frames of a problem whose tables are made; the first sensor of each rig becomes its origin.
+
+    Raises
+    ------
+    DatasetError
+        If cameras are not rigid, or a sensor has no image, several rows of intrinsics, or one with another
+        sensor: COLMAP's sensor is a camera of one row.
+    """
+    _require_agreement(tables.images, rigs.rigid(problem.cameras), problem.cameras)
+    rig_of_sensor, rig_ids = _grouped(problem, rigs)
+    origins = rigs.sensors[np.unique(rig_of_sensor, return_index=True)[1][rig_of_sensor]]
+    camera_ids = tables.cameras.ids[_rows_of_sensors(problem, rigs, paths[0])]
+    sensors = [
+        Sensor(CAMERA, camera, pose)
+        for camera, pose in zip(
+            camera_ids.tolist(), _file_poses(relative(origins, rigs.sensors)), strict=True
+        )
+    ]
+    mounted = [
+        Rig(number, tuple(sensors[s] for s in np.flatnonzero(rig_of_sensor == rig)))
+        for rig, number in enumerate(rig_ids)
+    ]
+    frames = []
+    for number, cameras, pose in _frames(problem, rigs, origins):
+        sensors_of_frame = rigs.sensor_of_camera[cameras]
+        data = zip(camera_ids[sensors_of_frame].tolist(), tables.images.ids[cameras].tolist(), strict=True)
+        rig_id = rig_ids[rig_of_sensor[sensors_of_frame[0]]]
+        frames.append(Frame(number, rig_id, pose, tuple((CAMERA, *of_image) for of_image in data)))
+    return RigModel(tuple(mounted), tuple(frames), *paths)
+
+
+def _frames(problem: Problem, rigs: Rigs, origins: FloatArray) -> Iterator[tuple[int, Int64Array, Pose]]:
+    """Number, cameras and pose in files of each frame that has any."""
+    numbers, some = np.unique(rigs.frame_of_camera, return_index=True)
+    in_world = composed(rigs.frames(problem.cameras)[numbers], origins[rigs.sensor_of_camera[some]])
+    known = np.asarray(problem.metadata.extra.get(_FRAME_IDS, ()))
+    ids = numbers + 1 if len(known) <= numbers.max(initial=-1) else known[numbers]
+    order = np.argsort(rigs.frame_of_camera, kind="stable")
+    cameras = np.split(order, np.searchsorted(rigs.frame_of_camera[order], numbers[1:]))
+    yield from zip(ids.tolist(), cameras, _file_poses(in_world), strict=True)
+
+
+def _grouped(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
+    """Rig of each sensor, and the identifiers of rigs: as they were read, or by what frames hold together."""
+    known = problem.metadata.extra.get(_RIG_IDS)
+    if known is not None and len(known) == rigs.num_sensors:
+        ids, of_sensor = np.unique(known, return_inverse=True)
+        return of_sensor, ids.tolist()
+    of_sensor = _joined(rigs)
+    return of_sensor, list(range(1, int(of_sensor.max(initial=-1)) + 2))
+
+
+def _joined(rigs: Rigs) -> Int64Array:
+    """Sensors that frames hold together, numbered by their first."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    seen = coo_matrix(
+        (np.ones(rigs.num_cameras), (rigs.frame_of_camera, rigs.sensor_of_camera)),
+        shape=(rigs.num_cameras, rigs.num_sensors),
+    ).tocsr()
+    labels = connected_components(seen.T @ seen, directed=False)[1]
+    return np.asarray(labels, np.int64)
+
+
+def _rows_of_sensors(problem: Problem, rigs: Rigs, path: Path) -> Int64Array:
+    """Row of intrinsics of each sensor."""
+    rows = np.full(rigs.num_sensors, -1)
+    known = problem.metadata.extra.get(_SENSOR_ROWS)
+    if known is not None and len(known) == rigs.num_sensors:
+        rows[:] = known
+    rows[rigs.sensor_of_camera] = problem.intrinsics_index
+    mixed = np.flatnonzero(rows[rigs.sensor_of_camera] != problem.intrinsics_index)
+    if len(mixed):
+        sensor = rigs.sensor_of_camera[mixed[0]]
+        raise DatasetError(path, f"sensor {sensor} has several rows of intrinsics: COLMAP's sensors have one")
+    if (rows < 0).any():
+        raise DatasetError(path, f"sensor {np.argmin(rows)} has no camera: COLMAP's sensors are cameras")
+    values, counts = np.unique(rows, return_counts=True)
+    if (counts > 1).any():
+        shared = values[np.argmax(counts > 1)]
+        raise DatasetError(path, f"sensors share intrinsics {shared}: COLMAP's sensors have a camera each")
+    return rows
+
+
+def _file_poses(poses: FloatArray) -> list[Pose]:
+    """The inverse of ``[R | c]``, as files have it."""
+    rotations, translations = pose_from_cameras(poses)
+    values = np.concatenate([quaternion_from_rotation(rotations), translations], axis=1)
+    return [tuple(row) for row in values.tolist()]

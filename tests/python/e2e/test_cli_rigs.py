@@ -1,0 +1,52 @@
+"""`sfmcpp` on rigs: solved, written and told, or let go of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import run
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Path:
+    """A COLMAP model of a rig away from its optimum."""
+    truth = sfmcpp.rig_walk_scene(12, 400, length_m=3, camera_model="perspective", seed=0)
+    moved = sfmcpp.perturb(truth, point_sigma_m=0.02, position_sigma_m=0.02, seed=1)
+    sfmcpp.write(moved, tmp_path / "start")
+    return tmp_path / "start"
+
+
+def test_a_rig_is_solved_and_written_as_one(start: Path, tmp_path: Path) -> None:
+    done = run("solve", start, "-o", tmp_path / "solved")
+    assert done.returncode == 0, done.stderr
+    assert "solved as rigs: one pose for each of 4 frames, sensors fixed" in done.stdout
+    solved, before = sfmcpp.read(tmp_path / "solved"), sfmcpp.read(start)
+    assert solved.rigs is not None
+    assert before.rigs is not None
+    np.testing.assert_allclose(solved.rigs.sensors, before.rigs.sensors, rtol=0, atol=1e-12)
+    assert sfmcpp.cost(solved) < 0.1 * sfmcpp.cost(before)
+
+
+def test_a_rig_can_be_let_go_of(start: Path, tmp_path: Path) -> None:
+    done = run("solve", start, "-o", tmp_path / "alone", "--rigs", "ignore")
+    assert done.returncode == 0, done.stderr
+    assert "rigs" not in done.stdout.replace("--rigs", "")
+    assert sfmcpp.read(tmp_path / "alone").rigs is None
+
+
+def test_positions_bring_a_rig_to_their_scale(start: Path, tmp_path: Path) -> None:
+    # Measured in centimetres: the rig grows with its world.
+    before = sfmcpp.read(start)
+    rows = [f"{k},{x},{y},{z}" for k, (x, y, z) in enumerate((100 * before.centres).tolist())]
+    (tmp_path / "gps.csv").write_text("index,x,y,z\n" + "\n".join(rows) + "\n")
+    done = run("solve", start, "-o", tmp_path / "placed", "--gps", tmp_path / "gps.csv")
+    assert done.returncode == 0, done.stderr
+    placed = sfmcpp.read(tmp_path / "placed")
+    assert placed.rigs is not None
+    assert before.rigs is not None
+    sizes = [np.linalg.norm(np.diff(p.rigs.sensors[:2, :, 3], axis=0)) for p in (placed, before) if p.rigs]
+    assert sizes[0] / sizes[1] == pytest.approx(100, rel=0.05)
