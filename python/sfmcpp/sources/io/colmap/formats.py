@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
@@ -14,13 +15,14 @@ from sfmcpp.sources.io.colmap.from_tables import problem_from_tables
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.origin_file import ORIGIN, origin_files, with_origin
 
 
 def read_colmap_text(folder: Path) -> Problem:
     """Read cameras.txt, images.txt and points3D.txt; see :func:`read_colmap_binary`."""
     _require_model(folder, text.FILES)
     _require_single_sensors(folder / "rigs.txt", text.sensors_of_rigs)
-    return problem_from_tables(text.read_text(folder), "colmap-text")
+    return with_origin(problem_from_tables(text.read_text(folder), "colmap-text"), folder)
 
 
 def read_colmap_binary(folder: Path) -> Problem:
@@ -43,7 +45,7 @@ def read_colmap_binary(folder: Path) -> Problem:
     """
     _require_model(folder, binary.FILES)
     _require_single_sensors(folder / "rigs.bin", binary.sensors_of_rigs)
-    return problem_from_tables(binary.read_binary(folder), "colmap-binary")
+    return with_origin(problem_from_tables(binary.read_binary(folder), "colmap-binary"), folder)
 
 
 def write_colmap_text(problem: Problem, folder: Path) -> None:
@@ -77,9 +79,12 @@ def _write(
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
     _require_no_rigs(folder, Path(names[0]).suffix)
     tables = tables_from_problem(problem, folder)
-    with atomic_folder(folder, names) as files:
-        for file, content in zip(files, contents(tables), strict=True):
+    origin = origin_files(problem)
+    with atomic_folder(folder, (*names, *origin)) as files:
+        for file, content in zip(files, chain(contents(tables), origin.values()), strict=True):
             file.writelines(content)
+    if not origin and (folder / ORIGIN).exists():
+        (folder / ORIGIN).unlink()
 
 
 def _require_no_rigs(folder: Path, suffix: str) -> None:
