@@ -1,4 +1,4 @@
-"""`solve --gps`: the problem is brought to positions from a file before it is solved with them."""
+"""Positions of images on the command line: a problem is brought to given ones, its own are written."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions
@@ -31,12 +32,17 @@ class Gps:
     source: Path | None = None
 
     def check(self, target: Path | None) -> None:
-        """Raise a DatasetError if the positions of the result could not be written to `target`."""
+        """Raise a DatasetError if the positions of the result can never be written to `target`."""
         if target is not None:
-            geodetic = self._told is not None and self._told.geodetic
-            require_positions_format(target, geodetic=geodetic)
+            require_positions_format(target, geodetic=self._told is None or self._told.geodetic)
             if self.source is not None and target.resolve() == self.source.resolve():
                 raise DatasetError(target, "is named twice: positions that are read must not be replaced")
+
+    def check_fits(self, target: Path | None, problem: Problem) -> None:
+        """Raise a DatasetError if the positions of a solved `problem` could not be written to `target`."""
+        if target is not None and self._told is None:
+            origin = WorldOrigin.of(problem.metadata)
+            require_positions_format(target, geodetic=origin is not None and origin.geodetic)
 
     def refuse_ranks(self, target: Path | None) -> None:
         """Raise InvalidArgument if positions are read or written; no process has the whole."""
@@ -74,7 +80,7 @@ class Gps:
 def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None) -> None:
     """Write where the cameras of a problem are, and how that compares with the positions it was brought to.
 
-    They are in the frame of those, or in the problem's own.
+    They are in the frame of those, or of those that earlier ones have told; else in the problem's own.
 
     Raises
     ------
@@ -88,12 +94,13 @@ def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None)
 def _camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:
     from sfmcpp.sfm.georeference import image_names
 
-    if gps is None:
+    origin = WorldOrigin.of(problem.metadata)
+    if origin is None:
         rows = problem.centres
     else:
-        rows = geodetic_of(problem.centres, gps.origin) if gps.geodetic else problem.centres + gps.origin
+        in_plane = problem.centres
+        rows = geodetic_of(in_plane, origin.place) if origin.geodetic else in_plane + origin.place
     named = {name: (x, y, z) for name, (x, y, z) in zip(image_names(problem), rows.tolist(), strict=True)}
-    if gps is None:
-        return NamedPositions(named, False)
-    sigmas = {name: (x, y, z) for name, (x, y, z) in ((n, s.tolist()) for n, s in gps.sigmas_m.items())}
-    return NamedPositions(named, gps.geodetic, sigmas)
+    stated = {} if gps is None else gps.sigmas_m
+    sigmas = {name: (x, y, z) for name, (x, y, z) in ((n, s.tolist()) for n, s in stated.items())}
+    return NamedPositions(named, origin is not None and origin.geodetic, sigmas)

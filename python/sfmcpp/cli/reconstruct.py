@@ -87,6 +87,12 @@ Gps = Annotated[
         help=f"Positions of the photos; auto: those in the photos, if at least {LEAST_POSITIONS} have one.",
     ),
 ]
+PositionsOut = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Where to write the positions of the largest model's cameras: csv, geojson."
+    ),
+]
 Subpixel = Annotated[
     bool,
     typer.Option(
@@ -118,6 +124,7 @@ def reconstruct(
     matcher: Matcher = "auto",
     masks: Masks = None,
     gps: Gps = "auto",
+    positions_out: PositionsOut = None,
     subpixel: Subpixel = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
     resume: Resume = False,
@@ -127,6 +134,7 @@ def reconstruct(
 ) -> ExitCode:
     """Make a model of points and cameras from photos or tracks."""
     from sfmcpp.cli.reconstruct_run import run_reconstruction
+    from sfmcpp.cli.targets import Targets
 
     options = {
         "method": method,
@@ -140,4 +148,5 @@ def reconstruct(
         "seed": seed,
         "threads": threads,
     }
-    return run_reconstruction(source, output, options, resume=resume, view=view, quiet=quiet)
+    targets = Targets(positions=positions_out)
+    return run_reconstruction(source, output, options, targets, resume=resume, view=view, quiet=quiet)

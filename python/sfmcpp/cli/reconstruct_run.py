@@ -9,8 +9,10 @@ from typing import Any
 
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
+from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.running import made, require_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
+from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
@@ -24,9 +26,16 @@ _ENTRY = re.compile(r"[0-9a-f]{40}")
 
 
 def run_reconstruction(
-    source: Path, folder: Path, options: dict[str, Any], *, resume: bool, view: bool, quiet: bool
+    source: Path,
+    folder: Path,
+    options: dict[str, Any],
+    targets: Targets,
+    *,
+    resume: bool,
+    view: bool,
+    quiet: bool,
 ) -> ExitCode:
-    """Reconstruct, write, print.
+    """Reconstruct, write, print; of the targets, those beside the folder.
 
     Raises
     ------
@@ -38,6 +47,8 @@ def run_reconstruction(
     require_folder(folder)
     if not source.exists():
         raise DatasetError(source, "no such file or directory")
+    targets.check(source)
+    Gps(options["gps"] if isinstance(options["gps"], Path) else None).check(targets.positions)
     if not resume:
         _forget(folder / CACHE)
     with made(folder):
@@ -51,7 +62,7 @@ def run_reconstruction(
                 run = reconstruct(source, cache=folder / CACHE, progress=progress, **options)
             except ModuleNotFoundError as error:  # it says how to install what is missing
                 raise InvalidArgument(str(error)) from None
-        code = _finish(SfmReport(run), source, folder, quiet)
+        code = _finish(SfmReport(run), source, folder, targets, quiet)
     if view and run.model is not None and not run.interrupted:
         _open(folder / VIEW, quiet)
     return code
@@ -65,7 +76,7 @@ def _forget(cache: Path) -> None:
                 entry.unlink()
 
 
-def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitCode:
+def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, quiet: bool) -> ExitCode:
     run = report.run
     with ctrl_c_noted():
         written = report.write(folder)
@@ -74,6 +85,9 @@ def _finish(report: SfmReport, source: Path, folder: Path, quiet: bool) -> ExitC
             tell(f"interrupted before there was a model: {folder / PAGE} tells more, --resume goes on")
             return ExitCode.INTERRUPTED
         return tell_error(f"{source}: {report.verdict()}; {folder / PAGE} tells more")
+    if targets.positions is not None:
+        write_camera_positions(targets.positions, run.problem(), run.gps)
+        written.append(targets.positions)
     if not quiet:
         say(report.table(written))
     if run.interrupted:

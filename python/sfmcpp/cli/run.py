@@ -90,6 +90,7 @@ def solve_file(job: Job) -> ExitCode:
     started = time.perf_counter()
     problem = _problem(job)
     job.targets.check_fits(problem)
+    job.gps.check_fits(job.targets.positions, problem)
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
     summary = _solve(job, problem, georeferenced)

@@ -13,6 +13,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.world_origin import WorldOrigin
 
 FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
 
@@ -20,6 +21,7 @@ FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shi
 _NEGLIGIBLE = 1e-6
 # What holds a world in place, by kind of constraint: then no freedom is expected to be left.
 _OF_THE_WORLD = ("position", "pose")
+_NOTHING_HELD = "all 7 freedoms of the world are left: position, rotation and scale mean nothing"
 # The Jacobian of one observation takes 200 bytes.
 _MOST_OBSERVATIONS = 2_000_000
 _AT_ONCE = 100_000
@@ -33,7 +35,7 @@ def gauge(case: Case) -> Iterator[Finding]:
         return
     held = problem.fixed_cameras.any() or problem.fixed_points.any() or problem.rigs is not None
     if not (held or case.constraints):
-        yield _note("all 7 freedoms of the world are left: position, rotation and scale mean nothing", 7)
+        yield _of_an_origin() if WorldOrigin.of(problem.metadata) else _note(_NOTHING_HELD, 7)
         return
     if problem.num_observations > _MOST_OBSERVATIONS:
         case.skipped.append(f"gauge: not computed beyond {_MOST_OBSERVATIONS:,} observations")
@@ -50,6 +52,16 @@ def gauge(case: Case) -> Iterator[Finding]:
 def _note(what: str, count: int) -> Finding:
     advice = "nothing to do for a solve; fix two cameras or give positions where a world frame is wanted"
     return Finding("gauge-freedoms", "note", what, advice, measures={"freedoms": float(count)})
+
+
+def _of_an_origin() -> Finding:
+    return Finding(
+        "gauge-freedoms",
+        "note",
+        "the world is that of positions which are no part of the problem: its 7 freedoms are left to a solve",
+        "nothing to do; give the positions again (--gps) where a solve must hold the world to them",
+        measures={"freedoms": 7.0},
+    )
 
 
 def _left(case: Case, motions: FloatArray) -> Finding:

@@ -93,7 +93,7 @@ def georeference(
     ----------
     problem : Problem
         Of a metric camera model; no camera and no point fixed. Afterwards it is in metres from
-        ``outcome.origin``.
+        ``outcome.origin``, which its metadata keep.
     positions : (C, 3) array-like
         x, y, z [m] of each camera, or latitude, longitude [deg, WGS84] and height [m]; not a number where
         unknown. At least five, not on a line.
@@ -258,6 +258,7 @@ def _georeferenced(
             *(_UNCHECKED.format(names[image]) for image in images[alone]),
         ],
     )
+    outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
 
 

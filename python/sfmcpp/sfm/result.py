@@ -12,6 +12,7 @@ from sfmcpp.map import Map, problem_of_map
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sfm.match_graph import MatchGraph
 
 
@@ -74,10 +75,14 @@ class GpsOutcome:
     sigmas_m: dict[str, FloatArray] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
+    @property
+    def world_origin(self) -> WorldOrigin:
+        """The origin, as problems keep it."""
+        return WorldOrigin(self.origin, self.geodetic)
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""
-        names = ("latitude_deg", "longitude_deg", "height_m") if self.geodetic else ("x_m", "y_m", "z_m")
-        return {**vars(self), "origin": dict(zip(names, np.asarray(self.origin).tolist(), strict=True))}
+        return {**vars(self), "origin": self.world_origin.to_dict()}
 
 
 @dataclass(eq=False)
@@ -135,7 +140,8 @@ class SfmRun:
         Returns
         -------
         Problem
-            A copy: images with a pose and points with a position, with names, colours and all keypoints.
+            A copy: images with a pose and points with a position, with names, colours and all keypoints, and
+            the origin of the world where positions told it, in the metadata.
 
         Raises
         ------
@@ -144,7 +150,10 @@ class SfmRun:
         """
         if not 0 <= model < len(self.models):
             raise InvalidArgument(f"model = {model!r}: the run has {len(self.models)} models")
-        return problem_of_map(self.models[model])
+        problem = problem_of_map(self.models[model])
+        if model == 0 and self.gps is not None:
+            self.gps.world_origin.put_into(problem.metadata)
+        return problem
 
     @property
     def num_registered(self) -> int:

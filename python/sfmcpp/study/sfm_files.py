@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.map import problem_of_map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.sources.io.transforms import write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, save_model_page
 from sfmcpp.study.pages.parts import save_page
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
     from sfmcpp.study.sfm_report import SfmReport
 
-_MODEL_FILES = (*text.FILES, *binary.FILES)
+_MODEL_FILES = (*text.FILES, *binary.FILES, ORIGIN)
 REPORT, TIMINGS, PAGE = "report.json", "timings.json", "report.html"
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000
@@ -63,8 +63,8 @@ def _remove_further_models(folder: Path, number: int) -> None:
 
 def _steps(report: SfmReport) -> Iterator[Step]:
     pictures = _Pictures(report)
-    for number, world in enumerate(report.run.models):
-        problem = problem_of_map(world)
+    for number in range(len(report.run.models)):
+        problem = report.run.problem(number)
         yield "model" if number == 0 else f"model_{number}", partial(_write_model, problem)
         if number == 0:
             yield "transforms.json", partial(_write_transforms, report, problem)

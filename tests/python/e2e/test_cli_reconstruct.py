@@ -10,15 +10,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import sfmcpp
 import sfmcpp.cli.reconstruct_run
 from cli_helpers import strict_json
-from sfm_runs import NO_MATCH, finished_run, run_without_model
+from sfm_runs import NO_MATCH, finished_run, gps_outcome, run_without_model
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode
 from sfmcpp.cli.main import main
 from sfmcpp.errors import DatasetError
+from sfmcpp.sensors import geodetic_of
 from sfmcpp.sfm import SfmRun
 
 FILES = ["model", "points.ply", "report.html", "report.json", "timings.json", "transforms.json", "view.html"]
@@ -100,6 +103,19 @@ def test_every_option_reaches_the_reconstruction(photos: Path, monkeypatch: pyte
     assert {name: asked[name] for name in expected} == expected
 
 
+def test_positions_are_written_where_gps_says(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = complete_run()
+    run.gps = gps_outcome(run, 3)
+    ending(monkeypatch, run)
+    assert main(["reconstruct", "photos", "-o", "out", "--positions-out", "p.geojson"]) == 0
+    assert run.model is not None
+    told = strict_json(Path("p.geojson"))["features"]
+    assert [feature["properties"]["name"] for feature in told] == list(run.model.image_names)
+    places = np.array([feature["geometry"]["coordinates"] for feature in told])[:, [1, 0, 2]]
+    np.testing.assert_allclose(places, geodetic_of(run.model.poses[:, :, 3], run.gps.origin))
+    assert sfmcpp.read("out/model").metadata.extra["origin_geodetic"].tolist() == run.gps.origin.tolist()
+
+
 @pytest.mark.parametrize(("text", "value"), [("exif", "exif"), ("auto", "auto"), ("1234.5", 1234.5)])
 def test_a_camera_is_a_word_or_a_focal_length(
     photos: Path, monkeypatch: pytest.MonkeyPatch, text: str, value: object
@@ -116,6 +132,7 @@ def test_a_camera_is_a_word_or_a_focal_length(
         ("--camera -5", "'-5': a focal length must be positive"),
         ("--camera nan", "'nan': a focal length must be positive"),
         ("--gps absent.csv", "'absent.csv': must be auto, exif, none or a file"),
+        ("--positions-out p.kml", "p.kml: the name of a file of positions must end in .csv, .geojson"),
         ("--masks absent", "'absent': is no folder"),
         ("--method magic", "'magic' is unknown; choose one of incremental, batch"),
         ("--matcher best", "'best' is unknown; choose one of auto, exhaustive, sequential, spatial"),

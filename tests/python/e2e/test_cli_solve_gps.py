@@ -9,6 +9,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import run_here, strict_json
+from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.io.position_csv import read_position_csv
@@ -93,6 +94,33 @@ def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> No
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
     assert set(features[0]["properties"]) == {"name", "sigma_e", "sigma_n", "sigma_u", "residual", "left_out"}
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.05)
+
+
+@pytest.mark.parametrize("output", ["out.npz", "model"])
+def test_a_model_keeps_its_origin(tmp_path: Path, output: str) -> None:
+    source, centres = scene(tmp_path, names=True)
+    origin = [46.5, 9.25, 800.0]
+    table = write_csv(tmp_path / "gps.csv", "lat,lon,height", geodetic_of(centres - UTM, origin).tolist())
+    model, again = tmp_path / output, tmp_path / "again.geojson"
+    assert run_here("solve", source, "--gps", table, "-o", model).returncode == 0
+    assert run_here("solve", model, "--positions-out", again).returncode == 0
+    features = strict_json(again)["features"]
+    told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
+    # Without positions, a solve leaves them by what its images tell otherwise.
+    np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.5)
+    assert "position, rotation and scale mean nothing" not in run_here("doctor", model).stdout
+    assert run_here("convert", source, model).returncode == 0
+    assert run_here("solve", model, "--positions-out", again).returncode == 2
+
+
+def test_an_origin_that_is_damaged_is_named(tmp_path: Path) -> None:
+    source, _ = scene(tmp_path, names=True)
+    sfmcpp.write(sfmcpp.read(source), tmp_path / "model")
+    path = tmp_path / "model" / "sfmcpp_origin.json"
+    for text in ("{", "[1]", '{"x_m": 1, "y_m": 2}', '{"x_m": 1, "y_m": 2, "z_m": "up"}'):
+        path.write_text(text)
+        with pytest.raises(DatasetError, match=r"sfmcpp_origin\.json"):
+            sfmcpp.read(tmp_path / "model")
 
 
 def test_positions_of_a_problem_in_a_frame_of_its_own_are_no_geojson(tmp_path: Path) -> None:

@@ -241,6 +241,7 @@ FORMAT = Format(
     write_bal,
     share_reader=read_bal_share,
     lacks=(
+        "origin of the world",
         "keypoints without a point",
         "image names",
         "image sizes",

@@ -235,6 +235,7 @@ FORMAT = Format(
     read_bundler,
     write_bundler,
     lacks=(
+        "origin of the world",
         "keypoints without a point",
         "image names",
         "image sizes",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfmcpp.model import Problem
+from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.views import UNREGISTERED
@@ -47,6 +48,7 @@ def amounts_in(problem: Problem) -> dict[str, int]:
         "colours": metadata.point_colors is not None,
         "masks": bool(problem.fixed_cameras.any() or problem.fixed_points.any()),
         "rigid frames": 0 if problem.rigs is None else problem.rigs.num_frames,
+        "origin of the world": WorldOrigin.of(metadata) is not None,
         "uncertainties of observations": any(given is not None for given in uncertainties),
     }
 

@@ -50,6 +50,7 @@ FORMAT = Format(
     None,
     write_ply,
     lacks=(
+        "origin of the world",
         "observations",
         "keypoints without a point",
         "rotations and intrinsics",

@@ -331,6 +331,7 @@ FORMAT = Format(
     write_sba,
     _claims,
     lacks=(
+        "origin of the world",
         "keypoints without a point",
         "image names",
         "image sizes",

@@ -153,6 +153,7 @@ FORMAT = Format(
     read_transforms,
     write_transforms,
     lacks=(
+        "origin of the world",
         "points",
         "observations",
         "keypoints without a point",

@@ -24,6 +24,7 @@ from sfm_runs import (
 from sfmcpp.errors import DatasetError
 from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
+from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.study import SfmReport
 from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.report_files import UNFINISHED
@@ -246,7 +247,7 @@ def test_the_same_run_gives_the_same_files(tmp_path: Path) -> None:
         run.gps = gps_outcome(run, liar=3)
         SfmReport(run, thumbnail).write(tmp_path / folder)
     assert digests(tmp_path / "a") == digests(tmp_path / "b")
-    assert len(digests(tmp_path / "a")) == len(FILES) - 2 + len(MODEL)
+    assert len(digests(tmp_path / "a")) == len(FILES) - 2 + len([*MODEL, ORIGIN])
 
 
 def test_one_file_that_fails_keeps_no_other_from_being_written(tmp_path: Path) -> None:

@@ -26,12 +26,13 @@ from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.origin_file import ORIGIN, origin_files, with_origin
 
 
 def read_colmap_text(folder: Path) -> Problem:
     """Read cameras.txt, images.txt and points3D.txt, and rigs; see :func:`read_colmap_binary`."""
     _require_model(folder, text.FILES)
-    return _problem(text.read_text(folder), read_text_rigs(folder), "colmap-text")
+    return with_origin(_problem(text.read_text(folder), read_text_rigs(folder), "colmap-text"), folder)
 
 
 def read_colmap_binary(folder: Path) -> Problem:
@@ -54,7 +55,8 @@ def read_colmap_binary(folder: Path) -> Problem:
         SIMPLE_RADIAL, RADIAL, OPENCV.
     """
     _require_model(folder, binary.FILES)
-    return _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")
+    found = _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")
+    return with_origin(found, folder)
 
 
 def _problem(tables: Tables, rigs: RigModel | None, source_format: str) -> Problem:
@@ -103,14 +105,16 @@ def _write(problem: Problem, folder: Path, files: _Files) -> None:
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
     _require_no_rigs(folder, files.rig_names)
     tables = tables_from_problem(problem, folder)
-    names, contents = files.names, files.contents(tables)
+    names, contents, origin = files.names, files.contents(tables), origin_files(problem)
     if problem.rigs is not None:
         paths = [folder / name for name in files.rig_names]
         model = rig_model_of(problem, problem.rigs, tables, paths)
         names, contents = (*names, *files.rig_names), chain(contents, files.rig_contents(model))
-    with atomic_folder(folder, names) as streams:
-        for stream, content in zip(streams, contents, strict=True):
+    with atomic_folder(folder, (*names, *origin)) as streams:
+        for stream, content in zip(streams, chain(contents, origin.values()), strict=True):
             stream.writelines(content)
+    if not origin and (folder / ORIGIN).exists():
+        (folder / ORIGIN).unlink()
 
 
 def _require_no_rigs(folder: Path, names: tuple[str, str]) -> None:
