@@ -9,6 +9,7 @@ from typing import Any
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
+from sfmcpp.ba.let_go import warnings_about_the_loss
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -71,7 +72,8 @@ def adjust(
     doubts = [doubt for group in constraints for doubt in _doubts(group, problem)]
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
-    return replace(summary, warnings=[*summary.warnings, *doubts, *checkpoints.warnings])
+    about_loss = warnings_about_the_loss(arrays, summary)
+    return replace(summary, warnings=[*summary.warnings, *doubts, *about_loss, *checkpoints.warnings])
 
 
 def adjust_on_ranks(
@@ -129,9 +131,10 @@ def adjust_on_ranks(
         summary = _summary(core, options)
         loads = ranks.everyones(_load(parts.mine, core, exchange))
         iterations = listener.all_with_bytes(summary.iterations)
+        about_loss = warnings_about_the_loss(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
-    warnings = [*summary.warnings, *checkpoints.warnings]
+    warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
 
 

@@ -1,4 +1,4 @@
-"""Problems of files, with a line for what a file has and its problem has not."""
+"""Problems of files, with a line for what a file has and its problem has not, or the other way round."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from sfmcpp.cli.exit_codes import tell
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.api import read
-from sfmcpp.sources.io.left_out import left_out_on_reading
+from sfmcpp.sources.io.api import format_of, read
+from sfmcpp.sources.io.left_out import changed_on_writing, left_out_on_reading
 
 
 def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
@@ -22,6 +22,12 @@ def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
     if not quiet:
         tell_left_out(source, problem)
     return problem
+
+
+def tell_changed(problem: Problem, target: Path) -> None:
+    """Tell what a file that was written has in another form."""
+    for line in changed_on_writing(problem, target, format_of(target)):
+        tell(f"note: {target}: {line}")
 
 
 def tell_left_out(source: Path, problem: Problem) -> None:

@@ -17,7 +17,7 @@ from sfmcpp.cli.choices import RIGS
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
-from sfmcpp.cli.reading import read_and_tell, tell_left_out
+from sfmcpp.cli.reading import read_and_tell, tell_changed, tell_left_out
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -96,6 +96,8 @@ def solve_file(job: Job) -> ExitCode:
     summary = _solve(job, problem, georeferenced)
     with ctrl_c_noted():
         complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
+        if job.targets.problem is not None and not (complaints or job.quiet):
+            tell_changed(problem, job.targets.problem)
         outcome = None if georeferenced is None else georeferenced.outcome
         complaints += _complaints(
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions

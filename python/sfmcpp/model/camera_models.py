@@ -53,6 +53,9 @@ class CameraModel:
 
 _FREE_BY_DEFAULT = {"perspective": ("f",), "bal": ("f", "k1", "k2")}
 
+# What COLMAP and OpenCV call intrinsics that have another name here; `aspect` is fy / fx.
+OTHER_NAMES = {"k": "k1", "fx": "f", "fy": "aspect", "focal_length": "f"}
+
 CAMERA_MODELS: dict[str, CameraModel] = {
     m.name: CameraModel(
         m.name, tuple(m.intrinsics), frozenset(_FREE_BY_DEFAULT.get(m.name, ())), m.can_be_free, m.metric

@@ -16,7 +16,7 @@ _OF_OBSERVATIONS = (KEYPOINTS, "bundler_keys", "nvm_keys")
 _OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, eq=False)
 class Metadata:
     """What files say beyond the problem itself; kept so that read, write, read loses nothing.
 

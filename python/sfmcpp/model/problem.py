@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import (
     require_int32,
 )
 from sfmcpp.model.camera_function import CameraFunction
-from sfmcpp.model.camera_models import CameraModel, camera_model
+from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
 from sfmcpp.model.html import html_table
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
@@ -27,7 +27,7 @@ from sfmcpp.model.rigs import Rigs
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
 
-@dataclass
+@dataclass(eq=False)
 class Problem:
     """A bundle adjustment problem: C cameras, G rows of intrinsics, N points, M observations.
 
@@ -182,8 +182,10 @@ class Problem:
         known = self.intrinsic_names
         for name in names:
             if name not in known:
+                other = OTHER_NAMES.get(name)
+                hint = f"; {name} of other programs is {other}" if other in known else ""
                 raise InvalidArgument(
-                    f"intrinsic {name!r}: camera model {self._model.name!r} has {', '.join(known)}"
+                    f"intrinsic {name!r}: camera model {self._model.name!r} has {', '.join(known)}{hint}"
                 )
         if names and not self._model.can_be_free:
             raise InvalidArgument(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import sfmcpp
-from cli_helpers import noisy_circle, run, strict_json, write_noisy_circle
+from cli_helpers import noisy_circle, run, run_here, strict_json, write_noisy_circle
 
 REPORT_FIELDS: dict[str, type | tuple[type, ...]] = {
     "input": dict,
@@ -235,3 +235,22 @@ def test_a_projective_solve_is_refused_a_format_that_cannot_hold_it(tmp_path: Pa
     assert result.returncode == 2
     assert "metric cameras only" in result.stderr
     assert not target.exists()
+
+
+def test_a_camera_model_that_refining_has_made_larger_is_told(tmp_path: Path) -> None:
+    scene = noisy_circle(camera_model="perspective").set_free_intrinsics("f", "k1")
+    sfmcpp.write(scene, tmp_path / "model")
+    result = run_here("solve", "model", "-o", "same", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    result = run_here("solve", "model", "-o", "refined", "--refine", "f,p1", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "refined: cameras of model SIMPLE_RADIAL have become OPENCV" in result.stderr
+    assert run_here("solve", "model", "-o", "q", "--refine", "f,p1", "--quiet", cwd=tmp_path).stderr == ""
+
+
+def test_names_of_other_programs_are_told_as_ours(tmp_path: Path) -> None:
+    source = write_noisy_circle(tmp_path, camera_model="perspective")
+    for other, ours in (("k", "k1"), ("fy", "aspect")):
+        result = run_here("solve", source, "--refine", f"f,{other}")
+        assert result.returncode == 2
+        assert f"{other} of other programs is {ours}" in result.stderr

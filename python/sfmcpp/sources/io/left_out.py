@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from sfmcpp.model import Problem
 from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
+from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.views import UNREGISTERED
 
@@ -32,6 +34,13 @@ def left_out_on_writing(problem: Problem, format: Format) -> list[str]:
         name: amount for name, amount in amounts_in(problem).items() if name in format.lacks and amount
     }
     return [name if amount is True else f"{amount:,} {name}" for name, amount in amounts.items()]
+
+
+def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator[str]:
+    """Sentences on what files of the format have in another form."""
+    if format.name in ("colmap-text", "colmap-binary"):
+        for old, new in changed_models(problem, path):
+            yield f"cameras of model {old} have become {new}, the smallest one with all that they need"
 
 
 def amounts_in(problem: Problem) -> dict[str, int]:

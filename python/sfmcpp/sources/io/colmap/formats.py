@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -60,6 +60,7 @@ def read_colmap_binary(folder: Path) -> Problem:
 
 
 def _problem(tables: Tables, rigs: RigModel | None, source_format: str) -> Problem:
+    tables = replace(tables, images=tables.images.by_id())
     problem = problem_from_tables(tables, source_format)
     if rigs is not None:
         add_rigs(problem, tables, rigs)

@@ -25,7 +25,7 @@ from sfmcpp.sources.io.rows import exclusive_sums
 
 
 def problem_from_tables(tables: Tables, source_format: str) -> Problem:
-    """Make the problem of a model: images become cameras by id, and COLMAP's cameras shared intrinsics.
+    """Make the problem of a model: images become cameras, and COLMAP's cameras shared intrinsics.
 
     Raises
     ------
@@ -36,7 +36,6 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     cameras.require_unique_ids(LARGEST_ID)
     images.require_unique_ids(LARGEST_ID)
     points.require_unique_ids(LARGEST_POINT_ID)
-    images = images.by_id()
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
     point, image, keypoint = _tracks(images, points)

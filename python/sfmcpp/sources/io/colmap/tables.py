@@ -96,7 +96,7 @@ class ImageTable(Table):
         """The same rows in the order of their identifiers."""
         if (np.diff(self.ids) > 0).all():
             return self
-        order = np.argsort(self.ids)
+        order = np.argsort(self.ids, kind="stable")
         counts = self.keypoint_counts[order]
         rows = tokens_of_items(exclusive_sums(self.keypoint_counts)[order], counts, 1)
         table = replace(

@@ -38,7 +38,7 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.intrinsics import PERSPECTIVE, CornerLenses, lenses_from_corner
+from sfmcpp.sources.io.intrinsics import PERSPECTIVE, CornerLenses, as_perspective, lenses_from_corner
 from sfmcpp.sources.io.poses import pose_from_cameras
 from sfmcpp.sources.io.rows import all_keypoints, by_point, exclusive_sums
 
@@ -106,13 +106,7 @@ def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> N
 
 def _cameras(problem: Problem, lenses: CornerLenses, folder: Path) -> CameraTable:
     values, fixed = lenses.values, lenses.fixed
-    names = problem.metadata.extra.get("colmap_camera_models")
-    if names is None:
-        names = [""] * len(values)
-    require_metadata_length("colmap_camera_models", names, len(values), folder)
-    models = [
-        _model(row, *columns, folder) for row, columns in enumerate(zip(names, values, fixed, strict=True))
-    ]
+    models = _models(problem, values, fixed, folder)
     return CameraTable(
         folder,
         None,
@@ -121,6 +115,23 @@ def _cameras(problem: Problem, lenses: CornerLenses, folder: Path) -> CameraTabl
         sizes=lenses.sizes,
         params=[params_from_intrinsics(name, row) for name, row in zip(models, values, strict=True)],
     )
+
+
+def changed_models(problem: Problem, folder: Path) -> list[tuple[str, str]]:
+    """The models that cameras came with and those that they are written with, where these differ."""
+    names = problem.metadata.extra.get("colmap_camera_models", ())
+    written = _models(problem, *as_perspective(problem), folder)
+    return sorted({(old, new) for old, new in zip(names, written, strict=False) if old and old != new})
+
+
+def _models(problem: Problem, values: FloatArray, fixed: BoolArray, folder: Path) -> list[str]:
+    names = problem.metadata.extra.get("colmap_camera_models")
+    if names is None:
+        names = [""] * len(values)
+    require_metadata_length("colmap_camera_models", names, len(values), folder)
+    return [
+        _model(row, *columns, folder) for row, columns in enumerate(zip(names, values, fixed, strict=True))
+    ]
 
 
 def _model(row: int, known: str, values: FloatArray, fixed: BoolArray, folder: Path) -> str:

@@ -69,6 +69,19 @@ def test_rigs_that_contradict_themselves_are_refused_by_name(
     assert Path(refused.value.path).parent == path.parent
 
 
+def test_images_of_a_rig_may_stand_in_the_file_in_any_order(tmp_path: Path) -> None:
+    folder = rig_model(tmp_path / "model")
+    problem = read(folder)
+    head, *lines = (folder / "images.txt").read_text().splitlines()
+    images = [lines[row : row + 2] for row in range(0, len(lines), 2)]
+    shuffled = [line for row in (4, 0, 5, 2, 1, 3) for line in images[row]]
+    (folder / "images.txt").write_text("\n".join([head, *shuffled]) + "\n")
+    again = read(folder)
+    assert_same_problem(again, problem)
+    np.testing.assert_array_equal(again.rigs.frame_of_camera, problem.rigs.frame_of_camera)
+    np.testing.assert_array_equal(again.rigs.sensor_of_camera, problem.rigs.sensor_of_camera)
+
+
 def test_an_image_that_is_not_where_its_frame_is_is_refused(tmp_path: Path) -> None:
     folder = rig_model(tmp_path / "model")
     lines = (folder / "images.txt").read_text().splitlines()

@@ -105,15 +105,6 @@ def test_a_second_sighting_goes_with_the_point() -> None:
     problem = sfmcpp.from_pycolmap(model)
     gone = problem.metadata.extra["colmap_point_ids"][0]
     kept = problem.point_index > 0
-    extra = problem.metadata.extra
-    first = {
-        "image": problem.camera_index,
-        "keypoint_index": extra["colmap_keypoint_index"],
-        "pixels": problem.pixels,
-    }
-    for name, values in first.items():
-        extra[f"colmap_loose_{name}"] = np.concatenate([extra[f"colmap_loose_{name}"], values[~kept]])
-    extra["colmap_keypoint_index"] = extra["colmap_keypoint_index"][kept]
     again = sfmcpp.to_pycolmap(problem.with_observations(kept))
     expected = tracks_of(model) | {int(gone): set()}
     assert tracks_of(again) == expected
