@@ -8,8 +8,16 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.model.frames import View
-from sfmcpp.slam import Frame, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.fusing import constraint_groups, fuse, presumed_weights, settled, usual_weights
+from sfmcpp.sensors import Mounting, SensorStream
+from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamSettings, WorldMap
+from sfmcpp.slam.fusing import (
+    constraint_groups,
+    fuse,
+    pose_constraint,
+    presumed_weights,
+    settled,
+    usual_weights,
+)
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 
@@ -211,3 +219,18 @@ def test_a_frame_between_keyframes_follows_sensors_only_where_they_declare(
         return
     expected = best_pose(world, view, DISTANCE + 0.05, 50.0)
     np.testing.assert_allclose(told, expected, atol=1e-4)
+
+
+def test_what_shaken_rates_may_be_off_judges_a_conflict_and_is_no_weight() -> None:
+    shaken = np.random.default_rng(0).normal(0, 0.02, (41, 3))
+    mounting = Mounting(np.eye(3), np.zeros(3))
+    strict, lax = (
+        Gyroscope(SensorStream(np.arange(41) / 10, rates, "angular_rate"), mounting).measure(0, 4, np.eye(3))
+        for rates in (np.zeros((41, 3)), shaken)
+    )
+    assert strict is not None
+    assert lax is not None
+    assert (strict.slack, lax.sigma) == (0.0, strict.sigma)
+    # Forty steps of a tenth of a second.
+    assert lax.slack == pytest.approx(0.1 * 0.02 * np.sqrt(40), rel=0.3)
+    assert pose_constraint(lax, PREVIOUS).slack == lax.slack
