@@ -96,7 +96,8 @@ def as_projective(problem: Problem) -> Problem:
     Returns
     -------
     Problem
-        Of camera model ``"projective"``. Fixed cameras and points stay fixed.
+        Of camera model ``"projective"``. Fixed cameras and points stay fixed; rigs need poses and are left
+        out.
     """
     if not problem.is_metric:
         return problem.copy()

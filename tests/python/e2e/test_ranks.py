@@ -60,10 +60,11 @@ SOLVING = (
     "bindings/test_options.py",
     "bindings/test_solve.py",
     "unit/ba/test_point_steps.py",
+    "unit/ba/test_rigs.py",
     "unit/weighting/test_weight_selection.py",
 )
 METHODS = ("bindings/test_methods.py", "bindings/test_projective.py")
-LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds"
+LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds or two_levels"
 
 
 @pytest.mark.parametrize(("count", "files", "least"), [(2, SOLVING + METHODS, 250), (3, METHODS, 80)])

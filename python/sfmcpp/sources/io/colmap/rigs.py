@@ -117,9 +117,10 @@ def _poses(poses: Sequence[Pose], path: Path, what: str) -> FloatArray:
 
 
 def _require_agreement(images: ImageTable, cameras: FloatArray, alone: FloatArray) -> None:
-    turn = np.abs(cameras - alone)[:, :, :3].max(axis=(1, 2), initial=0.0)
-    off = np.linalg.norm((cameras - alone)[:, :, 3], axis=1)
-    good = (turn <= _LOOSE) & (off <= _LOOSE * (1 + np.linalg.norm(alone[:, :, 3], axis=1)))
+    with np.errstate(all="ignore"):
+        turn = np.abs(cameras - alone)[:, :, :3].max(axis=(1, 2), initial=0.0)
+        off = np.linalg.norm((cameras - alone)[:, :, 3], axis=1)
+        good = (turn <= _LOOSE) & (off <= _LOOSE * (1 + np.linalg.norm(alone[:, :, 3], axis=1)))
     images.require(good, "its pose is not that of its frame and sensor")
 
 
