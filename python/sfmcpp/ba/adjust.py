@@ -15,7 +15,7 @@ from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import LossFunction, Problem
+from sfmcpp.model import CameraFunction, LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.camera_models import require_named
@@ -69,7 +69,12 @@ def adjust(
         require_named(problem.camera_model, "in a run that is saved")
     arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
-    doubts = [doubt for group in constraints for doubt in _doubts(group, problem)]
+    functions: list[ResidualGroup | CameraFunction] = [
+        group for group in constraints if isinstance(group, ResidualGroup)
+    ]
+    if isinstance(problem.camera_model, CameraFunction):
+        functions.append(problem.camera_model)
+    doubts = [doubt for function in functions for doubt in _doubts(function, problem)]
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     about_loss = warnings_about_the_loss(arrays, summary)
@@ -138,12 +143,14 @@ def adjust_on_ranks(
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
 
 
-def _doubts(group: Group, problem: Problem) -> Iterator[str]:
-    """What makes a group doubtful at the start: derivatives of its function that are not those of it."""
-    error = group.derivative_error(problem) if isinstance(group, ResidualGroup) else 0.0
+def _doubts(function: ResidualGroup | CameraFunction, problem: Problem) -> Iterator[str]:
+    """What makes a function doubtful at the start: derivatives that are not those of it."""
+    error = function.derivative_error(problem)
     if error > _LARGEST_DERIVATIVE_ERROR:
+        camera = isinstance(function, CameraFunction)
+        name = f"camera_model {function.name!r}" if camera else f"constraints[{function.name!r}]"
         yield (
-            f"constraints[{group.name!r}]: the derivatives that its function gives are off by "
+            f"{name}: the derivatives that its function gives are off by "
             f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
         )
 

@@ -272,6 +272,7 @@ class Summary:
         return {
             **asdict(self),
             "loss": str(self.loss),
+            "options": {**self.options, "loss": str(self.loss)},
             "group_weights": [chosen.to_dict() for chosen in self.group_weights],
         }
 

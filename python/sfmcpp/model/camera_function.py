@@ -128,25 +128,46 @@ class CameraFunction:
 
         Indices out of range are left to the checks of the problem.
         """
-        if not all(
-            index.size and 0 <= index.min() <= index.max() < size
-            for index, size in (
-                (problem.intrinsics_index, len(problem.intrinsics)),
-                (problem.camera_index, problem.num_cameras),
-                (problem.point_index, problem.num_points),
-            )
-        ):
+        if not _indices_fit(problem):
             return
-        poses, points = problem.cameras[problem.camera_index], problem.points[problem.point_index]
-        rows = problem.intrinsics[problem.intrinsics_index[problem.camera_index]]
-        in_camera = np.einsum("nji,nj->ni", poses[:, :, :3], points - poses[:, :, 3])
-        (bad,) = np.nonzero(~np.isfinite(self._pixels(in_camera, rows).sum(axis=1)))
+        points, rows = _seen(problem)
+        (bad,) = np.nonzero(~np.isfinite(self._pixels(points, rows).sum(axis=1)))
         if len(bad):
             k = int(bad[0])
             raise InvalidArgument(
                 f"camera_model {self.name!r}: project gives no number for observation {k}, of a point at "
-                f"{in_camera[k].tolist()} in its camera ({len(bad)} of {len(rows)} observations)"
+                f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
             )
+
+    def derivative_error(self, problem: Problem) -> float:
+        """How far the derivatives that `jacobians` gives are from differences, at the state of a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Its observations are what the function is given.
+
+        Returns
+        -------
+        float
+            The largest difference over the largest derivative by the same quantity; 0 without `jacobians`.
+
+        Raises
+        ------
+        InvalidArgument
+            As :meth:`evaluate`.
+        """
+        if self.jacobians is None:
+            return 0.0
+        points, rows = _seen(problem)
+        _, *given = self.evaluate(points, rows, jacobians=True)
+        errors = [0.0]
+        for found, expected in zip(given, self._differences(points, rows), strict=True):
+            assert found is not None
+            largest = np.abs([found, expected]).max(axis=(0, 1, 2))  # of each quantity
+            off = np.abs(found - expected).max(axis=(0, 1), initial=0.0)
+            errors += list(off[largest > 0] / largest[largest > 0])
+        return float(max(errors))
 
     def _pixels(self, points: FloatArray, intrinsics: FloatArray) -> FloatArray:
         label = f"camera_model {self.name!r}: project"
@@ -181,6 +202,25 @@ def _difference(
     with np.errstate(invalid="ignore"):  # seen from neither side: no number, which is refused
         difference: FloatArray = (images[0] - images[1]) / (places[0] - places[1])[:, None]
     return difference
+
+
+def _indices_fit(problem: Problem) -> bool:
+    return all(
+        index.size and 0 <= index.min() <= index.max() < size
+        for index, size in (
+            (problem.intrinsics_index, len(problem.intrinsics)),
+            (problem.camera_index, problem.num_cameras),
+            (problem.point_index, problem.num_points),
+        )
+    )
+
+
+def _seen(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """The point of each observation in the frame of its camera (M, 3), and its intrinsics (M, K)."""
+    poses = problem.cameras[problem.camera_index]
+    points = problem.points[problem.point_index] - poses[:, :, 3]
+    rows = problem.intrinsics[problem.intrinsics_index[problem.camera_index]]
+    return np.einsum("nji,nj->ni", poses[:, :, :3], points), rows
 
 
 def _names(label: str, value: object) -> tuple[str, ...]:

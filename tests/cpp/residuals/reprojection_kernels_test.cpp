@@ -115,8 +115,9 @@ std::vector<Layout> layouts(CameraModelId model) {
   if (model == CameraModelId::kCalibrated) return {{{}, 6}};
   if (model == CameraModelId::kProjective) return {{{}, 12}};
   if (model == CameraModelId::kBal) return {{{}, 6}, {{0}, 9}, {{0, 2}, 9}, {{0, 1, 2}, 9}};
-  std::vector<int> all(12);
+  std::vector<int> all(intrinsic_names(model).size());
   std::iota(all.begin(), all.end(), 0);
+  if (model == CameraModelId::kPlugin) return {{{}, 6}, {{0}, 9}, {all, 18}};
   return {{{}, 6}, {{0, 5, 11}, 9}, {{0, 2, 3, 5, 6}, 12}, {all, 18}};
 }
 

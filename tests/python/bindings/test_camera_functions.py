@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
-from own_cameras import FISHEYE, Array, bal, copied, fisheye, fisheye_scene, own_bal
+from own_cameras import FISHEYE, Array, bal, bal_jacobians, copied, fisheye, fisheye_scene, own_bal
 from sfmcpp import CameraFunction, ConstraintGroup, DatasetError, InvalidArgument, Problem
 
 
@@ -152,14 +152,11 @@ def test_every_call_has_all_observations_and_comes_from_the_calling_thread() -> 
 
 def test_check_jacobians_tells_wrong_derivatives_from_right_ones() -> None:
     def wrong(points: Array, intrinsics: Array) -> tuple[Array, Array]:
-        by_point, by_intrinsics = bal_jacobians_of(points, intrinsics)
+        by_point, by_intrinsics = bal_jacobians(points, intrinsics)
         by_intrinsics[:, :, 1] *= 1.01
         return by_point, by_intrinsics
 
-    right = own_bal()
-    bal_jacobians_of = right.jacobians
-    assert bal_jacobians_of is not None
-    good = sfmcpp.check_jacobians(copied(scene(), right), 40)
+    good = sfmcpp.check_jacobians(copied(scene(), own_bal()), 40)
     assert good.worst_error < 1e-6
     assert good.entries > 400
     bad = sfmcpp.check_jacobians(
@@ -167,6 +164,19 @@ def test_check_jacobians_tells_wrong_derivatives_from_right_ones() -> None:
     )
     assert bad.worst_parameter == "k1"
     assert bad.worst_error == pytest.approx(0.01, rel=0.1)
+
+
+def test_derivatives_that_are_not_those_of_the_function_are_told() -> None:
+    def wrong(points: Array, intrinsics: Array) -> tuple[Array, Array]:
+        by_point, by_intrinsics = bal_jacobians(points, intrinsics)
+        return by_point, by_intrinsics * [1, 1, -1]
+
+    model = CameraFunction(bal, ("f", "k1", "k2"), wrong, name="own", free_by_default=("f",))
+    assert model.derivative_error(copied(scene(), model)) == pytest.approx(2.0)
+    warnings = sfmcpp.solve(copied(scene(), model)).warnings
+    assert any("camera_model 'own': the derivatives that its function gives are off" in w for w in warnings)
+    assert own_bal().derivative_error(copied(scene(), own_bal())) < 1e-6
+    assert not any("derivatives" in w for w in sfmcpp.solve(copied(scene(), own_bal())).warnings)
 
 
 class Broken(Exception):

@@ -117,7 +117,7 @@ class Broken(Exception):
     pass
 
 
-@pytest.mark.parametrize("call", [0, 1, 2, 12])
+@pytest.mark.parametrize("call", [0, 1, 2, 27])
 def test_what_the_function_raises_is_raised_and_the_best_state_until_there_kept(call: int) -> None:
     centres, calls = scene().centres + 0.05, 0
 
@@ -138,7 +138,7 @@ def test_what_the_function_raises_is_raised_and_the_best_state_until_there_kept(
     assert np.isfinite(problem.cameras).all()
     sfmcpp.check(problem)
     moved = not np.array_equal(problem.cameras, start.cameras)
-    assert moved == (call == 12)
+    assert moved == (call == 27)
     if moved:
         assert sfmcpp.cost(problem) < sfmcpp.cost(start)
 
