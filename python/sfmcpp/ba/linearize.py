@@ -168,7 +168,7 @@ class LinearModel:
     def reduced_system(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Eliminate the points of the damped normal equations ``(H + λ diag H) δ = −gradient``.
 
-        The Schur complement of note eq. 24, for solvers of one's own; points follow from
+        The Schur complement of the note, §3, for solvers of one's own; points follow from
         ``H_pp δ_p = −g_p − H_pc δ_c``.
 
         Parameters
