@@ -4,7 +4,7 @@
 // of its own. With P the 0/1 matrix that copies a reduced parameter to all its columns, the system
 // of the free, shared parameters is Pᵀ (U − W V⁻¹ Wᵀ) P: elimination of the points does not depend
 // on P. So fixed cameras, single fixed intrinsics, a fixed gauge, padding columns (all: no reduced
-// column) and intrinsics shared by groups (several columns: one reduced column) are one mechanism.
+// column), and intrinsics of groups and poses of rigs (several columns: one) are one mechanism.
 #pragma once
 
 #include <vector>
