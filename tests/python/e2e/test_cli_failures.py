@@ -123,7 +123,7 @@ def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in
     result = run_here(*command, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
-    assert "frames.bin: is of the model that is there: it would be replaced" in result.stderr
+    assert "frames.bin: the model that is there would be replaced" in result.stderr
 
 
 def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def _write(problem: Problem, folder: Path, files: _Files) -> None:
 def _require_no_rigs(folder: Path, names: tuple[str, str]) -> None:
     for name in names:
         if (folder / name).exists():
-            reason = "is of the model that is there: it would be replaced, and this contradict its poses"
+            reason = "the model that is there would be replaced, and this file contradict the new poses"
             raise DatasetError(folder / name, f"{reason}; write to another folder")
 
 

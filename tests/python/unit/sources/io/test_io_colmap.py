@@ -144,7 +144,7 @@ def test_binary_is_read_where_a_folder_has_both(tmp_path: Path) -> None:
 def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path) -> None:
     problem = read(small_model(tmp_path))
     (tmp_path / "frames.bin").write_bytes(b"")
-    with pytest.raises(DatasetError, match=r"it would be replaced, .* write to another folder"):
+    with pytest.raises(DatasetError, match=r"would be replaced, .* write to another folder"):
         write(problem, tmp_path, format="colmap-binary")
     assert not (tmp_path / "cameras.bin").exists()
 
