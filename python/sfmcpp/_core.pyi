@@ -381,6 +381,9 @@ class CoreSummary:
     def observations_behind_camera(self) -> tuple[int, int]:
         ...
     @property
+    def point_steps(self) -> str:
+        ...
+    @property
     def seconds_setup(self) -> float:
         ...
     @property

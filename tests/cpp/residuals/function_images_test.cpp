@@ -60,8 +60,12 @@ TEST_F(FunctionImage, WhereAStepLeadsIsToSecondOrderWhatTheBendingKernelSays) {
   intrinsics_step[0] = 3.0;
   intrinsics_step[5] = 0.05;
   for (std::size_t k = 0; k < point_steps.size(); ++k) point_steps[k] = 0.01 * double(k % 7);
-  const BendingBatch batch{
-      batch_.view(), camera_step.data(), intrinsics_step.data(), point_steps.data()};
+  const std::vector<double> camera_bend{0.3, -0.2, 0.1};
+  const BendingBatch batch{.observations = batch_.view(),
+                           .camera_step = camera_step.data(),
+                           .camera_bend = camera_bend.data(),
+                           .intrinsics_step = intrinsics_step.data(),
+                           .point_steps = point_steps.data()};
   constexpr double kLength = 1e-3;
   std::vector<FunctionImages> along;
   for (const double length : {-kLength, 0.0, kLength}) {
