@@ -383,9 +383,8 @@ class Minimizer {
 }  // namespace
 
 PointSteps point_steps_of(const MinimizerOptions& options) {
-  const bool possible =
-      facts_of(options.method).can_hold_back() && options.line_search.kind == LineSearchKind::kNone;
-  if (!possible) return PointSteps::kWhole;
+  const bool searched = options.line_search.kind != LineSearchKind::kNone;
+  if (searched || !facts_of(options.method).can_hold_back()) return PointSteps::kWhole;
   return options.point_steps == PointSteps::kAuto ? PointSteps::kRefitted : options.point_steps;
 }
 
