@@ -133,6 +133,10 @@ def convert(
         str | None,
         choice_option(WRITABLE_FORMATS, "Format of OUT, where its name does not tell"),
     ] = None,
+    images: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the images, for transforms.json to point into."),
+    ] = None,
 ) -> ExitCode:
     """Write a problem in another format; the names tell the formats.
 
@@ -140,7 +144,7 @@ def convert(
     """
     from sfmcpp.cli.convert import convert_file
 
-    return convert_file(source, target, parts, format)
+    return convert_file(source, target, parts, format, images)
 
 
 @app.command()

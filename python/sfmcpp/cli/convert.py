@@ -11,26 +11,37 @@ from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell
 from sfmcpp.cli.targets import require_writable_problem
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
 from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 
 
-def convert_file(source: Path, target: Path, parts: int | None = None, format: str | None = None) -> ExitCode:
+def convert_file(
+    source: Path,
+    target: Path,
+    parts: int | None = None,
+    format: str | None = None,
+    images: Path | None = None,
+) -> ExitCode:
     """Write the problem of a file to another, or to a folder of so many parts.
 
-    The name of the target tells its format, unless that is given.
+    The name of the target tells its format, unless that is given. Of a transforms.json, the names of images
+    lead to the folder `images`.
 
     Raises
     ------
     DatasetError
         If one cannot be read, or the other written.
     InvalidArgument
-        If several ranks are asked for another number of parts than one each, or a format is given for parts.
+        If several ranks are asked for another number of parts than one each, a format is given for parts, or
+        a folder of images for what does not point to them.
     """
     ranks = launched_ranks(asked=False)
     if format is not None and (ranks is not None or parts is not None):
         raise InvalidArgument(f"--format {format}: parts have a format of their own")
+    if images is not None and (ranks is not None or parts is not None):
+        raise InvalidArgument("--images: parts do not point to images, transforms.json does")
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
     if parts is not None:
@@ -39,9 +50,14 @@ def convert_file(source: Path, target: Path, parts: int | None = None, format: s
         say(f"{target}: {problem} in {parts} parts")
         return ExitCode.DONE
     chosen = format_of(target) if format is None else named_format(format)
+    if images is not None and chosen is not transforms.FORMAT:
+        raise InvalidArgument(f"--images: {chosen.name} does not point to images, transforms.json does")
     require_writable_problem(target, chosen)
     problem = read_and_tell(source)
-    write(problem, target, format=chosen.name)
+    if images is None:
+        write(problem, target, format=chosen.name)
+    else:
+        transforms.write_transforms(problem, target, transforms.folder_from(target, images))
     counts = {
         "cameras": problem.num_cameras,
         "points": problem.num_points,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sfmcpp.study.reasons import listed
 
 if TYPE_CHECKING:
@@ -16,9 +18,13 @@ def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
     yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
     if gps.outliers:
         yield "GPS lies", listed(gps.outliers)
-    origin = gps.to_dict()["origin"]
-    if any(origin.values()):
-        yield "origin", ", ".join(f"{name} {value:.10g}" for name, value in origin.items())
+    if np.any(gps.origin):
+        yield "origin", told_origin(gps)
+
+
+def told_origin(gps: GpsOutcome) -> str:
+    """The numbers of the origin with their names."""
+    return ", ".join(f"{name} {value:.10g}" for name, value in gps.world_origin.to_dict().items())
 
 
 def _stated(gps: GpsOutcome) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -19,7 +18,8 @@ from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.origin_file import ORIGIN
-from sfmcpp.sources.io.transforms import write_transforms
+from sfmcpp.sources.io.ply import write_ply
+from sfmcpp.sources.io.transforms import folder_from, write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, save_model_page
 from sfmcpp.study.pages.parts import save_page
 from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
@@ -68,7 +68,7 @@ def _steps(report: SfmReport) -> Iterator[Step]:
         yield "model" if number == 0 else f"model_{number}", partial(_write_model, problem)
         if number == 0:
             yield "transforms.json", partial(_write_transforms, report, problem)
-            yield "points.ply", partial(write, problem)
+            yield "points.ply", partial(write_ply, problem, cameras=False)
             yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     yield TIMINGS, lambda path: write_report(report.timings(), path)
@@ -83,8 +83,7 @@ def _write_model(problem: Problem, folder: Path) -> None:
 def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
     """Write the cameras, with the places of the photos as seen from the folder."""
     source = Path(report.run.source)
-    folder = Path(os.path.relpath(source, path.parent)).as_posix() if source.is_dir() else ""
-    write_transforms(problem, path, folder)
+    write_transforms(problem, path, folder_from(path, source) if source.is_dir() else "")
 
 
 def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:

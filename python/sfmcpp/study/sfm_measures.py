@@ -86,7 +86,7 @@ class ModelMeasures:
 
     @property
     def rms_px(self) -> float | None:
-        """Root of the mean squared error [px]; None without observations."""
+        """Root of the mean squared error [px], √2 of that of a coordinate; None without observations."""
         return float(np.sqrt(np.mean(self.errors_px**2))) if self.num_observations else None
 
     @property

@@ -245,4 +245,4 @@ def _model_line(measures: ModelMeasures) -> str:
     counts = f"{measures.num_images:,} images, {measures.num_points:,} points"
     if measures.mean_error_px is None:
         return counts
-    return f"{counts}, mean error {measures.mean_error_px:.3f} px, RMS {measures.rms_px:.3f} px"
+    return f"{counts}, mean error {measures.mean_error_px:.3f} px, RMS length {measures.rms_px:.3f} px"

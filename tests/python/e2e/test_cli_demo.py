@@ -102,6 +102,29 @@ def test_convert_tells_what_the_format_has_no_place_for(
     assert lines[1].endswith(f"has no place for it: {left_out}")
 
 
+def test_convert_points_to_the_images(tmp_path: Path) -> None:
+    scene = noisy_circle()
+    scene.metadata.image_names = [f"{i}.jpg" for i in range(6)]
+    sfmcpp.write(scene, tmp_path / "start.npz")
+    (tmp_path / "out").mkdir()
+    words = ("--images", tmp_path / "photos")
+    assert (
+        run_here("convert", tmp_path / "start.npz", tmp_path / "out/transforms.json", *words).returncode == 0
+    )
+    frames = strict_json(tmp_path / "out/transforms.json")["frames"]
+    assert frames[2]["file_path"] == "../photos/2.jpg"
+    refused = run_here("convert", tmp_path / "start.npz", tmp_path / "copy.ply", *words)
+    assert (refused.returncode, "ply does not point to images" in refused.stderr) == (2, True)
+
+
+def test_a_folder_of_a_reconstruction_leads_to_its_model(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    sfmcpp.write(noisy_circle(), tmp_path / "out/model")
+    refused = run_here("solve", tmp_path / "out")
+    assert refused.returncode == 2
+    assert refused.stderr.endswith(f"{tmp_path / 'out/model'} is one\n")
+
+
 def test_convert_writes_the_format_that_is_named(tmp_path: Path) -> None:
     source, target = write_noisy_circle(tmp_path), tmp_path / "model"
     assert run_here("convert", source, target, "--format", "colmap-text").returncode == 0

@@ -20,8 +20,17 @@ _PROPERTIES = [f"property double {axis}" for axis in "xyz"] + [
 ]
 
 
-def write_ply(problem: Problem, path: Path) -> None:
+def write_ply(problem: Problem, path: Path, *, cameras: bool = True) -> None:
     """Write points, white unless the metadata knows their colours, then camera centres, as vertices.
+
+    Parameters
+    ----------
+    problem : Problem
+        It is not changed.
+    path : Path
+        Where to.
+    cameras : bool
+        Whether to write the centres, in red.
 
     Raises
     ------
@@ -29,8 +38,9 @@ def write_ply(problem: Problem, path: Path) -> None:
         If a coordinate is not finite, or the file cannot be written.
     """
     require_valid(problem, path)
-    vertices = np.empty(problem.num_points + problem.num_cameras, dtype=_VERTEX)
-    vertices["position"] = np.concatenate([problem.points, problem.centres])
+    centres = problem.centres if cameras else np.empty((0, 3))
+    vertices = np.empty(problem.num_points + len(centres), dtype=_VERTEX)
+    vertices["position"] = np.concatenate([problem.points, centres])
     vertices["color"][: problem.num_points] = point_colors(problem, POINT_COLOR, path)
     vertices["color"][problem.num_points :] = CAMERA_COLOR
     with atomic_files(path) as (stream,):

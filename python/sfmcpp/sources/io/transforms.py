@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,11 @@ def _read_pose(matrix: Part) -> FloatArray:
     if not np.array_equal(rows[3], [0, 0, 0, 1]):
         raise matrix.error("its last row must be 0 0 0 1")
     return pose_of(matrix, rows[:3, :3].ravel().tolist(), rows[:3, 3].tolist())
+
+
+def folder_from(path: Path, images: Path) -> str:
+    """A folder of images as seen from the folder of `path`, for :func:`write_transforms`."""
+    return Path(os.path.relpath(images, path.parent)).as_posix()
 
 
 def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> None:

@@ -89,7 +89,7 @@ def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
         yield "points", f"{largest.num_points:,}"
         if largest.mean_error_px is not None:
             yield "mean error", f"{largest.mean_error_px:.3f} px"
-            yield "RMS error", f"{largest.rms_px:.3f} px"
+            yield "RMS length of errors", f"{largest.rms_px:.3f} px"
             yield "images that see a point", f"{largest.track_lengths.mean():.2f}"
         if largest.cameras:
             yield "focal length", f"{largest.intrinsics_of(largest.cameras[0])['f']:,.1f} px"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.study.gps_rows import told_origin
 from sfmcpp.study.pages.charts import arrows, bars, histogram, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
 from sfmcpp.study.pages.rasters import match_matrix
@@ -153,11 +154,14 @@ def gps(report: SfmReport) -> str:
     chart = bars(
         values, titles, x_label="image", y_label="distance [m]", marked=[name in lies for name in names]
     )
-    lat, lon, height = np.asarray(found.origin).tolist()
+    first, second, height = np.asarray(found.origin).tolist()
+    frame = f"those of the positions; its origin is {told_origin(found)}"
+    if found.geodetic:
+        frame = f"east, north, up; its origin is {first:.7f}°, {second:.7f}°, {height:.2f} m (WGS84)"
     facts = [
         f"A GPS position has σ = {found.sigma_m:.3g} m in each coordinate, as the data tell; the model lies "
         f"within {found.accuracy_m:.3g} m of the world (1 σ).",
-        f"Its axes are east, north, up; its origin is {lat:.7f}°, {lon:.7f}°, {height:.2f} m (WGS84).",
+        f"Its axes are {frame}.",
     ]
     told = "".join(f"<p>{fact}</p>" for fact in facts)
     liars = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -238,6 +239,22 @@ def test_the_camera_model_is_the_smallest_that_holds_what_was_refined(
     assert camera["model"] == name
     assert camera["distortion"] == values
     assert camera["refined"] == [intrinsic for intrinsic in INTRINSICS if intrinsic in free]
+
+
+def test_points_stand_alone_in_their_file(tmp_path: Path) -> None:
+    run = finished_run()
+    SfmReport(run, thumbnail).write(tmp_path)
+    header = (tmp_path / "points.ply").read_bytes().split(b"end_header")[0]
+    assert f"element vertex {run.problem().num_points}\n".encode() in header
+
+
+def test_the_origin_of_a_page_is_in_the_frame_of_the_positions(tmp_path: Path) -> None:
+    run = finished_run()
+    run.gps = replace(
+        gps_outcome(run, liar=3), origin=np.array([691_000.0, 5_334_000.0, 0.0]), geodetic=False
+    )
+    SfmReport(run, thumbnail).write(tmp_path)
+    assert "its origin is x_m 691000, y_m 5334000, z_m 0" in (tmp_path / "report.html").read_text()
 
 
 def test_the_same_run_gives_the_same_files(tmp_path: Path) -> None:

@@ -130,7 +130,10 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
         raise DatasetError(folder, "is not a folder, a COLMAP model is one")
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
-        raise DatasetError(folder, f"is a directory without a COLMAP model: it lacks {', '.join(missing)}")
+        inner = folder / "model"
+        hint = "" if any(not (inner / name).exists() for name in names) else f"; {inner} is one"
+        lacks = f"it lacks {', '.join(missing)}"
+        raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{hint}")
 
 
 def _has_any(folder: Path, names: tuple[str, ...]) -> bool:
