@@ -35,8 +35,7 @@ class Minimizer {
         strategy_(make_step_strategy(options)),
         line_search_(make_line_search(options.line_search)),
         acceleration_(options),
-        holds_back_(point_steps_of(options) != PointSteps::kWhole),
-        refits_(point_steps_of(options) == PointSteps::kRefitted) {
+        point_steps_(point_steps_of(options)) {
     if (line_search_ || acceleration_.is_possible()) trial_ = state;
   }
 
@@ -146,11 +145,11 @@ class Minimizer {
     now_.cost_evaluations = line.num_evaluations();
     if (holding_back_is_due()) hold_back();
     if (now_.held_points == 0 && acceleration_.is_due(solver_)) accelerate();
-    if (refits_) refit_points();
+    if (point_steps_ == PointSteps::kRefitted) refit_points();
   }
 
   bool holding_back_is_due() const {
-    return holds_back_ &&
+    return point_steps_ != PointSteps::kWhole &&
            (!step_is_successful() || model_.growth() > kWorthHoldingBack * candidate_cost_);
   }
 
@@ -365,8 +364,7 @@ class Minimizer {
   std::unique_ptr<StepStrategy> strategy_;
   std::unique_ptr<LineSearch> line_search_;
   GeodesicAcceleration acceleration_;
-  bool holds_back_;
-  bool refits_;
+  PointSteps point_steps_;
 
   linear::Step step_;
   StepResult result_;
