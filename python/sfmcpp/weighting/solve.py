@@ -141,7 +141,7 @@ def _checked(
 
 
 def _refuse_what_one_process_needs(problem: Problem | None, settings: SolveOptions) -> None:
-    if problem is not None:
+    if isinstance(problem, Problem):
         require_named(problem.camera_model, "on several ranks")
     if settings.preconditioner in ("clusters", "two-levels"):
         raise InvalidArgument(

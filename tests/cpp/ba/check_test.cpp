@@ -313,7 +313,7 @@ TEST(CheckStart, IsHeldToTheRulesOfTheProblem) {
   EXPECT_EQ(start([](optim::State& s) { s.points[7] = kNaN; }),
             "state: points[2] = nan: must be finite");
   EXPECT_TRUE(start([](optim::State& s) {
-                s.cameras[0] *= 1.3;
+                s.cameras[0] += 0.3;
               }).starts_with("state: cameras[0]: not a rotation"));
   EXPECT_EQ(start([](optim::State& s) { s.points.resize(119); }),
             "state.points: 119 values, must be 120 as in the problem");

@@ -51,7 +51,7 @@ def test_a_convergence_table_has_a_row_per_camera_model_and_method(convergence: 
     content = strict_json(convergence[0] / "table-4.1.json")
     assert (content["name"], content["seed"]) == ("table-4.1", 0)
     labels = [(row["camera_model"], row["label"]) for row in content["rows"]]
-    assert len(set(labels)) == len(labels) == 24
+    assert len(set(labels)) == len(labels) == 28
     for row in content["rows"]:
         assert row.keys() >= CONVERGENCE_FIELDS
         assert row["runs"] == 2

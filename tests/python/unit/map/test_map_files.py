@@ -43,7 +43,7 @@ def everything(seed: int) -> Tables:
     counts = np.array([7, 0, 9, 4, 8, 6, 5])
     num_images, num_points = len(counts), 10
     image_ids, point_ids = (
-        rng.permutation(500)[:num_images],
+        np.sort(rng.permutation(500)[:num_images]),  # images are read in the order of their identifiers
         rng.permutation(2**40 + np.arange(99))[:num_points],
     )
     image = np.repeat(np.arange(num_images), counts)
