@@ -20,7 +20,7 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
 from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, largest_content, read_own_bytes
-from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.format import GEOMETRY_ALONE, Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberStream, NumberText, OwnNumbers, first_no_integer
 from sfmcpp.sources.io.poses import cameras_from_y_up_pose, turned_pixels, y_up_pose_from_cameras
@@ -240,14 +240,5 @@ FORMAT = Format(
     read_bal,
     write_bal,
     share_reader=read_bal_share,
-    lacks=(
-        "origin of the world",
-        "keypoints without a point",
-        "image names",
-        "image sizes",
-        "colours",
-        "masks",
-        "rigid frames",
-        "uncertainties of observations",
-    ),
+    lacks=(*GEOMETRY_ALONE, "uncertainties of observations"),
 )

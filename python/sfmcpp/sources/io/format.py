@@ -11,6 +11,17 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.shares import Share
 
+# What formats of geometry and pixels alone do not have.
+GEOMETRY_ALONE = (
+    "origin of the world",
+    "keypoints without a point",
+    "image names",
+    "image sizes",
+    "colours",
+    "masks",
+    "rigid frames",
+)
+
 
 @dataclass(frozen=True)
 class Format:

@@ -26,7 +26,7 @@ from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
 from sfmcpp.sources.io.files import read_bytes
-from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.format import GEOMETRY_ALONE, Format
 from sfmcpp.sources.io.intrinsics import (
     as_perspective,
     fixed_but,
@@ -330,13 +330,5 @@ FORMAT = Format(
     _read_beside,
     write_sba,
     _claims,
-    lacks=(
-        "origin of the world",
-        "keypoints without a point",
-        "image names",
-        "image sizes",
-        "colours",
-        "masks",
-        "rigid frames",
-    ),
+    lacks=GEOMETRY_ALONE,
 )
