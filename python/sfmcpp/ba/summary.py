@@ -304,7 +304,7 @@ class Summary:
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
-            ("linear solver", f"{self.linear_solver}, {self.threads} threads"),
+            ("linear solver", f"{self.linear_solver}, {self.threads} thread{'s' * (self.threads != 1)}"),
             ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),
             ("seconds", f"{self.seconds_total:.4g}"),
         ]
