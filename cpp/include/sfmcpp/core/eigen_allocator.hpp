@@ -16,7 +16,7 @@ struct CompiledWithTheEigenAllocatorOfTheLibrary {
 
 namespace {
 // NOLINTNEXTLINE(cert-dcl59-cpp,google-build-namespaces): each file that includes this asks
-[[gnu::used]] const char* const eigen_allocator =
+[[gnu::used]] const char* const kEigenAllocator =
     &CompiledWithTheEigenAllocatorOfTheLibrary<EIGEN_MAX_ALIGN_BYTES,
                                                EIGEN_MALLOC_ALREADY_ALIGNED != 0>::kYes;
 }  // namespace
