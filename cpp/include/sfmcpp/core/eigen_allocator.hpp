@@ -13,6 +13,9 @@ template <int max_align_bytes, bool malloc_is_aligned>
 struct CompiledWithTheEigenAllocatorOfTheLibrary {
   static const char kYes;
 };
+// In the library, if anywhere.
+extern template struct CompiledWithTheEigenAllocatorOfTheLibrary<EIGEN_MAX_ALIGN_BYTES,
+                                                                 EIGEN_MALLOC_ALREADY_ALIGNED != 0>;
 
 namespace {
 // NOLINTNEXTLINE(cert-dcl59-cpp,google-build-namespaces): each file that includes this asks
