@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, index_array
-
-_LOOSE = 1e-6  # of R Rᵀ, as for cameras
+from sfmcpp.model.checks import ROTATION_TOLERANCE, is_rotation
 
 
 @dataclass(eq=False)
@@ -233,9 +232,7 @@ def _numbers(name: str, value: ArrayLike, end: int | None = None) -> IndexArray:
 
 
 def _require_rotations(matrices: FloatArray) -> None:
-    error = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    bad = np.flatnonzero((error > _LOOSE) | (np.linalg.det(matrices) < 0))
+    bad = np.flatnonzero(~is_rotation(matrices))
     if len(bad):
-        raise InvalidArgument(
-            f"rigs.sensors[{bad[0]}]: not a rotation: must be orthonormal to {_LOOSE:g} with determinant 1"
-        )
+        rule = f"must be orthonormal to {ROTATION_TOLERANCE:g} with determinant 1"
+        raise InvalidArgument(f"rigs.sensors[{bad[0]}]: not a rotation: {rule}")
