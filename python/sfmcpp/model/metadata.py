@@ -12,6 +12,8 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 # Entries of `Metadata.extra` with a number for each observation, and for each point.
 KEYPOINTS = "colmap_keypoint_index"
+# The image, number and pixel of each keypoint that sees no point.
+LOOSE = ("colmap_loose_image", "colmap_loose_keypoint_index", "colmap_loose_pixels")
 _OF_OBSERVATIONS = (KEYPOINTS, "bundler_keys", "nvm_keys")
 _OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
 
@@ -58,11 +60,9 @@ class Metadata:
         if extra.get(KEYPOINTS) is not self.extra.get(KEYPOINTS):
             left = np.ones(count, dtype=np.bool_)
             left[chosen] = False
-            loose = {"image": camera_index, "keypoint_index": self.extra[KEYPOINTS], "pixels": pixels}
-            for name, values in loose.items():
-                known = extra.get(f"colmap_loose_{name}")
-                more = np.asarray(values)[left]
-                extra[f"colmap_loose_{name}"] = more if known is None else np.concatenate([known, more])
+            for name, values in zip(LOOSE, (camera_index, self.extra[KEYPOINTS], pixels), strict=True):
+                known, more = extra.get(name), np.asarray(values)[left]
+                extra[name] = more if known is None else np.concatenate([known, more])
         return replace(self, extra=extra)
 
     def of_points(self, chosen: NDArray[np.int64], count: int) -> Metadata:

@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
+from sfmcpp.model.metadata import KEYPOINTS, LOOSE
 from sfmcpp.sources.io.checks import LARGEST_COUNT
 from sfmcpp.sources.io.colmap.tables import Int64Array, rows_of_ids
 
 # In `Metadata.extra`: (D, 3) int64, the camera, the keypoint's number in its image, COLMAP's id of the point.
 SECOND_SIGHTINGS = "colmap_second_sightings"
-
-_KEYPOINT = "colmap_keypoint_index"
-_LOOSE = ("colmap_loose_image", "colmap_loose_keypoint_index", "colmap_loose_pixels")
 
 
 def with_second_sightings(problem: Problem, point_ids: Int64Array, folder: Path) -> Problem:
@@ -37,21 +35,21 @@ def with_second_sightings(problem: Problem, point_ids: Int64Array, folder: Path)
         If the metadata are no rows of three numbers.
     """
     extra = problem.metadata.extra
-    if any(name not in extra for name in (SECOND_SIGHTINGS, _KEYPOINT, *_LOOSE)):
+    if any(name not in extra for name in (SECOND_SIGHTINGS, KEYPOINTS, *LOOSE)):
         return problem
     stored = np.asarray(extra[SECOND_SIGHTINGS])
     if stored.ndim != 2 or stored.shape[1] != 3 or stored.dtype.kind not in "iu":
         found = f"{stored.dtype} {stored.shape}"
         raise DatasetError(folder, f"metadata {SECOND_SIGHTINGS} is {found}: must be integers (D, 3)")
     cameras, numbers, ids = stored.T
-    images, loose_numbers, pixels = (np.asarray(extra[name]) for name in _LOOSE)
+    images, loose_numbers, pixels = (np.asarray(extra[name]) for name in LOOSE)
     rows = rows_of_ids(_pair_keys(images, loose_numbers), _pair_keys(cameras, numbers))
     points = rows_of_ids(point_ids, ids)
     observed = np.isin(_pair_keys(cameras, points), _pair_keys(problem.camera_index, problem.point_index))
     kept = (rows >= 0) & observed
     loose = np.delete(np.arange(len(images)), rows[kept])
-    restored = {name: np.asarray(extra[name])[loose] for name in _LOOSE}
-    restored[_KEYPOINT] = np.concatenate([extra[_KEYPOINT], numbers[kept]])
+    restored = {name: np.asarray(extra[name])[loose] for name in LOOSE}
+    restored[KEYPOINTS] = np.concatenate([extra[KEYPOINTS], numbers[kept]])
     return replace(
         problem,
         camera_index=np.concatenate([problem.camera_index, cameras[kept]]),
