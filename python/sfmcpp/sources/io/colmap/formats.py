@@ -78,8 +78,8 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     A problem with rigs becomes rigs.bin and frames.bin as well, the first sensor of each rig its origin.
 
     The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
-    Masks, standard deviations and covariances are not kept. Pixels stay as they are: COLMAP counts them from
-    the top left corner of the image, data sets with the origin elsewhere keep theirs.
+    Masks, standard deviations and covariances are not kept. Pixels of the BAL model, which count from the
+    principal point, are moved to count from the corner; all others stay as they are.
 
     Raises
     ------
@@ -148,6 +148,7 @@ def _claims_binary(path: Path) -> bool:
     return path.is_dir() or (not path.exists() and not path.suffix)
 
 
+_LACKS = ("masks", "uncertainties of observations")
 TEXT = Format(
     "colmap-text",
     "COLMAP model as text: a folder with cameras.txt, images.txt, points3D.txt",
@@ -156,10 +157,7 @@ TEXT = Format(
     write_colmap_text,
     _claims_text,
     target_check=partial(_require_no_rigs, names=TEXT_FILES),
-    lacks=(
-        "masks",
-        "uncertainties of observations",
-    ),
+    lacks=_LACKS,
 )
 BINARY = Format(
     "colmap-binary",
@@ -169,8 +167,5 @@ BINARY = Format(
     write_colmap_binary,
     _claims_binary,
     target_check=partial(_require_no_rigs, names=BINARY_FILES),
-    lacks=(
-        "masks",
-        "uncertainties of observations",
-    ),
+    lacks=_LACKS,
 )
