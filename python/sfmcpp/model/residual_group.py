@@ -111,12 +111,9 @@ class ResidualGroup(MemberGroup):
         residuals, derivatives = self._called(poses)
         if not jacobian:
             return residuals, None
-        shape = (*residuals.shape, poses.shape[1], _TANGENT)
         if derivatives is None:
-            return residuals, self._differences(poses, shape)
-        given = shape if self.cameras.ndim == 2 else (*residuals.shape, _TANGENT)
-        label = f"derivatives of {self._label('function')}"
-        return residuals, finite_array(label, derivatives, given).reshape(shape)
+            return residuals, self._differences(poses, residuals.shape)
+        return residuals, self._given(derivatives, residuals.shape)
 
     def rows_at(self, problem: Problem) -> int:
         """How many residuals a member has, k, as a call with the poses of a problem tells.
@@ -147,11 +144,11 @@ class ResidualGroup(MemberGroup):
             As :meth:`evaluate`.
         """
         poses = self._poses_of(problem)
-        if self._called(poses)[1] is None:
+        residuals, derivatives = self._called(poses)
+        if derivatives is None:
             return 0.0
-        given = self.evaluate(poses)[1]
-        assert given is not None
-        differences = self._differences(poses, given.shape)
+        given = self._given(derivatives, residuals.shape)
+        differences = self._differences(poses, residuals.shape)
         largest = max(float(np.abs(array).max(initial=0.0)) for array in (given, differences))
         return float(np.abs(given - differences).max(initial=0.0)) / largest if largest > 0 else 0.0
 
@@ -166,11 +163,18 @@ class ResidualGroup(MemberGroup):
         values, derivatives = answer if isinstance(answer, tuple) else (answer, None)
         return finite_array(self._label("function"), values, (self.num_members, ANY)), derivatives
 
-    def _differences(self, poses: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-        result = np.empty(shape)
+    def _given(self, derivatives: ArrayLike, of: tuple[int, ...]) -> FloatArray:
+        """Derivatives (n, k, p, 6) as the function gives them, of residuals of that shape."""
+        pairs = self.cameras.ndim == 2
+        label = f"derivatives of {self._label('function')}"
+        found = finite_array(label, derivatives, (*of, 2, _TANGENT) if pairs else (*of, _TANGENT))
+        return found if pairs else found[:, :, None]
+
+    def _differences(self, poses: FloatArray, of: tuple[int, ...]) -> FloatArray:
+        result = np.empty((*of, poses.shape[1], _TANGENT))
         # Centres far away move by as much of their distance; rotations are of the size one.
         steps = np.array([_STEP] * 3 + [_STEP * max(1.0, float(np.abs(poses[..., 3]).max(initial=0.0)))] * 3)
-        for camera in range(shape[2]):
+        for camera in range(poses.shape[1]):
             for k in range(_TANGENT):
                 either = [self._called(_moved(poses, camera, k, sign * steps[k]))[0] for sign in (1, -1)]
                 result[:, :, camera, k] = (either[0] - either[1]) / (2 * steps[k])
