@@ -69,12 +69,7 @@ def adjust(
         require_named(problem.camera_model, "in a run that is saved")
     arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
-    functions: list[ResidualGroup | CameraFunction] = [
-        group for group in constraints if isinstance(group, ResidualGroup)
-    ]
-    if isinstance(problem.camera_model, CameraFunction):
-        functions.append(problem.camera_model)
-    doubts = [doubt for function in functions for doubt in _doubts(function, problem)]
+    doubts = list(_doubts(problem, constraints))
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     about_loss = warnings_about_the_loss(arrays, summary)
@@ -143,16 +138,20 @@ def adjust_on_ranks(
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
 
 
-def _doubts(function: ResidualGroup | CameraFunction, problem: Problem) -> Iterator[str]:
-    """What makes a function doubtful at the start: derivatives that are not those of it."""
-    error = function.derivative_error(problem)
-    if error > _LARGEST_DERIVATIVE_ERROR:
-        camera = isinstance(function, CameraFunction)
-        name = f"camera_model {function.name!r}" if camera else f"constraints[{function.name!r}]"
-        yield (
-            f"{name}: the derivatives that its function gives are off by "
-            f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
-        )
+def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
+    """What makes functions doubtful at the start: derivatives that are not theirs."""
+    functions: dict[str, ResidualGroup | CameraFunction] = {
+        f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
+    }
+    if isinstance(model := problem.camera_model, CameraFunction):
+        functions[f"camera_model {model.name!r}"] = model
+    for name, function in functions.items():
+        error = function.derivative_error(problem)
+        if error > _LARGEST_DERIVATIVE_ERROR:
+            yield (
+                f"{name}: the derivatives that its function gives are off by "
+                f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
+            )
 
 
 def _require_names(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
