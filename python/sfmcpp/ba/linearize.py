@@ -188,15 +188,15 @@ class LinearModel:
         InvalidArgument
             If `damping` is negative, or a point's block is singular.
         """
-        from scipy.sparse import block_diag, csr_matrix, diags
+        from scipy.sparse import bsr_matrix, diags
 
         require_not_negative("damping", damping)
         c = self.num_camera_columns
         normal, gradient = self.normal_matrix(), self.gradient()
         damped = (normal + damping * diags(normal.diagonal())).tocsr()
-        of_points = [damped[k : k + 3, k : k + 3].toarray() for k in range(c, self.num_columns, 3)]
+        blocks = damped[c:, c:].tobsr((3, 3))
         try:
-            inverse: csr_matrix = csr_matrix(block_diag([np.linalg.inv(block) for block in of_points]))
+            inverse = bsr_matrix((np.linalg.inv(blocks.data), blocks.indices, blocks.indptr), blocks.shape)
         except np.linalg.LinAlgError:
             raise InvalidArgument(
                 "problem: the block of a point is singular; damping > 0 is needed"
