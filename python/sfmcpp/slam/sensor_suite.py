@@ -54,7 +54,7 @@ class SensorSuite:
 
     def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
         """More measurements of the sensor of that name, later than those it has."""
-        known = [sensor.name for sensor in self._given]
+        known = [sensor.name for sensor in self._given if isinstance(sensor, _Stamped)]
         if name not in known:
             raise InvalidArgument(f"name = {name!r}: must be one of {', '.join(known) or 'no sensor'}")
         self._given = tuple(

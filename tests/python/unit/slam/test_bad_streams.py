@@ -214,3 +214,15 @@ def test_an_odometer_that_tells_no_motion_is_named() -> None:
     result = run_slam(drive.sequence, sensors=[Odometer(dead)])
     assert not result.metric
     assert "odometer: tells too little of a motion to bring the map to metres" in result.warnings
+
+
+def test_a_sensor_of_ones_own_cannot_be_fed() -> None:
+    class Own:
+        name, stream = "own", SensorStream(np.arange(2.0), np.zeros(2), "speed")
+
+        def measure(self, start_s: float, end_s: float, rotation: np.ndarray) -> None:
+            return None
+
+    drive = Slam(winding(seed=0).sequence.intrinsics, sensors=[Own()])
+    with pytest.raises(InvalidArgument, match="name = 'own': must be one of no sensor"):
+        drive.feed("own", np.array([3.0]), np.array([1.0]))
