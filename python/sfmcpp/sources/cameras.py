@@ -19,7 +19,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting
-from sfmcpp.sources.io.calibration import calibrated_size, read_calibration
+from sfmcpp.sources.io.calibration import Calibration, read_calibration
 from sfmcpp.sources.io.documents import DOCUMENTS
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
@@ -86,9 +86,14 @@ def read_intrinsics(path: Path) -> FloatArray:
     DatasetError
         If the file cannot be read, holds no camera, or one with a lens that the model does not hold.
     """
+    return pinhole_rows(read_camera(path).intrinsics)
+
+
+def read_camera(path: Path) -> Calibration:
+    """As :func:`read_intrinsics`, with what the file tells beside it."""
     file, camera = camera_file(path)
     if file.suffix.lower() in DOCUMENTS:
-        return pinhole_rows(read_calibration(file, camera))
+        return read_calibration(file, camera)
     with failures_named(path):
         data = read_bytes(path)
     matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
@@ -96,19 +101,7 @@ def read_intrinsics(path: Path) -> FloatArray:
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
         raise DatasetError(path, fault)
-    return pinhole_of_matrix(matrices[0])
-
-
-def calibrated_image_size(path: Path) -> tuple[int, int] | None:
-    """Width and height [px] of the images that the camera of :func:`read_intrinsics` is for, if it is told.
-
-    Raises
-    ------
-    DatasetError
-        As :func:`read_intrinsics`.
-    """
-    file, camera = camera_file(path)
-    return calibrated_size(file, camera) if file.suffix.lower() in DOCUMENTS else None
+    return Calibration(pinhole_of_matrix(matrices[0]))
 
 
 def camera_file(path: str | Path) -> tuple[Path, str]:

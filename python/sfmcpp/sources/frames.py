@@ -27,12 +27,12 @@ from sfmcpp.model.arrays import (
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.sources.cameras import (
-    calibrated_image_size,
     find_camera,
     intrinsics_of,
     places_beside,
-    read_intrinsics,
+    read_camera,
 )
+from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -287,37 +287,37 @@ def open_images(
     """
     settings = KltSettings(corners=corners)
     images = open_frames(source)
-    intrinsics, calibrated = _intrinsics(source, camera)
-    time_of = _time_of(images, fps, stamps)
+    calibration = _calibration(source, camera)
+    intrinsics = pinhole_rows(calibration.intrinsics)
+    time_of, assumed_fps = _time_of(images, fps, stamps)
     truth = _truth(images, time_of)
-    _require_fitting(images, intrinsics, calibrated)
+    _require_fitting(images, intrinsics, calibration.size)
     stream = ImageStream(images, intrinsics, time_of, settings)
-    if fps is None and stamps is None and images.fps is None and _beside(images.path, _TIMES) is None:
-        stream.assumed_fps = _FOLDER_FPS
+    stream.assumed_fps = assumed_fps
     return stream, truth
 
 
-def _intrinsics(source: Path, camera: CameraArgument) -> tuple[FloatArray, tuple[int, int] | None]:
-    """Intrinsics, and the size of the images that they are for, where a file tells it."""
+def _calibration(source: Path, camera: CameraArgument) -> Calibration:
     if camera is not None and not isinstance(camera, (str, PathLike)):
-        return intrinsics_of(camera), None
-    file = find_camera(source) if camera is None else Path(camera)
-    return read_intrinsics(file), calibrated_image_size(file)
+        return Calibration(intrinsics_of(camera))
+    return read_camera(find_camera(source) if camera is None else Path(camera))
 
 
-def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> TimeOf:
+def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> tuple[TimeOf, float | None]:
+    """Times of images, and their rate where that had to be assumed."""
     if fps is not None:
         require_positive("fps", fps)
-        return _even(fps, 0.0 if stamps is None else float(stamps[0]))
+        return _even(fps, 0.0 if stamps is None else float(stamps[0])), None
     if stamps is not None:
         if len(stamps) < len(images):
             reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
             raise DatasetError(images.path, reason)
-        return _looked_up(images.path, stamps)
+        return _looked_up(images.path, stamps), None
     listed = _beside(images.path, _TIMES)
     if listed is not None:
-        return _looked_up(images.path, _listed_times(listed, images))
-    return _even(_own_fps(images))
+        return _looked_up(images.path, _listed_times(listed, images)), None
+    own_fps = _own_fps(images)
+    return _even(own_fps), own_fps if images.fps is None else None
 
 
 def _even(fps: float, start_s: float = 0.0) -> TimeOf:

@@ -32,7 +32,39 @@ _NONE = ("none", "")
 _ORDER = ("k1", "k2", "p1", "p2", "k3")
 
 
-def read_calibration(path: Path, camera: str = "") -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera of a file.
+
+    Attributes
+    ----------
+    intrinsics : (5,) or (12,) float64
+        Of the camera model ``"perspective"``; without distortion its first five will do.
+    part : Node or None
+        Where the file has it, of a file that may tell more.
+    """
+
+    intrinsics: FloatArray
+    part: Node | None = None
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height [px] of the images that it is for, where the file tells.
+
+        Raises
+        ------
+        DatasetError
+            If what it tells are no numbers.
+        """
+        if self.part is None:
+            return None
+        node = self.part.part("resolution")
+        parts = [self.part.part(name) for name in ("image_width", "image_height")] if node is None else [node]
+        numbers = [number for part in parts if part is not None for number in part.numbers()]
+        return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else None
+
+
+def read_calibration(path: Path, camera: str = "") -> Calibration:
     """Read a camera.
 
     Parameters
@@ -45,8 +77,7 @@ def read_calibration(path: Path, camera: str = "") -> FloatArray:
 
     Returns
     -------
-    (12,) float64
-        Intrinsics of the camera model ``"perspective"``.
+    Calibration
 
     Raises
     ------
@@ -56,22 +87,7 @@ def read_calibration(path: Path, camera: str = "") -> FloatArray:
     root = read_document(path)
     chosen = _chosen(root, camera)
     matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
-    return _intrinsics(matrix, distortion, lens)
-
-
-def calibrated_size(path: Path, camera: str = "") -> tuple[int, int] | None:
-    """Width and height [px] of the images that a camera was calibrated for, where its file tells.
-
-    Raises
-    ------
-    DatasetError
-        As :func:`read_calibration`.
-    """
-    chosen = _chosen(read_document(path), camera)
-    node = chosen.part("resolution")
-    parts = [chosen.part(name) for name in ("image_width", "image_height")] if node is None else [node]
-    numbers = [number for part in parts if part is not None for number in part.numbers()]
-    return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else None
+    return Calibration(_intrinsics(matrix, distortion, lens), chosen)
 
 
 @dataclass(frozen=True, eq=False)
