@@ -11,8 +11,10 @@ from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell
 from sfmcpp.cli.targets import require_writable_problem
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import Problem
 from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
+from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 
@@ -38,17 +40,26 @@ def convert_file(
         a folder of images for what does not point to them.
     """
     ranks = launched_ranks(asked=False)
-    if format is not None and (ranks is not None or parts is not None):
-        raise InvalidArgument(f"--format {format}: parts have a format of their own")
-    if images is not None and (ranks is not None or parts is not None):
-        raise InvalidArgument("--images: parts do not point to images, transforms.json does")
+    if ranks is not None or parts is not None:
+        _require_nothing_for_one_file(format, images)
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
-    if parts is not None:
-        problem = read_and_tell(source)
-        write_parts(problem, target, parts)
-        say(f"{target}: {problem} in {parts} parts")
-        return ExitCode.DONE
+    if parts is None:
+        return _convert_one(source, target, format, images)
+    problem = read_and_tell(source)
+    write_parts(problem, target, parts)
+    say(f"{target}: {problem} in {parts} parts")
+    return ExitCode.DONE
+
+
+def _require_nothing_for_one_file(format: str | None, images: Path | None) -> None:
+    if format is not None:
+        raise InvalidArgument(f"--format {format}: parts have a format of their own")
+    if images is not None:
+        raise InvalidArgument("--images: parts do not point to images, transforms.json does")
+
+
+def _convert_one(source: Path, target: Path, format: str | None, images: Path | None) -> ExitCode:
     chosen = format_of(target) if format is None else named_format(format)
     if images is not None and chosen is not transforms.FORMAT:
         raise InvalidArgument(f"--images: {chosen.name} does not point to images, transforms.json does")
@@ -58,6 +69,11 @@ def convert_file(
         write(problem, target, format=chosen.name)
     else:
         transforms.write_transforms(problem, target, transforms.folder_from(target, images))
+    _tell_written(problem, target, chosen)
+    return ExitCode.DONE
+
+
+def _tell_written(problem: Problem, target: Path, chosen: Format) -> None:
     counts = {
         "cameras": problem.num_cameras,
         "points": problem.num_points,
@@ -67,7 +83,6 @@ def convert_file(
     say(f"{target}: {', '.join(written)} ({chosen.name})")
     if left_out := left_out_on_writing(problem, chosen):
         say(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
-    return ExitCode.DONE
 
 
 def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:
