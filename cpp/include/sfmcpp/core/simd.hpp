@@ -7,14 +7,14 @@ namespace sfmcpp {
 // Inlined at any level of optimisation: see the rule in core/isa.hpp.
 #define SFMCPP_INLINE [[gnu::always_inline]] inline
 
-// The compiler's vector types; GCC drops the attribute from a type that depends on a parameter.
+// The compiler's vector types; GCC drops the attribute from a type that depends on a parameter. A
+// vector of one lane it would keep in memory: that is a number.
 template <int W>
 struct VectorOf;
 template <>
 struct VectorOf<1> {
-  typedef float Single __attribute__((vector_size(4)));
-  typedef double Type __attribute__((vector_size(8)));
-  typedef long long Mask __attribute__((vector_size(8)));
+  typedef float Single;
+  typedef double Type;
 };
 template <>
 struct VectorOf<2> {
@@ -45,7 +45,7 @@ struct Pack {
   // A number is a pack of equal numbers. Written as s − 0, which compilers fold to a broadcast (0 +
   // s they may not: it turns −0 into 0).
   SFMCPP_INLINE Pack(double s) : v(s - Vector{}) {}  // NOLINT
-  SFMCPP_INLINE explicit Pack(Vector value) : v(value) {}
+  SFMCPP_INLINE explicit Pack(Vector value) requires(W > 1) : v(value) {}
 
   SFMCPP_INLINE friend Pack operator+(Pack a, Pack b) { return Pack(a.v + b.v); }
   SFMCPP_INLINE friend Pack operator-(Pack a, Pack b) { return Pack(a.v - b.v); }
@@ -57,7 +57,18 @@ struct Pack {
     return *this;
   }
 
-  SFMCPP_INLINE double operator[](int lane) const { return v[lane]; }
+  SFMCPP_INLINE Pack& operator-=(Pack b) {
+    v -= b.v;
+    return *this;
+  }
+
+  SFMCPP_INLINE double operator[](int lane) const {
+    if constexpr (W == 1) {
+      return v;
+    } else {
+      return v[lane];
+    }
+  }
 };
 
 // a < b ? yes : no in each lane; no where either is not a number.
@@ -84,22 +95,30 @@ SFMCPP_INLINE void store(double* p, Pack<W> a) {
 // The same in memory in single precision.
 template <int W>
 SFMCPP_INLINE Pack<W> load(const float* p) {
-  typename VectorOf<W>::Single narrow;
-  __builtin_memcpy(&narrow, p, sizeof(narrow));
-  return Pack<W>(__builtin_convertvector(narrow, typename VectorOf<W>::Type));
+  if constexpr (W == 1) {
+    return Pack<W>(static_cast<double>(*p));
+  } else {
+    typename VectorOf<W>::Single narrow;
+    __builtin_memcpy(&narrow, p, sizeof(narrow));
+    return Pack<W>(__builtin_convertvector(narrow, typename VectorOf<W>::Type));
+  }
 }
 
 template <int W>
 SFMCPP_INLINE void store(float* p, Pack<W> a) {
-  const auto narrow = __builtin_convertvector(a.v, typename VectorOf<W>::Single);
-  __builtin_memcpy(p, &narrow, sizeof(narrow));
+  if constexpr (W == 1) {
+    *p = static_cast<float>(a.v);
+  } else {
+    const auto narrow = __builtin_convertvector(a.v, typename VectorOf<W>::Single);
+    __builtin_memcpy(p, &narrow, sizeof(narrow));
+  }
 }
 
 // Sum over the lanes, halves first: the same order for every width of register.
 template <int W>
 SFMCPP_INLINE double sum_of_lanes(Pack<W> a) {
   if constexpr (W == 1) {
-    return a.v[0];
+    return a.v;
   } else {
     Pack<W / 2> low, high;
     __builtin_memcpy(&low.v, &a.v, sizeof(low.v));
