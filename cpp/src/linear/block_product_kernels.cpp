@@ -5,42 +5,6 @@
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {
 
-// The compiler's vector types; GCC drops the attribute from a type that depends on a parameter.
-template <int W>
-struct FloatsOf;
-template <>
-struct FloatsOf<2> {
-  typedef float Type __attribute__((vector_size(8)));
-};
-template <>
-struct FloatsOf<4> {
-  typedef float Type __attribute__((vector_size(16)));
-};
-template <>
-struct FloatsOf<8> {
-  typedef float Type __attribute__((vector_size(32)));
-};
-
-// W numbers of single precision as doubles.
-template <int W>
-inline Pack<W> load_floats(const float* p) {
-  if constexpr (W == 1) {
-    return Pack<1>(static_cast<double>(*p));
-  } else {
-    typename FloatsOf<W>::Type in;
-    __builtin_memcpy(&in, p, sizeof(in));
-    return Pack<W>(__builtin_convertvector(in, typename VectorOf<W>::Type));
-  }
-}
-
-template <int D, int kFirst = 0>
-inline void load_row_of_floats(const float* p, Row<D, kFirst>& row) {
-  if constexpr (kFirst < D) {
-    row.head = load_floats<Row<D, kFirst>::kWidth>(p + kFirst);
-    load_row_of_floats(p, row.tail);
-  }
-}
-
 // What of the sums of a row of blocks stays in registers. Of each panel the products with every
 // column, whose lanes are added at the end; a panel one row high is a plain row of the block.
 template <int D, int kFirst = 0, int kWidth = panel_width(D - kFirst)>
@@ -78,7 +42,7 @@ inline void multiply(const float* block,
     const float* panel = block + kFirst * D;
     if constexpr (kWidth == 1) {
       Row<D> values, factors;
-      load_row_of_floats(panel, values);
+      load_row(panel, values);
       load_row(of_row, factors);
       add_scaled(to_row.row, values, x[kFirst]);
       other[kFirst] += dot(values, factors);
@@ -87,7 +51,7 @@ inline void multiply(const float* block,
       Pack<kWidth> sum = load<kWidth>(other + kFirst);
 #pragma GCC unroll 18
       for (int r = 0; r < D; ++r) {
-        const Pack<kWidth> values = load_floats<kWidth>(panel + r * kWidth);
+        const Pack<kWidth> values = load<kWidth>(panel + r * kWidth);
         to_row.lanes[r] += values * xs;
         sum += values * of_row[r];
       }
