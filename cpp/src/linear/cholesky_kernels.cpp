@@ -25,9 +25,9 @@ inline void update_tile(
     const Real a_low = load<kLanes>(a + p * lda), a_high = load<kLanes>(a + p * lda + kLanes);
 #pragma GCC unroll 8
     for (int j = 0; j < kTileColumns; ++j) {
-      const Real factor = -b[p * ldb + j];
-      low[j] += a_low * factor;
-      high[j] += a_high * factor;
+      const Real factor = b[p * ldb + j];
+      low[j] -= a_low * factor;
+      high[j] -= a_high * factor;
     }
   }
 #pragma GCC unroll 8
@@ -87,7 +87,7 @@ inline void solve_panel(const PanelFactor& factor, double* x, long ld) {
 #pragma GCC unroll 8
     for (int j = 0; j < kPanel; ++j) {
       Real sum = load<kLanes>(x + i + j * ld);
-      for (int p = 0; p < j; ++p) sum += column[p] * -factor.l[j][p];
+      for (int p = 0; p < j; ++p) sum -= column[p] * factor.l[j][p];
       column[j] = sum * factor.inverse_diagonal[j];
       store(x + i + j * ld, column[j]);
     }
@@ -153,7 +153,7 @@ inline void subtract_columns(
   int i = begin;
   for (; i + kLanes <= size; i += kLanes) {
     Real sum = load<kLanes>(x + i);
-    for (int c = 0; c < kColumnsAtOnce; ++c) sum += load<kLanes>(l + i + c * ld) * -s[c];
+    for (int c = 0; c < kColumnsAtOnce; ++c) sum -= load<kLanes>(l + i + c * ld) * s[c];
     store(x + i, sum);
   }
   for (; i < size; ++i) {
