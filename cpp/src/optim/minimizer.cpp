@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "endings.hpp"
 #include "model_line.hpp"
 #include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
@@ -81,7 +82,7 @@ class Minimizer {
       judge_gradient();
       now_.gradient_norm = gradient_norm();
     } else {
-      finish(Termination::kNumericalFailure, "the cost at the start is not finite");
+      finish(endings::kStartIsNotFinite);
     }
     events_.on_start();
   }
@@ -107,9 +108,8 @@ class Minimizer {
   }
 
   void judge_gradient() {
-    if (gradient_norm() <= options_.termination.gradient_tolerance) {
-      finish(Termination::kConverged, "the gradient is zero to within gradient_tolerance");
-    }
+    if (gradient_norm() <= options_.termination.gradient_tolerance)
+      finish(endings::kGradientIsZero);
   }
 
   void compute_step() {
@@ -215,7 +215,7 @@ class Minimizer {
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
         kept_its_promise(decrease, result_.predicted_decrease, negligible()) &&
         gradient_is_small(options_.termination, model_.normal_equations(), cost_)) {
-      finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
+      finish(endings::kDecreaseIsSmall);
     } else {
       model_.linearize(state_);
       judge_gradient();
@@ -237,12 +237,11 @@ class Minimizer {
     now_.accepted = false;
     strategy_->rejected();
     if (change_is_negligible()) {
-      finish(Termination::kConverged,
-             "neither the step nor the model changes the cost by function_tolerance");
+      finish(endings::kChangeIsSmall);
     } else if (strategy_->can_retry()) {
       return;
     } else if (!result_.valid) {
-      finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
+      finish(endings::kNotSolved);
     } else if (!facts_of(options_.method).shortens) {
       finish_undamped();
     } else {
@@ -265,10 +264,10 @@ class Minimizer {
 
   void finish_undamped() {
     if (progressed() && result_.predicted_decrease <= negligible()) {
-      finish(Termination::kConverged, "the undamped step promises a negligible decrease");
+      finish(endings::kPromiseIsSmall);
     } else {
-      finish(progressed() ? Termination::kStalled : Termination::kNumericalFailure,
-             "the step does not decrease the cost, and the method has no damping to shorten it");
+      finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
+              endings::kCannotShorten});
     }
   }
 
@@ -278,15 +277,11 @@ class Minimizer {
   void finish_negligible() {
     if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible() ||
         (!progressed() && largest_prediction_ <= negligible())) {
-      finish(Termination::kConverged,
-             "the step is negligible: within parameter_tolerance of the unknowns");
+      finish(endings::kStepIsSmall);
     } else if (progressed()) {
-      finish(Termination::kStalled,
-             "the steps have become negligible, but the gradient promises a lower cost");
+      finish(endings::kStepsBecameSmall);
     } else {
-      finish(Termination::kNumericalFailure,
-             "no step decreases the cost, though the gradient is not zero: a point may lie in the "
-             "plane of its camera");
+      finish(endings::kNoStepDecreases);
     }
   }
 
@@ -310,11 +305,9 @@ class Minimizer {
   }
 
   void heed_limits(Stop stop) {
-    if (!finished() && stop == Stop::kTime)
-      finish(Termination::kMaxSeconds, "the time limit was reached");
-    if (!finished() && now_.number >= options_.termination.max_iterations) {
-      finish(Termination::kMaxIterations, "the limit on iterations was reached");
-    }
+    if (!finished() && stop == Stop::kTime) finish(endings::kOutOfTime);
+    if (!finished() && now_.number >= options_.termination.max_iterations)
+      finish(endings::kOutOfIterations);
   }
 
   Stop agree_on(Signal signal) {
@@ -323,10 +316,8 @@ class Minimizer {
                       : out_of_time()              ? Stop::kTime
                                                    : Stop::kNo;
     const auto stop = static_cast<Stop>(exchange().max(static_cast<double>(mine)));
-    if (stop == Stop::kInterrupt)
-      finish(Termination::kInterrupted, "interrupted; this is the best state so far");
-    if (stop == Stop::kCallback)
-      finish(Termination::kStoppedByCallback, "the callback asked to stop");
+    if (stop == Stop::kInterrupt) finish(endings::kInterruption);
+    if (stop == Stop::kCallback) finish(endings::kCallback);
     return stop;
   }
 
@@ -347,10 +338,10 @@ class Minimizer {
   double gradient_norm() const { return model_.normal_equations().gradient_max_norm(); }
   bool finished() const { return finished_; }
 
-  void finish(Termination termination, const char* message) {
+  void finish(const Ending& ending) {
     finished_ = true;
-    summary_.termination = termination;
-    summary_.message = message;
+    summary_.termination = ending.termination;
+    summary_.message = ending.message;
   }
 
   LeastSquaresModel& model_;
