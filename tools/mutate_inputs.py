@@ -19,10 +19,12 @@ import signal
 import sys
 import tempfile
 import time
+import zipfile
 from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from PIL import Image
@@ -161,6 +163,9 @@ def seeds(folder: Path) -> dict[str, tuple[Path, Reader]]:
                 found[f"{name}/{part}"] = path / part, lambda path: sfmcpp.read(path.parent)
         else:
             found[name] = path, sfmcpp.read
+    some = sfmcpp.read(folder / "text").with_observations(np.arange(problem.num_observations) % 3 > 0)
+    sfmcpp.write(some, folder / "some.npz")
+    found["converted/some.npz"] = folder / "some.npz", read_and_convert
     found["map/a.npz"] = folder / "a.npz", read_map
     found["map/images.bin"] = folder / "model" / "images.bin", lambda path: read_map(path.parent)
     found["poses/images.bin"] = folder / "model" / "images.bin", lambda path: read_image_poses(path.parent)
@@ -178,6 +183,17 @@ def seeds(folder: Path) -> dict[str, tuple[Path, Reader]]:
             (place / f"a.{suffix}").write_bytes(content.getvalue())
             found[f"{kind}/a.{suffix}"] = place / f"a.{suffix}", reader
     return found
+
+
+def read_and_convert(path: Path) -> object:
+    """Read an archive whose checksums nobody compares, and write it in other forms that read as well."""
+    with mock.patch.object(zipfile.ZipExtFile, "_update_crc"):
+        problem = sfmcpp.read(path)
+    for name in ("colmap-text", "colmap-binary", "npz"):
+        target = path.parent / f"converted-{name}"
+        sfmcpp.write(problem, target, format=name)
+        sfmcpp.read(target, format=name)
+    return problem
 
 
 def open_first_frame(path: Path) -> object:

@@ -10,12 +10,11 @@
 #include <unistd.h>
 #endif
 
-#include "sfmcpp/core/stopwatch.hpp"
-
 namespace sfmcpp {
 namespace {
 
 constexpr double kSpinSeconds = 1e-4;
+constexpr double kSecondsBetweenQuestions = 0.2;  // of a StopWatcher
 constexpr int kSpinsBetweenLooks = 32;  // at the clock, or before giving the processor away
 constexpr long kObservationsWorthAThread = 4000;
 
@@ -46,7 +45,10 @@ ThreadPool::~ThreadPool() {
 void ThreadPool::run(const Job& job) {
   if (workers_.empty() || job.count + (job.first != nullptr) <= 1) {
     if (job.first != nullptr) job.call_first(job.first, 0, 0);
-    for (int task = 0; task < job.count; ++task) job.call(job.function, task, 0);
+    for (int task = 0; task < job.count; ++task) {
+      job.call(job.function, task, 0);
+      heed_stop(0);
+    }
     return;
   }
   // No worker is joined here: the last job was closed and left before it returned.
@@ -59,11 +61,26 @@ void ThreadPool::run(const Job& job) {
   open_ = false;
   // A worker that reads `open_` after this line does not touch the job; one that read it before has
   // announced itself first.
+  wait_for_workers();
+  if (failed_.exchange(false)) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+void ThreadPool::wait_for_workers() {
   for (int spin = 1; joined_ > 0; ++spin) {
     relax();
-    if (spin % kSpinsBetweenLooks == 0) std::this_thread::yield();
+    if (spin % kSpinsBetweenLooks != 0) continue;
+    std::this_thread::yield();
+    try {
+      if (!failed_) heed_stop(0);
+    } catch (...) {
+      give_up(std::current_exception());
+    }
   }
-  if (failed_.exchange(false)) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+void ThreadPool::heed_stop(int worker) const {
+  if (failed_) throw Stopped{};
+  if (worker == 0 && watcher_ != nullptr) watcher_->look();
 }
 
 void ThreadPool::distribute() {
@@ -88,6 +105,7 @@ void ThreadPool::take_tasks(int worker) {
     Range& range = ranges_[(worker + k) % ranges_.size()];
     for (int task; (task = range.next.fetch_add(1, std::memory_order_relaxed)) < range.end;) {
       job_.call(job_.function, task, worker);
+      heed_stop(worker);
     }
   }
 }
@@ -116,6 +134,18 @@ void ThreadPool::worker_main(int worker) {
     if (open_) work(worker);
     --joined_;
   }
+}
+
+StopWatcher::StopWatcher(ThreadPool& pool, std::function<bool()> is_wanted)
+    : pool_(pool), is_wanted_(std::move(is_wanted)) {
+  pool.watcher_ = this;
+}
+
+void StopWatcher::look() {
+  if (since_last_.seconds() < kSecondsBetweenQuestions) return;
+  const bool is_wanted = is_wanted_();
+  since_last_ = Stopwatch();
+  if (is_wanted) throw Stopped{};
 }
 
 namespace {

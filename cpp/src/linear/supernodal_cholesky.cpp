@@ -95,13 +95,13 @@ bool SupernodalCholesky::factorize(ThreadPool& pool) {
   prepare(pool.num_threads());
   std::vector<char> failed(s_.subtrees.size(), 0);
   pool.parallel_for_worker(static_cast<int>(failed.size()), [&](int part, int worker) {
-    failed[part] = !factor_subtrees(part, worker);
+    failed[part] = !factor_subtrees(part, worker, pool);
   });
   if (std::ranges::count(failed, 1) > 0) return false;
   return std::ranges::all_of(s_.top, [&](int s) { return factor_top(s, pool); });
 }
 
-bool SupernodalCholesky::factor_subtrees(std::size_t k, int worker) {
+bool SupernodalCholesky::factor_subtrees(std::size_t k, int worker, const ThreadPool& pool) {
   const Subtrees& part = s_.subtrees[k];
   std::ranges::fill(triangles_[k], 0.0);
   work_[worker].outside = UpdateTriangle(part.height);
@@ -116,6 +116,7 @@ bool SupernodalCholesky::factor_subtrees(std::size_t k, int worker) {
                       &scratch_[worker]))
       return false;
     update_above(s, &part, triangles_[k].data(), nullptr, worker);
+    pool.heed_stop(worker);
   }
   return true;
 }

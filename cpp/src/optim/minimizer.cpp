@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
+#include "endings.hpp"
 #include "model_line.hpp"
 #include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
@@ -30,6 +32,7 @@ class Minimizer {
         options_(options),
         events_(events),
         clock_(clock),
+        stops_(events, options.termination, clock, model.normal_equations().exchange()),
         state_(state),
         candidate_(state),
         strategy_(make_step_strategy(options)),
@@ -47,9 +50,7 @@ class Minimizer {
       go_on(*resumed);
     }
     while (!finished()) {
-      compute_step();
-      const bool stands = finished();
-      if (!stands) try_step();
+      const bool stands = !make_step();
       if (has_settled() && model_.sharpen(state_)) begin_stage();
       if (stands && finished()) break;
       record();
@@ -81,7 +82,7 @@ class Minimizer {
       judge_gradient();
       now_.gradient_norm = gradient_norm();
     } else {
-      finish(Termination::kNumericalFailure, "the cost at the start is not finite");
+      finish(endings::kStartIsNotFinite);
     }
     events_.on_start();
   }
@@ -96,7 +97,7 @@ class Minimizer {
     state_ = resumed.state;
     now_ = summary_.iterations.back();
     model_.linearize(state_);
-    heed_limits(agree_on(Signal::kContinue));
+    heed(stops_.agree_on(Signal::kContinue));
   }
 
   // The last time as after the last iteration: one that was cut short has left the state as it was.
@@ -107,8 +108,27 @@ class Minimizer {
   }
 
   void judge_gradient() {
-    if (gradient_norm() <= options_.termination.gradient_tolerance) {
-      finish(Termination::kConverged, "the gradient is zero to within gradient_tolerance");
+    if (gradient_norm() <= options_.termination.gradient_tolerance)
+      finish(endings::kGradientIsZero);
+  }
+
+  // Whether it came to an answer, or to an accepted state at least, before a stop.
+  bool make_step() {
+    const double before = cost_;
+    std::optional<StopWatcher> watcher;
+    if (stops_.are_of_one_rank())
+      watcher.emplace(model_.normal_equations().pool(), [this] { return must_end_at_once(); });
+    try {
+      compute_step();
+      if (finished()) return false;
+      try_step();
+      return true;
+    } catch (const Stopped&) {
+      if (cost_ == before || !events_.on_resumable) return cost_ != before;
+      // A run that goes on later makes the step again, and all that follows from it.
+      std::swap(state_, candidate_);
+      cost_ = before;
+      return false;
     }
   }
 
@@ -116,8 +136,10 @@ class Minimizer {
     now_ = Iteration{.number = now_.number + 1,
                      .damping = strategy_->damping(),
                      .gradient_norm = gradient_norm()};
+    time_ends_step_ = true;
     result_ = strategy_->compute(
         model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
+    time_ends_step_ = false;
     now_.damping = strategy_->damping();
     now_.linear_solver_iterations = result_.linear_solver_iterations;
     if (!result_.valid) return;
@@ -208,18 +230,18 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - candidate_cost_;
     std::swap(state_, candidate_);
-    numbers_.clear();
     model_.normalize(state_);
     update_strategy();
     cost_ = candidate_cost_;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
         kept_its_promise(decrease, result_.predicted_decrease, negligible()) &&
         gradient_is_small(options_.termination, model_.normal_equations(), cost_)) {
-      finish(Termination::kConverged, "the cost decreases by less than function_tolerance");
+      finish(endings::kDecreaseIsSmall);
     } else {
       model_.linearize(state_);
       judge_gradient();
     }
+    numbers_.clear();
   }
 
   // The strategy answers for the step it proposed, at unit length: one that fails without a line
@@ -237,12 +259,11 @@ class Minimizer {
     now_.accepted = false;
     strategy_->rejected();
     if (change_is_negligible()) {
-      finish(Termination::kConverged,
-             "neither the step nor the model changes the cost by function_tolerance");
+      finish(endings::kChangeIsSmall);
     } else if (strategy_->can_retry()) {
       return;
     } else if (!result_.valid) {
-      finish(Termination::kNumericalFailure, "the normal equations cannot be solved");
+      finish(endings::kNotSolved);
     } else if (!facts_of(options_.method).shortens) {
       finish_undamped();
     } else {
@@ -265,10 +286,10 @@ class Minimizer {
 
   void finish_undamped() {
     if (progressed() && result_.predicted_decrease <= negligible()) {
-      finish(Termination::kConverged, "the undamped step promises a negligible decrease");
+      finish(endings::kPromiseIsSmall);
     } else {
-      finish(progressed() ? Termination::kStalled : Termination::kNumericalFailure,
-             "the step does not decrease the cost, and the method has no damping to shorten it");
+      finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
+              endings::kCannotShorten});
     }
   }
 
@@ -278,15 +299,11 @@ class Minimizer {
   void finish_negligible() {
     if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible() ||
         (!progressed() && largest_prediction_ <= negligible())) {
-      finish(Termination::kConverged,
-             "the step is negligible: within parameter_tolerance of the unknowns");
+      finish(endings::kStepIsSmall);
     } else if (progressed()) {
-      finish(Termination::kStalled,
-             "the steps have become negligible, but the gradient promises a lower cost");
+      finish(endings::kStepsBecameSmall);
     } else {
-      finish(Termination::kNumericalFailure,
-             "no step decreases the cost, though the gradient is not zero: a point may lie in the "
-             "plane of its camera");
+      finish(endings::kNoStepDecreases);
     }
   }
 
@@ -306,51 +323,39 @@ class Minimizer {
     now_.seconds = clock_.seconds();
     summary_.iterations.push_back(now_);
     if (!finished()) tell_where_it_stands(false);
-    heed_limits(agree_on(events_.on_iteration(now_)));
+    heed(stops_.after(now_));
   }
 
-  void heed_limits(Stop stop) {
-    if (!finished() && stop == Stop::kTime)
-      finish(Termination::kMaxSeconds, "the time limit was reached");
-    if (!finished() && now_.number >= options_.termination.max_iterations) {
-      finish(Termination::kMaxIterations, "the limit on iterations was reached");
-    }
+  void heed(Stop stop) {
+    const Ending* ending = stops_.ending(stop, now_.number);
+    if (ending != nullptr && (is_of_a_listener(stop) || !finished())) finish(*ending);
   }
 
-  Stop agree_on(Signal signal) {
-    const Stop mine = signal == Signal::kInterrupt ? Stop::kInterrupt
-                      : signal == Signal::kStop    ? Stop::kCallback
-                      : out_of_time()              ? Stop::kTime
-                                                   : Stop::kNo;
-    const auto stop = static_cast<Stop>(exchange().max(static_cast<double>(mine)));
-    if (stop == Stop::kInterrupt)
-      finish(Termination::kInterrupted, "interrupted; this is the best state so far");
-    if (stop == Stop::kCallback)
-      finish(Termination::kStoppedByCallback, "the callback asked to stop");
+  // A step that time cuts short is taken, unless the run may go on later, and not cut it.
+  bool stop_requested() {
+    time_ends_step_ = false;
+    return poll(static_cast<bool>(events_.on_resumable)) != Stop::kNo || finished();
+  }
+
+  // Asked between any two tasks. Time that is up leaves no step where the solver does not ask.
+  bool must_end_at_once() {
+    poll(time_ends_step_);
+    return finished();
+  }
+
+  Stop poll(bool heeds_time) {
+    const Stop stop = stops_.poll();
+    if (is_of_a_listener(stop) || (heeds_time && stop == Stop::kTime)) heed(stop);
     return stop;
   }
 
-  // A step that time cuts short is taken, unless the run may go on later: it would not have been
-  // cut.
-  bool stop_requested() {
-    const Stop stop = agree_on(events_.poll());
-    if (stop == Stop::kTime && events_.on_resumable) heed_limits(stop);
-    return stop != Stop::kNo || finished();
-  }
-
-  bool out_of_time() const {
-    const std::optional<double>& limit = options_.termination.max_seconds;
-    return limit && clock_.seconds() >= *limit;
-  }
-
-  Exchange& exchange() const { return model_.normal_equations().exchange(); }
   double gradient_norm() const { return model_.normal_equations().gradient_max_norm(); }
   bool finished() const { return finished_; }
 
-  void finish(Termination termination, const char* message) {
+  void finish(const Ending& ending) {
     finished_ = true;
-    summary_.termination = termination;
-    summary_.message = message;
+    summary_.termination = ending.termination;
+    summary_.message = ending.message;
   }
 
   LeastSquaresModel& model_;
@@ -358,6 +363,7 @@ class Minimizer {
   const MinimizerOptions& options_;
   const Events& events_;
   const Stopwatch& clock_;
+  Stops stops_;
   State& state_;
   State candidate_;
   State trial_;  // room for a line search or an acceleration
@@ -374,17 +380,12 @@ class Minimizer {
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;
+  bool time_ends_step_ = false;  // no step can be made of what there is of it
   std::vector<double> numbers_;  // as kept after the last iteration; none where the state has moved
   MinimizerSummary summary_;
 };
 
 }  // namespace
-
-PointSteps point_steps_of(const MinimizerOptions& options) {
-  const bool searched = options.line_search.kind != LineSearchKind::kNone;
-  if (searched || !facts_of(options.method).can_hold_back()) return PointSteps::kWhole;
-  return options.point_steps == PointSteps::kAuto ? PointSteps::kRefitted : options.point_steps;
-}
 
 MinimizerSummary minimize(LeastSquaresModel& model,
                           linear::LinearSolver& solver,

@@ -13,6 +13,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.camera_models import require_pinhole
+from sfmcpp.model.metadata import require_entries
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -43,6 +44,7 @@ def map_of_problem(problem: Problem) -> Map:
     if problem.rigs is not None:
         raise InvalidArgument(f"problem: {_NO_RIGS}")
     metadata, extra = problem.metadata, problem.metadata.extra
+    require_entries(extra)
     result = Map(require_pinhole(problem.camera_model))
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
     if metadata.image_sizes is not None:

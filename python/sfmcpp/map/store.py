@@ -217,6 +217,8 @@ class Store:
             If a shape is wrong.
         """
         count = len(np.asarray(intrinsics))
+        if names and len(names) != count:
+            raise InvalidArgument(f"names: {len(names)}, must be {count}")
         new = self._cameras.grow(
             count, intrinsics=intrinsics, fixed=fixed, sizes=sizes, ids=_ids(self._cameras, count, ids)
         )

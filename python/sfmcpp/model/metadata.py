@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, number_array
 
 # Entries of `Metadata.extra` with a number for each observation, and for each point.
 KEYPOINTS = "colmap_keypoint_index"
@@ -16,6 +17,23 @@ KEYPOINTS = "colmap_keypoint_index"
 LOOSE = ("colmap_loose_image", "colmap_loose_keypoint_index", "colmap_loose_pixels")
 _OF_OBSERVATIONS = (KEYPOINTS, "bundler_keys", "nvm_keys")
 _OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
+# What entries are arrays of, in the letters of `numpy.dtype.kind`, and their shapes.
+_INTEGERS, _NUMBERS, _YES_OR_NO = ("iu", "integers"), ("iuf", "numbers"), ("b", "booleans")
+_LIST, _PAIRS, _TRIPLES = (ANY,), (ANY, 2), (ANY, 3)
+_ARRAYS = {
+    **dict.fromkeys((*_OF_OBSERVATIONS, *_OF_POINTS, *LOOSE[:2]), (_INTEGERS, _LIST)),
+    LOOSE[2]: (_NUMBERS, _PAIRS),
+    "colmap_camera_ids": (_INTEGERS, _LIST),
+    "colmap_image_ids": (_INTEGERS, _LIST),
+    "colmap_frame_ids": (_INTEGERS, _LIST),
+    "colmap_rig_ids": (_INTEGERS, _LIST),
+    "colmap_sensor_rows": (_INTEGERS, _LIST),
+    "colmap_camera_sizes": (_INTEGERS, _PAIRS),
+    "colmap_second_sightings": (_INTEGERS, _TRIPLES),
+    "bundler_registered": (_YES_OR_NO, _LIST),
+    "nvm_measurement_distortion": (_NUMBERS, _LIST),
+}
+_TEXTS = ("colmap_camera_models", "unregistered_images")
 
 
 @dataclass(repr=False, eq=False)
@@ -56,6 +74,7 @@ class Metadata:
         Keypoints of an image are numbered without a gap: those of the others are kept, and see no point.
         """
         count = len(camera_index)
+        require_entries(self.extra)
         extra = _rows_of(self.extra, _OF_OBSERVATIONS, chosen, count)
         if extra.get(KEYPOINTS) is not self.extra.get(KEYPOINTS):
             left = np.ones(count, dtype=np.bool_)
@@ -67,8 +86,35 @@ class Metadata:
 
     def of_points(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` points, by number."""
+        require_entries(self.extra)
         colors = None if self.point_colors is None else self.point_colors[chosen]
         return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
+
+
+def require_entries(extra: dict[str, Any]) -> None:
+    """Raise InvalidArgument at the first known entry that is not of the kind that it is known for."""
+    for name in _ARRAYS.keys() & extra.keys():
+        _require_array(name, number_array(f"metadata {name}", extra[name]))
+    for name in _TEXTS:
+        if not _are_texts(extra.get(name, ())):
+            raise InvalidArgument(f"metadata {name} = {extra[name]!r}: must be a list of str")
+    lengths = [len(extra.get(name, ())) for name in LOOSE]
+    if len(set(lengths)) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
+        raise InvalidArgument(f"metadata of keypoints that see no point differ in length: {told}")
+
+
+def _require_array(name: str, array: NDArray[Any]) -> None:
+    (kinds, what), shape = _ARRAYS[name]
+    if array.ndim != len(shape) or shape[-1] not in (ANY, array.shape[-1]):
+        wanted = ", ".join("any" if n == ANY else str(n) for n in shape)
+        raise InvalidArgument(f"metadata {name}: shape {array.shape}, must be ({wanted})")
+    if array.size and array.dtype.kind not in kinds:
+        raise InvalidArgument(f"metadata {name}: {array.dtype}, must be {what}")
+
+
+def _are_texts(value: object) -> bool:
+    return isinstance(value, (list, tuple)) and all(isinstance(text, str) for text in value)
 
 
 def _rows_of(

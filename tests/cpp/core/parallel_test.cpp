@@ -63,6 +63,54 @@ TEST(ThreadPool, TheFirstCallIsMadeOnceByTheCallingThreadBesideTheTasks) {
   }
 }
 
+TEST(StopWatcher, EndsARegionBetweenItsTasks) {
+  for (int threads : {1, 2, 5}) {
+    ThreadPool pool(threads);
+    std::atomic<int> done = 0;
+    const auto task = [&](int) {
+      ++done;
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    };
+    {
+      StopWatcher watcher(pool, [] { return true; });
+      EXPECT_THROW(pool.parallel_for(10000, task), Stopped);
+      EXPECT_LT(done, 10000);
+    }
+    done = 0;
+    pool.parallel_for(200, task);
+    EXPECT_EQ(done, 200);
+  }
+}
+
+// The thread that asks waits for the others here.
+TEST(StopWatcher, EndsTasksThatHeedIt) {
+  for (int threads : {1, 2, 5}) {
+    ThreadPool pool(threads);
+    const StopWatcher watcher(pool, [] { return true; });
+    std::atomic<bool> other_began = threads == 1;
+    EXPECT_THROW(pool.parallel_for_worker(2 * threads,
+                                          [&](int, int worker) {
+                                            other_began = other_began || worker != 0;
+                                            while (worker != 0 || threads == 1 || !other_began)
+                                              pool.heed_stop(worker);
+                                          }),
+                 Stopped);
+  }
+}
+
+TEST(StopWatcher, LeavesWhatNobodyStopsAsItIs) {
+  ThreadPool pool(2);
+  int questions = 0;
+  const StopWatcher watcher(pool, [&] { return ++questions < 0; });
+  std::atomic<int> done = 0;
+  pool.parallel_for(300, [&](int) {
+    ++done;
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  });
+  EXPECT_EQ(done, 300);
+  EXPECT_GT(questions, 0);
+}
+
 TEST(BorrowedPool, IsKeptForTheNextOneOfAsManyThreads) {
   const ThreadPool* before = nullptr;
   {

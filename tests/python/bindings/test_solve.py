@@ -140,6 +140,27 @@ def test_interrupt_returns_the_best_state() -> None:
     assert summary.final_cost < 0.1 * start
 
 
+def test_interrupt_ends_a_step_that_takes_seconds() -> None:
+    problem = scene("bal", 500, 300)
+    start = arrays_of(problem)
+    pressed_s = []
+
+    def press_ctrl_c() -> None:
+        pressed_s.append(time.process_time())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def let_the_first_step_begin(iteration: sfmcpp.Iteration) -> None:
+        threading.Timer(0.1, press_ctrl_c).start()
+
+    summary = sfmcpp.solve(problem, linear_solver="dense", callback=let_the_first_step_begin, threads=1)
+    # Of work, not by the clock: other programs may use the processor meanwhile.
+    assert time.process_time() - pressed_s[0] < 1.0
+    assert summary.termination == "interrupted"
+    assert len(summary.iterations) == 1
+    for before, after in zip(start, arrays_of(problem), strict=True):
+        np.testing.assert_array_equal(after, before)
+
+
 def test_time_limit_returns_the_best_state() -> None:
     problem = scene(cameras=40, points=2000)
     summary = sfmcpp.solve(problem, max_seconds=1e-9)

@@ -13,11 +13,16 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <functional>
 #include <memory>
 #include <thread>
 #include <vector>
 
+#include "sfmcpp/core/stopwatch.hpp"
+
 namespace sfmcpp {
+
+class StopWatcher;
 
 class ThreadPool {
  public:
@@ -35,6 +40,9 @@ class ThreadPool {
   void parallel_for(int count, const F& f) {
     parallel_for_worker(count, [&f](int task, int) { f(task); });
   }
+
+  // For tasks that take long: throws as a StopWatcher does between tasks.
+  void heed_stop(int worker) const;
 
   // The same with f(task, worker), worker in [0, num_threads): a key for scratch memory.
   template <class F>
@@ -104,11 +112,14 @@ class ThreadPool {
     (*static_cast<const F*>(function))(task, worker);
   }
 
+  friend class StopWatcher;
+
   void run(const Job& job);
   void distribute();
   void work(int worker);
   void take_tasks(int worker);
   void give_up(std::exception_ptr failure);
+  void wait_for_workers();
   void worker_main(int worker);
   unsigned wait_for_job(unsigned seen) const;
 
@@ -126,9 +137,31 @@ class ThreadPool {
   std::atomic<int> joined_{0};     // workers that look at the job now
   std::atomic<bool> failed_{false};
   std::exception_ptr failure_;  // of the job, if it has failed
+  StopWatcher* watcher_ = nullptr;
   std::atomic<bool> stopping_{false};
   std::vector<double> results_;
   std::vector<std::thread> workers_;
+};
+
+// What a region throws that was stopped.
+struct Stopped {};
+
+// While it lives, `is_wanted` is asked a few times a second by the thread that enters the regions
+// of the pool, between tasks; once it says yes, regions throw Stopped. What they were to write is
+// written in part.
+class StopWatcher {
+ public:
+  StopWatcher(ThreadPool& pool, std::function<bool()> is_wanted);
+  ~StopWatcher() { pool_.watcher_ = nullptr; }
+  StopWatcher(const StopWatcher&) = delete;
+  StopWatcher& operator=(const StopWatcher&) = delete;
+
+  void look();
+
+ private:
+  ThreadPool& pool_;
+  std::function<bool()> is_wanted_;
+  Stopwatch since_last_;
 };
 
 // A pool for one solve: an idle one of that many threads if there is, or else a new one; idle

@@ -70,7 +70,8 @@ class LinearSolver {
  public:
   virtual ~LinearSolver() = default;
   // Solves for the linearisation that the normal equations hold now. `should_stop` is asked from
-  // time to time by long solves; once true, the best solution so far is returned.
+  // time to time by long solves; once true, the best solution so far is returned. A StopWatcher of
+  // the pool ends a solve wherever it is, and leaves the solver unusable.
   virtual LinearSolveResult solve(const Damping& damping,
                                   Step& step,
                                   const std::function<bool()>& should_stop) = 0;

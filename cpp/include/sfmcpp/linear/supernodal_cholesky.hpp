@@ -54,7 +54,7 @@ class SupernodalCholesky {
   double* panel(int s) { return values_.data() + s_.panel[s].first; }
   const double* panel(int s) const { return values_.data() + s_.panel[s].first; }
   void prepare(int threads);
-  bool factor_subtrees(std::size_t part, int worker);
+  bool factor_subtrees(std::size_t part, int worker, const ThreadPool& pool);
   bool factor_top(int supernode, ThreadPool& pool);
   void add_triangles(int supernode, ThreadPool& pool);
   void update_above(

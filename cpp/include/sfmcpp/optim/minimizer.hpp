@@ -10,9 +10,6 @@
 
 namespace sfmcpp::optim {
 
-// What becomes of points that a step makes worse: never kAuto.
-PointSteps point_steps_of(const MinimizerOptions& options);
-
 // Minimises from `state`, which holds the best state found when this returns, however it ends. The
 // seconds of the iterations are those of `clock`.
 //

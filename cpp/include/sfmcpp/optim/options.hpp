@@ -54,5 +54,12 @@ struct MinimizerOptions {
   TerminationOptions termination;
 };
 
+// What becomes of points that a step makes worse: never kAuto.
+inline PointSteps point_steps_of(const MinimizerOptions& options) {
+  const bool searched = options.line_search.kind != LineSearchKind::kNone;
+  if (searched || !facts_of(options.method).can_hold_back()) return PointSteps::kWhole;
+  return options.point_steps == PointSteps::kAuto ? PointSteps::kRefitted : options.point_steps;
+}
+
 }  // namespace optim
 }  // namespace sfmcpp

@@ -217,8 +217,6 @@ def _point_chunks(problem: Problem, pixels: FloatArray, registered: BoolArray, p
     colors = point_colors(problem, (0, 0, 0), path)
     keys = problem.metadata.extra.get(KEYS)
     keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
-    if keys.dtype.kind not in "iu":
-        raise DatasetError(path, f"metadata {KEYS}: {keys.dtype}, must be whole numbers")
     require_metadata_length(KEYS, keys, problem.num_observations, path)
     if ((keys < 0) | (keys > LARGEST_COUNT)).any():
         raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")

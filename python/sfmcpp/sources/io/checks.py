@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.metadata import require_entries
 from sfmcpp.model.problem import Problem
 from sfmcpp.model.uncertainty import first_bad_covariance
 
@@ -52,7 +53,8 @@ def require_valid(problem: Problem, path: Path) -> None:
 
     That is: a value that is not finite, or so large that converting it would overflow; an index out of
     range; a camera whose first three columns are no rotation; a standard deviation that is not positive;
-    a covariance that is none, or beside standard deviations; a point observed twice by one camera.
+    a covariance that is none, or beside standard deviations; a point observed twice by one camera; metadata
+    of another kind than their name says.
     """
     for name in ("cameras", "intrinsics", "points", "pixels"):
         _require_finite(name, getattr(problem, name), path)
@@ -65,6 +67,10 @@ def require_valid(problem: Problem, path: Path) -> None:
     duplicate = first_duplicate(problem.camera_index, problem.point_index, problem.num_cameras)
     if duplicate is not None:
         raise DatasetError(path, "observations {} and {} are of the same camera and point".format(*duplicate))
+    try:
+        require_entries(problem.metadata.extra)
+    except InvalidArgument as error:
+        raise DatasetError(path, str(error)) from error
 
 
 def finite_rows(array: NDArray[np.float64]) -> BoolArray:

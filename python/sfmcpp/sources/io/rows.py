@@ -15,6 +15,7 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, index_array
+from sfmcpp.model.metadata import require_entries
 
 _CHUNK_ROWS = 1 << 17
 _FIELD = re.compile("%([drs])")
@@ -116,6 +117,7 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
         If the metadata do not fit the problem.
     """
     extra = problem.metadata.extra
+    require_entries(extra)
     loose = _loose_images(problem)
     ranks = index_array(
         "metadata colmap_keypoint_index", extra.get("colmap_keypoint_index", keypoint_ranks(problem))
@@ -125,7 +127,8 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
             f"metadata colmap_keypoint_index has {len(ranks)} entries: must be {problem.num_observations}"
         )
     image = np.concatenate([problem.camera_index, loose])
-    index = np.concatenate([ranks, extra.get("colmap_loose_keypoint_index", np.empty(0, np.int64))])
+    name = "colmap_loose_keypoint_index"
+    index = np.concatenate([ranks, index_array(f"metadata {name}", extra.get(name, ()))])
     counts = np.bincount(image, minlength=problem.num_cameras)
     place = exclusive_sums(counts)[image] + index
     if ((index < 0) | (index >= counts[image])).any() or not _each_once(place):

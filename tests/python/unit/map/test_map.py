@@ -341,6 +341,11 @@ def test_points_have_the_mean_colour_of_who_sees_them_with_a_pose() -> None:
     np.testing.assert_array_equal(blind.point_colors, [[1, 2, 3]])
 
 
+def test_as_many_names_as_cameras_are_asked_for() -> None:
+    with pytest.raises(InvalidArgument, match="names: 1, must be 2"):
+        Map("bal").add_cameras(np.ones((2, 3)), names=["SIMPLE_RADIAL"])
+
+
 def test_ids_go_on_from_the_largest_given() -> None:
     world = Map("bal")
     assert world.add_cameras(np.ones((2, 3)), ids=[7, 3]).tolist() == [0, 1]

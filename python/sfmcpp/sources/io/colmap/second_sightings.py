@@ -7,13 +7,11 @@ observation; the others become keypoints without a point, are remembered, and pu
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.metadata import KEYPOINTS, LOOSE
 from sfmcpp.sources.io.checks import LARGEST_COUNT
@@ -23,25 +21,16 @@ from sfmcpp.sources.io.colmap.tables import Int64Array, rows_of_ids
 SECOND_SIGHTINGS = "colmap_second_sightings"
 
 
-def with_second_sightings(problem: Problem, point_ids: Int64Array, folder: Path) -> Problem:
+def with_second_sightings(problem: Problem, point_ids: Int64Array) -> Problem:
     """The problem as COLMAP has it: every sighting an observation, the second ones last.
 
     A second sighting goes with the first: where that is no observation any more, or the point or the keypoint
     is gone, it is left out.
-
-    Raises
-    ------
-    DatasetError
-        If the metadata are no rows of three numbers.
     """
     extra = problem.metadata.extra
     if any(name not in extra for name in (SECOND_SIGHTINGS, KEYPOINTS, *LOOSE)):
         return problem
-    stored = np.asarray(extra[SECOND_SIGHTINGS])
-    if stored.ndim != 2 or stored.shape[1] != 3 or stored.dtype.kind not in "iu":
-        found = f"{stored.dtype} {stored.shape}"
-        raise DatasetError(folder, f"metadata {SECOND_SIGHTINGS} is {found}: must be integers (D, 3)")
-    cameras, numbers, ids = stored.T
+    cameras, numbers, ids = np.asarray(extra[SECOND_SIGHTINGS]).T
     images, loose_numbers, pixels = (np.asarray(extra[name]) for name in LOOSE)
     rows = rows_of_ids(_pair_keys(images, loose_numbers), _pair_keys(cameras, numbers))
     points = rows_of_ids(point_ids, ids)

@@ -58,7 +58,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     lenses = lenses_from_corner(problem, folder)
     cameras = _cameras(problem, lenses, folder)
     point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
-    problem = with_second_sightings(problem, point_ids, folder)
+    problem = with_second_sightings(problem, point_ids)
     images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
     with np.errstate(all="ignore"):

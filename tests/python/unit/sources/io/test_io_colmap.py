@@ -211,7 +211,7 @@ def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: st
         ("colmap_point_ids", [1, 2], "has 2 entries: must be 1"),
         ("colmap_camera_sizes", [[-1, 5]], "its image size must be from 0"),
         ("colmap_loose_pixels", [[np.inf, 1], [2, 3]], "keypoints is not finite"),
-        (SECOND_SIGHTINGS, [[1, 2]], "must be integers (D, 3)"),
+        (SECOND_SIGHTINGS, [[1, 2]], "must be (any, 3)"),
         ("colmap_keypoint_index", [1, 1], "does not number each image's keypoints once"),
     ],
 )

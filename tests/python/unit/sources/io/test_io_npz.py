@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import tempfile
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from io_helpers import (
     PROPERTY,
@@ -25,9 +28,11 @@ from io_helpers import (
     random_problem,
     refusal,
 )
-from sfmcpp import CAMERA_MODELS, DatasetError, Problem, rig_walk_scene
+from sfmcpp import CAMERA_MODELS, DatasetError, Problem, circle_scene, rig_walk_scene
+from sfmcpp.errors import SfmcppError
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.limits import MAX_EXPANDED
+from sfmcpp.sources.io.npz import members_of_problem, write_members
 
 
 def full_problem(seed: int, model: str = "perspective", covariances: bool = False) -> Problem:
@@ -183,6 +188,47 @@ def test_metadata_that_needs_pickle_is_refused(tmp_path: Path, value: object) ->
     with pytest.raises(DatasetError, match="metadata"):
         write(problem, tmp_path / "x.npz")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        ("colmap_loose_image", np.array([0]), "differ in length: colmap_loose_image 1"),
+        ("colmap_loose_pixels", np.empty((0, 2)), "colmap_loose_keypoint_index 2, colmap_loose_pixels 0"),
+        ("colmap_loose_pixels", np.array([1.0, 2.0]), "shape (2,), must be (any, 2)"),
+        ("colmap_loose_pixels", np.array([[1j, 2], [3, 4]]), "complex128, must be numbers"),
+        ("colmap_keypoint_index", np.array([0.5, 1.0]), "float64, must be integers"),
+        ("colmap_keypoint_index", np.array(7), "shape (), must be (any)"),
+        ("bundler_registered", np.array([2, 3]), "int64, must be booleans"),
+        ("colmap_second_sightings", np.array([[1, 2]]), "shape (1, 2), must be (any, 3)"),
+    ],
+)
+def test_known_metadata_of_another_kind_or_length_are_refused(
+    tmp_path: Path, name: str, value: NDArray[Any], rule: str
+) -> None:
+    problem = circle_scene(3, 12)
+    problem.metadata.extra = {
+        "colmap_loose_image": np.array([0, 1]),
+        "colmap_loose_keypoint_index": np.bincount(problem.camera_index)[:2],
+        "colmap_loose_pixels": np.ones((2, 2)),
+    }
+    members = members_of_problem(problem, tmp_path)
+    write_members(members | {f"extra.{name}": value}, tmp_path / "x.npz")
+    error = refusal(tmp_path / "x.npz")
+    assert name in str(error)
+    assert rule in str(error)
+    problem.metadata.extra[name] = value
+    for call in (partial(write, problem, tmp_path / "model"), lambda: problem.with_observations([0])):
+        with pytest.raises(SfmcppError, match=re.escape(rule)):
+            call()
+
+
+@pytest.mark.parametrize("value", [3, "SIMPLE_RADIAL", [1], {"a": 1}, None])
+def test_known_metadata_that_are_no_texts_are_refused(tmp_path: Path, value: object) -> None:
+    problem = circle_scene(3, 12)
+    problem.metadata.extra["colmap_camera_models"] = value
+    with pytest.raises(DatasetError, match=r"colmap_camera_models = .*: must be a list of str"):
+        write(problem, tmp_path / "x.npz")
 
 
 @PROPERTY
