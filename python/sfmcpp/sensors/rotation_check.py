@@ -7,7 +7,7 @@ magnitudes of the rates do not correlate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,23 @@ _DEGREES = 180 / np.pi
 _WRONG, _RIGHT = 1.15, 0.5
 # Smaller rotations of the camera from pose to pose are the noise of its poses, and no evidence.
 _LEAST_TURN_RAD = float(np.radians(0.3))
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Rotation of the camera between two times, as a pair of images tells it.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        The times [s].
+    rotation : (3, 3) float64
+        Start_from_end.
+    """
+
+    start_s: float
+    end_s: float
+    rotation: FloatArray
 
 
 @dataclass(frozen=True)
@@ -158,16 +175,26 @@ def _check(
     offsets: FloatArray,
 ) -> RotationCheck:
     """Compare a stream, its rates divided by `factor`, with rotations (n, 3, 3) between `times` (n, 2)."""
-    absolute = rotations_at_samples(stream, 1 / factor)
-    asked = times - offsets[:, None, None]
-    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
-    turns = mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
+    turns = turns_at_offsets(stream, mounting, times, offsets, factor)
     errors = so3.log(np.swapaxes(seen, 1, 2) @ turns)
     best, offset_s, sigma_s = _best_offset(errors, offsets)
     claimed = so3.rotation_angle(turns[best])
     largest = claimed >= np.quantile(claimed, 1 - _LARGEST_TURNS)
     turned, error = (float(np.median(so3.rotation_angle(r[largest]))) for r in (seen, so3.exp(errors[best])))
     return RotationCheck(len(seen), offset_s, sigma_s, turned, error, factor)
+
+
+def turns_at_offsets(
+    stream: SensorStream, mounting: Mounting, times: FloatArray, offsets: FloatArray, factor: float = 1.0
+) -> FloatArray:
+    """Rotations (offsets, n, 3, 3) of the camera between `times` (n, 2), each offset added to the stamps."""
+    reach_s = np.abs(offsets).max() + stream.max_gap_s
+    near = (stream.t_s >= times.min() - reach_s) & (stream.t_s <= times.max() + reach_s)
+    stream = replace(stream, t_s=stream.t_s[near], values=stream.values[near])
+    absolute = rotations_at_samples(stream, 1 / factor)
+    asked = times - offsets[:, None, None]
+    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
+    return mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
 
 
 def _best_offset(errors: FloatArray, offsets: FloatArray) -> tuple[int, float, float]:
