@@ -20,7 +20,7 @@ from sfmcpp.sensors.registration import (
     register_by_poses,
     register_by_positions,
 )
-from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations
+from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, check_turns
 from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "camera_displacement",
     "carried_over",
     "check_rotations",
+    "check_turns",
     "describe_coverage",
     "describe_gaps",
     "doubtful_stretches",

@@ -7,6 +7,7 @@ magnitudes of the rates do not correlate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ LARGEST_SIGMA_S = 0.02
 # Offsets up to this cost no accuracy that could be measured on real drives.
 TOLERATED_OFFSET_S = 0.1
 _FEWEST_INTERVALS = 16
+_FEWEST_TURNS = 6
 # Noise of the camera's poses hides the sensor's rotations except where these are largest.
 _LARGEST_TURNS = 0.25
 _STEP_S = 0.01
@@ -154,12 +156,52 @@ def check_rotations(
     seen = (np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:])[covered]
     if len(seen) < _FEWEST_INTERVALS:
         return RotationCheck(len(seen))
-    steps = round(largest_offset_s / _STEP_S)
-    offsets: FloatArray = np.linspace(-steps, steps, 2 * steps + 1) * _STEP_S
+    offsets = _offsets(largest_offset_s)
     factors = (1.0, _DEGREES, 1 / _DEGREES) if stream.kind == "angular_rate" else (1.0,)
     checks = [_check(stream, f, mounting, times[covered], seen, offsets) for f in factors]
     best = min(checks, key=_misfit)
     return best if _misfit(best) < _RIGHT * min(1.0, _misfit(checks[0])) else checks[0]
+
+
+@checked()
+def check_turns(
+    stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], largest_offset_s: float = 0.5
+) -> RotationCheck:
+    """Compare a sensor's rotations with those that pairs of images tell.
+
+    They are fewer than poses and do not hang together, but no map has followed the sensor in them: six are
+    enough where the rate changes. The unit is taken to be right.
+
+    Parameters
+    ----------
+    stream, mounting, largest_offset_s
+        See :func:`check_rotations`.
+    turns : sequence of Turn
+        Some of which may be wrong.
+
+    Returns
+    -------
+    RotationCheck
+        It tells nothing where the stream covers fewer than six at every offset.
+
+    Raises
+    ------
+    InvalidArgument
+        As :func:`check_rotations`.
+    """
+    require_kind(stream, "angular_rate", "orientation", "pose")
+    require_positive("largest_offset_s", largest_offset_s)
+    covered = [t for t in turns if stream.covers(t.start_s - largest_offset_s, t.end_s + largest_offset_s)]
+    if len(covered) < _FEWEST_TURNS:
+        return RotationCheck(len(covered))
+    times = np.array([[turn.start_s, turn.end_s] for turn in covered])
+    seen = np.stack([turn.rotation for turn in covered])
+    return _check(stream, 1.0, mounting, times, seen, _offsets(largest_offset_s))
+
+
+def _offsets(largest_s: float) -> FloatArray:
+    steps = round(largest_s / _STEP_S)
+    return np.linspace(-steps, steps, 2 * steps + 1) * _STEP_S
 
 
 def _misfit(check: RotationCheck) -> float:

@@ -19,7 +19,7 @@ from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe
 
-# Keyframes after which clocks are looked at again, and frames that are looked back on at most.
+# Keyframes after which all frames are asked for clocks, and how many of them at most.
 _EVERY, _LOOK_BACK = 8, 128
 # Offsets that are tried [s].
 _LARGEST_OFFSET_S = 1.0
@@ -52,13 +52,13 @@ def calibrate(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) 
 
 
 def _set_clocks(result: SlamResult, sensors: SensorSuite) -> bool:
-    """Whether a clock was set."""
+    """Whether a clock was set: by pairs of images, and now and then by all frames, which tell more."""
     world = result.world
     assert world is not None
-    if len(world.keyframes) % _EVERY:
-        return False
-    first = world.keyframes[-1].frame - _LOOK_BACK
-    told = sensors.set_clocks(result.seen_trajectory(first), _LARGEST_OFFSET_S)
+    told = sensors.set_clocks(None, _LARGEST_OFFSET_S)
+    if not told and not sensors.in_time and len(world.keyframes) % _EVERY == 0:
+        first = world.keyframes[-1].frame - _LOOK_BACK
+        told = sensors.set_clocks(result.seen_trajectory(first), _LARGEST_OFFSET_S)
     result.warnings += told
     return bool(told)
 

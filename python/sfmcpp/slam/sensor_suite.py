@@ -15,6 +15,7 @@ from sfmcpp.sensors import (
     RotationCheck,
     Turn,
     check_rotations,
+    check_turns,
     describe_coverage,
     describe_gaps,
     find_bias,
@@ -30,6 +31,8 @@ _Answer = TypeVar("_Answer")
 _Stamped = (Odometer, Gyroscope, Gps, Ins)
 # Biases that are no further apart are one [rad/s].
 _SAME_BIAS_RAD_S = float(np.radians(0.1))
+# Turns that a clock is compared by.
+_LAST_TURNS = 48
 
 
 class SensorSuite:
@@ -132,15 +135,15 @@ class SensorSuite:
         """Whether every clock that can be compared with the camera's has been, and is right."""
         return self._in_time
 
-    def set_clocks(self, vision: Trajectory, largest_offset_s: float) -> list[str]:
+    def set_clocks(self, vision: Trajectory | None, largest_offset_s: float) -> list[str]:
         """Move the stamps of a gyroscope to where its rotations are the camera's, if these tell.
 
         Streams of the same stamps come from the same clock, and are moved with it.
 
         Parameters
         ----------
-        vision : Trajectory
-            Rotations that the images alone say.
+        vision : Trajectory or None
+            Rotations that the images alone say; None: the last of those that pairs of images have told.
         largest_offset_s : float
             Offsets up to this are tried [s].
 
@@ -150,7 +153,12 @@ class SensorSuite:
             What was moved, a sentence for each.
         """
         gyros = [sensor for sensor in self.sensors if isinstance(sensor, Gyroscope)]
-        checks = [check_rotations(s.stream, s.mounting, vision, largest_offset_s) for s in gyros]
+        checks = [
+            check_turns(s.stream, s.mounting, self._turns[-_LAST_TURNS:], largest_offset_s)
+            if vision is None
+            else check_rotations(s.stream, s.mounting, vision, largest_offset_s)
+            for s in gyros
+        ]
         found = [(s, c) for s, c in zip(gyros, checks, strict=True) if c.is_off and c.agrees]
         self._in_time = all(c.is_determined and c.agrees and not c.is_off for c in checks)
         return [self._set_clock(gyro, check) for gyro, check in found]
