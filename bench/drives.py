@@ -11,10 +11,11 @@ where no sensor is used, rigidly elsewhere. `posed` counts these frames; `over n
 have, as a gyroscope bridges what images alone lose; and `end/start` is the scale over the last fifth of the
 way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then medians, and the
 last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a factor on the
-speed (`smooth=true`: little by little), lasts a fifth of the run, from its second fifth on; stamps late by
-`clock` seconds and a camera turned by `mounting` degrees are wrong all the time; a blackout is in the middle.
-`--sensors none stereo` takes the right images, too; the clip has none. `distances` takes no directions from
-the odometer. A part of a drive is `0036:1/2`. All lies in one table: bench/liars.py.
+speed (`smooth=true`: little by little), lasts a fifth of the run, from its second fifth on, or with
+`throughout=true` all of it; stamps late by `clock` seconds and a camera turned by `mounting` degrees are
+wrong all the time; a blackout is in the middle. `--sensors none stereo` takes the right images, too; the clip
+has none. `distances` takes no directions from the odometer. A part of a drive is `0036:1/2`. All lies in one
+table: bench/liars.py.
 """
 
 from __future__ import annotations
@@ -214,11 +215,13 @@ def with_blackout(drive: KittiDrive, seconds: float) -> KittiDrive:
 
 
 def lie_of(drive: KittiDrive, wrong: dict[str, float]) -> Lie | None:
-    """What is wrong, over the second fifth of the run."""
+    """What is wrong, over the second fifth of the run or throughout."""
     if not wrong:
         return None
-    fifth = (drive.t_s[-1] - drive.t_s[0]) / 5
-    return Lie(fifth, fifth, **{_LIES[name]: value for name, value in wrong.items()})
+    seconds = float(drive.t_s[-1] - drive.t_s[0])
+    told = {_LIES[name]: value for name, value in wrong.items() if name != "throughout"}
+    start_s, lasting_s = (0.0, np.inf) if wrong.get("throughout") else (seconds / 5, seconds / 5)
+    return Lie(start_s, lasting_s, **told)
 
 
 def bend(found: Evaluation) -> float | None:

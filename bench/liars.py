@@ -5,9 +5,9 @@
 A part of a drive is `number:k/n`; by default these are eight parts of the drives for tuning, of some hundred
 frames each. A line for each lie: median and worst of `over none` of bench/drives.py, where the worst was, and
 in how many runs a warning named a sensor. Honest sensors come first: what is named there is a false alarm.
-Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run; a smooth slip grows to
-its factor and goes again; stamps late by as many seconds and a mounting turned about the vertical by 5° are
-wrong all the time, and the same for both sensors.
+Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
+is said; a smooth slip grows to its factor and goes again; stamps late by as many seconds and a mounting
+turned about the vertical by 5° are wrong all the time, and the same for both sensors.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ LIES: dict[str, dict[str, float]] = {
     "none": {},
     "bias 5": {"bias": 5.0},
     "bias 2.9": {"bias": 2.865},
+    **{f"bias {rate} throughout": {"bias": rate, "throughout": True} for rate in (2.0, 5.0)},
     **{f"slip {factor}": {"slip": factor} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
     **{f"smooth slip {factor}": {"slip": factor, "smooth": True} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
     **{f"clock {late_s}": {"clock": late_s} for late_s in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)},

@@ -13,13 +13,14 @@ from sfmcpp.sensors.prediction import (
     interpolate_vectors,
     predict_pose,
 )
+from sfmcpp.sensors.rate_bias import find_bias, without_bias
 from sfmcpp.sensors.registration import (
     Registration,
     register_by_distances,
     register_by_poses,
     register_by_positions,
 )
-from sfmcpp.sensors.rotation_check import RotationCheck, check_rotations
+from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, check_turns
 from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
 
 __all__ = [
@@ -29,14 +30,17 @@ __all__ = [
     "RotationCheck",
     "SensorStream",
     "Trajectory",
+    "Turn",
     "camera_displacement",
     "carried_over",
     "check_rotations",
+    "check_turns",
     "describe_coverage",
     "describe_gaps",
     "doubtful_stretches",
     "earth_centred",
     "east_north_up",
+    "find_bias",
     "geodetic_of",
     "interpolate_poses",
     "interpolate_rotations",
@@ -56,4 +60,5 @@ __all__ = [
     "rotation_increment",
     "sampling_variance",
     "travelled_distance",
+    "without_bias",
 ]

@@ -7,7 +7,8 @@ magnitudes of the rates do not correlate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +27,7 @@ LARGEST_SIGMA_S = 0.02
 # Offsets up to this cost no accuracy that could be measured on real drives.
 TOLERATED_OFFSET_S = 0.1
 _FEWEST_INTERVALS = 16
+_FEWEST_TURNS = 6
 # Noise of the camera's poses hides the sensor's rotations except where these are largest.
 _LARGEST_TURNS = 0.25
 _STEP_S = 0.01
@@ -34,6 +36,23 @@ _DEGREES = 180 / np.pi
 _WRONG, _RIGHT = 1.15, 0.5
 # Smaller rotations of the camera from pose to pose are the noise of its poses, and no evidence.
 _LEAST_TURN_RAD = float(np.radians(0.3))
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Rotation of the camera between two times, as a pair of images tells it.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        The times [s].
+    rotation : (3, 3) float64
+        Start_from_end.
+    """
+
+    start_s: float
+    end_s: float
+    rotation: FloatArray
 
 
 @dataclass(frozen=True)
@@ -137,12 +156,52 @@ def check_rotations(
     seen = (np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:])[covered]
     if len(seen) < _FEWEST_INTERVALS:
         return RotationCheck(len(seen))
-    steps = round(largest_offset_s / _STEP_S)
-    offsets: FloatArray = np.linspace(-steps, steps, 2 * steps + 1) * _STEP_S
+    offsets = _offsets(largest_offset_s)
     factors = (1.0, _DEGREES, 1 / _DEGREES) if stream.kind == "angular_rate" else (1.0,)
     checks = [_check(stream, f, mounting, times[covered], seen, offsets) for f in factors]
     best = min(checks, key=_misfit)
     return best if _misfit(best) < _RIGHT * min(1.0, _misfit(checks[0])) else checks[0]
+
+
+@checked()
+def check_turns(
+    stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], largest_offset_s: float = 0.5
+) -> RotationCheck:
+    """Compare a sensor's rotations with those that pairs of images tell.
+
+    They are fewer than poses and do not hang together, but no map has followed the sensor in them: six are
+    enough where the rate changes. The unit is taken to be right.
+
+    Parameters
+    ----------
+    stream, mounting, largest_offset_s
+        See :func:`check_rotations`.
+    turns : sequence of Turn
+        Some of which may be wrong.
+
+    Returns
+    -------
+    RotationCheck
+        It tells nothing where the stream covers fewer than six at every offset.
+
+    Raises
+    ------
+    InvalidArgument
+        As :func:`check_rotations`.
+    """
+    require_kind(stream, "angular_rate", "orientation", "pose")
+    require_positive("largest_offset_s", largest_offset_s)
+    covered = [t for t in turns if stream.covers(t.start_s - largest_offset_s, t.end_s + largest_offset_s)]
+    if len(covered) < _FEWEST_TURNS:
+        return RotationCheck(len(covered))
+    times = np.array([[turn.start_s, turn.end_s] for turn in covered])
+    seen = np.stack([turn.rotation for turn in covered])
+    return _check(stream, 1.0, mounting, times, seen, _offsets(largest_offset_s))
+
+
+def _offsets(largest_s: float) -> FloatArray:
+    steps = round(largest_s / _STEP_S)
+    return np.linspace(-steps, steps, 2 * steps + 1) * _STEP_S
 
 
 def _misfit(check: RotationCheck) -> float:
@@ -158,16 +217,26 @@ def _check(
     offsets: FloatArray,
 ) -> RotationCheck:
     """Compare a stream, its rates divided by `factor`, with rotations (n, 3, 3) between `times` (n, 2)."""
-    absolute = rotations_at_samples(stream, 1 / factor)
-    asked = times - offsets[:, None, None]
-    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
-    turns = mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
+    turns = turns_at_offsets(stream, mounting, times, offsets, factor)
     errors = so3.log(np.swapaxes(seen, 1, 2) @ turns)
     best, offset_s, sigma_s = _best_offset(errors, offsets)
     claimed = so3.rotation_angle(turns[best])
     largest = claimed >= np.quantile(claimed, 1 - _LARGEST_TURNS)
     turned, error = (float(np.median(so3.rotation_angle(r[largest]))) for r in (seen, so3.exp(errors[best])))
     return RotationCheck(len(seen), offset_s, sigma_s, turned, error, factor)
+
+
+def turns_at_offsets(
+    stream: SensorStream, mounting: Mounting, times: FloatArray, offsets: FloatArray, factor: float = 1.0
+) -> FloatArray:
+    """Rotations (offsets, n, 3, 3) of the camera between `times` (n, 2), each offset added to the stamps."""
+    reach_s = np.abs(offsets).max() + stream.max_gap_s
+    near = (stream.t_s >= times.min() - reach_s) & (stream.t_s <= times.max() + reach_s)
+    stream = replace(stream, t_s=stream.t_s[near], values=stream.values[near])
+    absolute = rotations_at_samples(stream, 1 / factor)
+    asked = times - offsets[:, None, None]
+    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
+    return mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
 
 
 def _best_offset(errors: FloatArray, offsets: FloatArray) -> tuple[int, float, float]:

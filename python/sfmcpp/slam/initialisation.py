@@ -16,6 +16,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
+from sfmcpp.slam.calibrating import remove_biases
 from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
@@ -35,6 +36,8 @@ _SUPPORT = 0.85
 _LEAST_SHARE = 0.7
 # A start may contradict the gyroscope after so many that were not made.
 _DOUBTS = 3
+# Pairs of the frames so far, and twice as many at most, that tell whether it has a bias.
+_PAIRS = 8
 # Rotations of the start that a sensor may not be off by.
 _SAME_TURN_SIGMAS = 4.0
 # Points that left and right image must tell by themselves; some will be wrong.
@@ -167,11 +170,18 @@ class Initialiser:
             )
             return told.camera if told.median_parallax_px >= least_px else None
         self._contradictions += 1
+        if self._remove_biases():
+            self._contradictions = 0
         if not free.success:
             return None
         angle = so3.rotation_angle(turn.T @ free.camera[:, :3])
         self.reason = f"{names}: turned by {np.degrees(angle):.2g} deg from what the gyroscope says"
         return free.camera if angle <= SAME_TURN_RAD or self._contradictions > _DOUBTS else None
+
+    def _remove_biases(self) -> bool:
+        """Whether a gyroscope contradicts because it has a bias; it has none then from now on."""
+        some = self.frames[:: max(1, len(self.frames) // _PAIRS)]
+        return remove_biases(some, self._intrinsics, self._sensors, self._settings)
 
     def _constrain(self, world: WorldMap) -> None:
         """Let the rotations that a gyroscope tells hold those of the start, weighed by what it may be off."""

@@ -15,6 +15,7 @@ from sfmcpp.map.tracks import Tracks
 from sfmcpp.model.flattening import flatten, unflatten
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
+from sfmcpp.sensors import Turn
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, Path, SlamResult
 from sfmcpp.slam.sensing import Measurement, MotionSensor
@@ -35,6 +36,7 @@ _CLASSES = (
     SlamResult,
     Table,
     Tracks,
+    Turn,
     View,
     WeightSelection,
     WeightedMeasurement,

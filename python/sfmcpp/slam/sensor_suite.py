@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Trajectory
+from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import RotationCheck, check_rotations, describe_coverage, describe_gaps
+from sfmcpp.sensors import (
+    RotationCheck,
+    Turn,
+    check_rotations,
+    check_turns,
+    describe_coverage,
+    describe_gaps,
+    find_bias,
+    without_bias,
+)
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusing import Fused
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
@@ -20,6 +29,10 @@ from sfmcpp.slam.world_map import Keyframe
 _Answer = TypeVar("_Answer")
 # Those whose stream can be replaced.
 _Stamped = (Odometer, Gyroscope, Gps, Ins)
+# Biases that are no further apart are one [rad/s].
+_SAME_BIAS_RAD_S = float(np.radians(0.1))
+# Turns that a clock is compared by.
+_LAST_TURNS = 48
 
 
 class SensorSuite:
@@ -38,17 +51,31 @@ class SensorSuite:
         self._experience: dict[str, Experience] = {}
         # Seconds by which the stamps of each have been moved.
         self._moved_s: dict[str, float] = {}
+        # What was taken from the rates of each gyroscope [rad/s].
+        self._biases: dict[str, FloatArray] = {}
+        # Rotations that pairs of images have told, and the time up to which they were asked [s].
+        self._turns: list[Turn] = []
+        self.turns_until_s = -np.inf
         # Whether no clock is in doubt any more.
         self._in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.sensors)
 
     def state(self) -> dict[str, Any]:
         """What it has learned from the keyframes so far."""
-        learnt = {"in_conflict": self.in_conflict, "experience": self._experience}
-        return learnt | {"moved_s": dict(self._moved_s), "in_time": self._in_time}
+        return {
+            "in_conflict": self.in_conflict,
+            "experience": self._experience,
+            "moved_s": dict(self._moved_s),
+            "in_time": self._in_time,
+            "biases": self._biases,
+            "turns": self._turns,
+            "turns_until_s": self.turns_until_s,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state; the sensors are as they were given."""
-        self._move_stamps(state["moved_s"])
+        self._moved_s, self._biases = state["moved_s"], state["biases"]
+        self._turns, self.turns_until_s = state["turns"], state["turns_until_s"]
+        self._correct()
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
         self._in_time = state["in_time"]
 
@@ -63,7 +90,7 @@ class SensorSuite:
             else sensor
             for sensor in self._given
         )
-        self._move_stamps({})
+        self._correct()
 
     def measure(
         self,
@@ -108,15 +135,15 @@ class SensorSuite:
         """Whether every clock that can be compared with the camera's has been, and is right."""
         return self._in_time
 
-    def set_clocks(self, vision: Trajectory, largest_offset_s: float) -> list[str]:
+    def set_clocks(self, vision: Trajectory | None, largest_offset_s: float) -> list[str]:
         """Move the stamps of a gyroscope to where its rotations are the camera's, if these tell.
 
         Streams of the same stamps come from the same clock, and are moved with it.
 
         Parameters
         ----------
-        vision : Trajectory
-            Rotations that the images alone say.
+        vision : Trajectory or None
+            Rotations that the images alone say; None: the last of those that pairs of images have told.
         largest_offset_s : float
             Offsets up to this are tried [s].
 
@@ -126,7 +153,12 @@ class SensorSuite:
             What was moved, a sentence for each.
         """
         gyros = [sensor for sensor in self.sensors if isinstance(sensor, Gyroscope)]
-        checks = [check_rotations(s.stream, s.mounting, vision, largest_offset_s) for s in gyros]
+        checks = [
+            check_turns(s.stream, s.mounting, self._turns[-_LAST_TURNS:], largest_offset_s)
+            if vision is None
+            else check_rotations(s.stream, s.mounting, vision, largest_offset_s)
+            for s in gyros
+        ]
         found = [(s, c) for s, c in zip(gyros, checks, strict=True) if c.is_off and c.agrees]
         self._in_time = all(c.is_determined and c.agrees and not c.is_off for c in checks)
         return [self._set_clock(gyro, check) for gyro, check in found]
@@ -137,21 +169,69 @@ class SensorSuite:
             for sensor in self.sensors
             if isinstance(sensor, _Stamped) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
         ]
-        self._move_stamps({name: self._moved_s.get(name, 0.0) + check.offset_s for name in alike})
-        for name in alike:
-            self._experience.pop(name, None)
-        self.in_conflict -= set(alike)
+        self._moved_s |= {name: self._moved_s.get(name, 0.0) + check.offset_s for name in alike}
+        self._correct()
+        self._forget(alike)
         return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
 
-    def _move_stamps(self, seconds: Mapping[str, float]) -> None:
-        """Move those of each sensor of these names by so much from where they were given."""
-        self._moved_s.update(seconds)
+    @property
+    def has_rates(self) -> bool:
+        """Whether there are any that may have a bias."""
+        return any(_has_rates(sensor) for sensor in self.sensors)
+
+    def remove_biases(self, turns: Sequence[Turn], until_s: float) -> bool:
+        """Take from the rates of gyroscopes what pairs of images, these and those so far, say is no rotation.
+
+        Parameters
+        ----------
+        turns : sequence of Turn
+            What those up to `until_s` tell that tell anything.
+        until_s : float
+            Time of the last image [s].
+
+        Returns
+        -------
+        bool
+            Whether any rates have changed.
+        """
+        self._turns, self.turns_until_s = [*self._turns, *turns], until_s
+        known = dict(self._biases)
+        for sensor in self._given:
+            if isinstance(sensor, Gyroscope) and _has_rates(sensor):
+                in_step = self._in_step(sensor.name, sensor.stream)
+                self._learn_bias(sensor.name, find_bias(in_step, sensor.mounting, self._turns))
+        self._correct()
+        self._forget(self._biases.keys() - known.keys())
+        return any(bias is not known.get(name) for name, bias in self._biases.items())
+
+    def _learn_bias(self, name: str, found: FloatArray | None) -> None:
+        known = self._biases.get(name, np.zeros(3))
+        if found is not None and np.linalg.norm(found - known) > _SAME_BIAS_RAD_S:
+            self._biases[name] = found
+
+    def _correct(self) -> None:
+        """Make the sensors those given, but for their clocks and biases."""
         self.sensors = tuple(
-            replace(sensor, stream=sensor.stream.shifted(self._moved_s[sensor.name]))
-            if isinstance(sensor, _Stamped) and sensor.name in self._moved_s
+            replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
+            if isinstance(sensor, _Stamped) and {sensor.name} & {*self._moved_s, *self._biases}
             else sensor
             for sensor in self._given
         )
+
+    def _corrected(self, name: str, stream: SensorStream) -> SensorStream:
+        known = self._biases.get(name)
+        in_step = self._in_step(name, stream)
+        return in_step if known is None else without_bias(in_step, known)
+
+    def _in_step(self, name: str, stream: SensorStream) -> SensorStream:
+        """A stream on the clock of the camera, as far as it is known."""
+        return stream.shifted(self._moved_s.get(name, 0.0))
+
+    def _forget(self, names: Collection[str]) -> None:
+        """What was learnt of sensors that have been corrected."""
+        for name in names:
+            self._experience.pop(name, None)
+        self.in_conflict -= set(names)
 
     def _of(self, name: str) -> Experience:
         return self._experience.setdefault(name, Experience())
@@ -187,7 +267,11 @@ class SensorSuite:
             for sensor in self.sensors
             if isinstance(sensor, Gyroscope)
         }
-        return learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
+        biases = [
+            f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
+            for name, rate in self._biases.items()
+        ]
+        return biases + learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
 
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance between two times [m]; `turn` start_from_end of the camera, where no gyroscope tells."""
@@ -214,6 +298,10 @@ class SensorSuite:
         """Pose of the camera in the sensors' world."""
         answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
         return _first_known(answers)
+
+
+def _has_rates(sensor: MotionSensor) -> bool:
+    return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
 
 
 def _first_known(answers: Iterable[_Answer | None]) -> _Answer | None:

@@ -9,6 +9,7 @@ import numpy as np
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
+from sfmcpp.slam.calibrating import calibrate
 from sfmcpp.slam.clock import Clock
 from sfmcpp.slam.ending import finish_map
 from sfmcpp.slam.fusing import fuse, settled
@@ -21,7 +22,6 @@ from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.synchronising import synchronise
 from sfmcpp.slam.world_map import WorldMap
 
 
@@ -234,7 +234,7 @@ class Slam:
         else:
             self._register()
         self._sensors.learn(fused)
-        synchronise(self.result, self._sensors, self.settings)
+        calibrate(self.result, self._sensors, self.settings)
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 
     def _measure(self, frame: Frame, pose: FloatArray) -> list[Measurement]:

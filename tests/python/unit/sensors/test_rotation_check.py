@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sensor_helpers import gyro, orientation_from, rate_at
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sensors import Mounting, SensorStream, Trajectory, check_rotations
+from sfmcpp.sensors import Mounting, SensorStream, Trajectory, Turn, check_rotations, check_turns
 
 MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
 SECONDS = 20.0
@@ -158,3 +158,28 @@ def test_other_kinds_and_no_reach_are_refused() -> None:
         check_rotations(speed, MOUNTING, keyframes())
     with pytest.raises(InvalidArgument, match="largest_offset_s = 0"):
         check_rotations(slow_gyro(), MOUNTING, keyframes(), 0.0)
+
+
+def pairs(vision: Trajectory, count: int) -> list[Turn]:
+    """What pairs of the poses tell."""
+    turns = np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:]
+    spans = pairwise(vision.t_s.tolist())
+    return [Turn(*span, turn) for span, turn in zip(spans, turns, strict=True)][4 : 4 + count]
+
+
+@pytest.mark.parametrize("offset_s", [-0.37, 0.0, 0.21])
+@pytest.mark.parametrize("seed", range(3))
+def test_few_pairs_of_images_tell_a_clock_to_what_they_say(offset_s: float, seed: int) -> None:
+    late = slow_gyro().shifted(-offset_s)
+    found = check_turns(late, MOUNTING, pairs(keyframes(0.001, seed=seed), 12))
+    assert found.intervals == 12
+    assert found.is_determined
+    assert found.agrees
+    assert abs(found.offset_s - offset_s) < 4 * found.sigma_s + 0.01
+
+
+def test_fewer_than_six_pairs_tell_no_clock() -> None:
+    turns = pairs(keyframes(0.001, wild=0.0), 6)
+    assert check_turns(slow_gyro(), MOUNTING, turns).is_determined
+    assert not check_turns(slow_gyro(), MOUNTING, turns[:5]).is_determined
+    assert not check_turns(slow_gyro(), MOUNTING, []).is_determined

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, run_slam
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
 
@@ -75,3 +76,20 @@ def test_a_gyro_that_lies_is_in_conflict_and_its_weight_falls() -> None:
     honest_weight = np.median(during(honest, "gyro", "weights"))
     assert np.median(during(liar, "gyro", "weights")) < 0.5 * honest_weight
     assert drive.errors(liar)[0] < 1.2 * drive.errors(alone)[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gyro_with_a_bias_is_corrected_and_told(seed: int) -> None:
+    """Before the start already: a turn that is off by degrees would be that of the map."""
+    drive = winding(seed=seed)
+    biased = replace(drive.gyro, values=drive.gyro.values + np.radians([0.0, 5.0, 0.0]))
+    honest, mended = (
+        run_slam(drive.sequence, sensors=[Gyroscope(stream, AT_CAMERA)]) for stream in (drive.gyro, biased)
+    )
+    assert honest.warnings == []
+    assert len(mended.poses) == len(honest.poses)
+    (told,) = mended.warnings
+    assert re.fullmatch(r"gyro: a bias of (4\.[5-9]|5\.[0-4])°/s is removed from its rates", told)
+    assert drive.errors(mended)[1] < drive.errors(honest)[1] + np.radians(1.0)
+    plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), [Gyroscope(biased, AT_CAMERA)])
+    assert not any("bias" in warning for warning in plain.warnings)

@@ -51,10 +51,17 @@ def late() -> Run:
     ]
 
 
+def with_a_bias() -> Run:
+    drive = winding(0)
+    biased = replace(drive.gyro, values=drive.gyro.values + np.radians([0.0, 5.0, 0.0]))
+    return drive.sequence, [Gyroscope(biased, AT_CAMERA)]
+
+
 RUNS: dict[str, Callable[[], Run]] = {
     "torn": lambda: (restart.cut_sequence(blind=3), [restart.odometer()]),
     "winding": winding_road,
     "late": late,
+    "bias": with_a_bias,
     "positions": with_positions,
     "stereo": lambda: (stereo.sequence(), []),
 }

@@ -1,0 +1,145 @@
+"""What a gyroscope's rates are off by all the time, told by pairs of images.
+
+A map follows a gyroscope that it is fitted to; the rotation that two images tell by themselves does not, and
+is right to a milliradian or two where it is not wrong altogether.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sfmcpp.geometry import so3
+from sfmcpp.model import SensorStream
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors.mounting import Mounting
+from sfmcpp.sensors.rotation_check import Turn, turns_at_offsets
+from sfmcpp.sensors.stream import require_kind
+
+# Turns that are looked at: few tell nothing, and no more are needed.
+_FEWEST, _MOST = 6, 64
+# A bias is one from so many standard deviations on, and from so much over the root of the number of turns on
+# [rad/s]: with both, in no window of the honest streams of 0001, 0027, 0036 and 0039 there was one.
+_SIGMAS = 5.0
+_LEAST_RAD_S = float(np.radians(3.7))
+# No gyroscope has more; rates in a wrong unit do [rad/s].
+_LARGEST_RAD_S = float(np.radians(20.0))
+# What the images' own rotations are off by at least [rad].
+_LEAST_ERROR_RAD = 0.001
+# A clock that is off looks like a bias where the rate changes, and wrong axes do where it does not. A bias
+# leaves this share at most of the errors that the best clock leaves, or a sensor that says nothing …
+_SHARE_OF_OTHERS = 0.5
+# … if errors are no larger, beside the camera's turns, than wrong axes make them.
+_LARGEST_RATIO = 2.0
+_OFFSETS_S = np.linspace(-1.0, 1.0, 41)
+# Median of the length of three standard normal numbers.
+_MEDIAN_LENGTH = 1.538
+_ROUNDS = 6
+
+
+@checked()
+def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> FloatArray | None:
+    """What rates are off by all the time, beside rotations that pairs of images tell.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``.
+    mounting : Mounting
+        How the camera sits on the body.
+    turns : sequence of Turn
+        Some of which may be wrong. The last 64 are looked at.
+
+    Returns
+    -------
+    (3,) float64 or None
+        To be taken from the rates, in the axes of the body [rad/s]. None where the turns show none: fewer
+        than six that the stream covers, a rate within what they may be off by, or errors that a wrong clock
+        or wrong axes explain as well.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "angular_rate")
+    covered = [turn for turn in turns[-_MOST:] if stream.covers(turn.start_s, turn.end_s)]
+    if len(covered) < _FEWEST:
+        return None
+    errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _lengths_s(covered)
+    rate, sigma = _rate(errors, lengths_s)
+    least = max(_SIGMAS * sigma, _LEAST_RAD_S / np.sqrt(len(covered)))
+    if not least <= np.linalg.norm(rate) <= _LARGEST_RAD_S:
+        return None
+    left = _median_length(errors - lengths_s[:, None] * rate)
+    if left > _SHARE_OF_OTHERS * _left_otherwise(stream, mounting, covered, errors):
+        return None
+    return np.asarray(mounting.camera_from_body.T @ rate)
+
+
+@checked(rate_rad_s=(3,))
+def without_bias(stream: SensorStream, rate_rad_s: FloatArray) -> SensorStream:
+    """The stream without a bias.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``.
+    rate_rad_s : (3,) float64
+        What to take from its rates [rad/s].
+
+    Returns
+    -------
+    SensorStream
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "angular_rate")
+    return replace(stream, values=stream.values - rate_rad_s)
+
+
+def _lengths_s(turns: Sequence[Turn]) -> FloatArray:
+    return np.array([turn.end_s - turn.start_s for turn in turns])
+
+
+def _errors(
+    stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], offsets: FloatArray
+) -> FloatArray:
+    """Rotation vectors (offsets, n, 3) from what images tell to what the stream does [rad]."""
+    times = np.array([[turn.start_s, turn.end_s] for turn in turns])
+    seen = np.stack([turn.rotation for turn in turns])
+    return so3.log(np.swapaxes(seen, 1, 2) @ turns_at_offsets(stream, mounting, times, offsets))
+
+
+def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
+    """Rate (3,) that has turned by as much, and its standard deviation [rad/s]; by Cauchy's weights."""
+    rates = errors / lengths_s[:, None]
+    rate: FloatArray = np.median(rates, axis=0)
+    for _ in range(_ROUNDS):
+        left = np.linalg.norm(errors - lengths_s[:, None] * rate, axis=1)
+        scale = max(float(np.median(left)) / _MEDIAN_LENGTH, _LEAST_ERROR_RAD)
+        weights = lengths_s**2 / (1 + (left / (2 * scale)) ** 2)
+        rate = weights @ rates / weights.sum()
+    return rate, float(scale / np.sqrt(weights.sum()))
+
+
+def _median_length(errors: FloatArray) -> FloatArray:
+    return np.asarray(np.median(np.linalg.norm(errors, axis=-1), axis=-1))
+
+
+def _left_otherwise(
+    stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
+) -> float:
+    """Median error at the best of all clocks, or beside a camera that turns evenly, if that is less [rad]."""
+    by_clocks = float(_median_length(_errors(stream, mounting, turns, _OFFSETS_S)).min())
+    seen, lengths_s = so3.log(np.stack([turn.rotation for turn in turns])), _lengths_s(turns)
+    if _median_length(errors) > _LARGEST_RATIO * _median_length(seen):
+        return by_clocks
+    evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]
+    return min(by_clocks, float(_median_length(evenly)))

@@ -1,0 +1,82 @@
+"""The bias of a gyroscope beside rotations of pairs of images, some of which are wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sensor_helpers import gyro, orientation_from
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.sensors import Mounting, SensorStream, Turn, find_bias, without_bias
+
+MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
+BIAS_RAD_S = np.radians([0.5, -2.0, 4.5])
+STEP_S = 0.4
+
+
+def turns(count: int = 16, noise_rad: float = 0.002, seed: int = 0) -> list[Turn]:
+    """What a camera on the body of the helpers sees, every fifth time wrongly."""
+    rng = np.random.default_rng(seed)
+    to_camera = Rotation.from_matrix(MOUNTING.camera_from_body)
+    made = []
+    for k in range(count):
+        start_s = 1.0 + STEP_S * k
+        seen = to_camera * orientation_from(start_s, start_s + STEP_S, 0.01) * to_camera.inv()
+        sigma = 0.1 if k % 5 == 3 else noise_rad
+        noise = Rotation.from_rotvec(rng.normal(0, sigma, 3))
+        made.append(Turn(start_s, start_s + STEP_S, (seen * noise).as_matrix()))
+    return made
+
+
+def biased(since_s: float = -np.inf, share: float = 1.0) -> SensorStream:
+    stream = gyro(seconds=9.0)
+    return replace(stream, values=stream.values + share * (stream.t_s[:, None] >= since_s) * BIAS_RAD_S)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bias_is_found_and_taken_from_the_stream(seed: int) -> None:
+    found = find_bias(biased(), MOUNTING, turns(seed=seed))
+    assert found is not None
+    assert np.linalg.norm(found - BIAS_RAD_S) < np.radians(0.5)
+    rest = without_bias(biased(), found)
+    assert np.abs(rest.values - gyro(seconds=9.0).values).max() < np.radians(0.5)
+    assert find_bias(rest, MOUNTING, turns(seed=seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_honest_gyroscope_has_none(seed: int) -> None:
+    assert find_bias(gyro(seconds=9.0), MOUNTING, turns(seed=seed)) is None
+    assert find_bias(biased(share=0.1), MOUNTING, turns(seed=seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_wrong_for_a_while_is_no_bias(seed: int) -> None:
+    assert find_bias(biased(since_s=5.0), MOUNTING, turns(seed=seed)) is None
+
+
+@pytest.mark.parametrize("late_s", [-0.5, -0.3, 0.3, 0.5])
+def test_a_wrong_clock_is_no_bias(late_s: float) -> None:
+    for count in range(6, 17):
+        assert find_bias(gyro(seconds=9.0).shifted(late_s), MOUNTING, turns(count)) is None
+
+
+@pytest.mark.parametrize("factor", [1 / 57.3, -1.0])
+def test_a_wrong_unit_or_axis_is_no_bias(factor: float) -> None:
+    stream = gyro(seconds=9.0)
+    for count in range(6, 17):
+        assert find_bias(replace(stream, values=factor * stream.values), MOUNTING, turns(count)) is None
+
+
+def test_few_turns_tell_none() -> None:
+    assert find_bias(biased(), MOUNTING, turns(6)) is not None
+    assert find_bias(biased(), MOUNTING, turns(5)) is None
+    assert find_bias(biased(), MOUNTING, []) is None
+
+
+def test_streams_of_other_kinds_are_refused() -> None:
+    speeds = SensorStream(np.arange(5.0), np.ones((5, 1)), "speed")
+    with pytest.raises(InvalidArgument, match="angular_rate"):
+        find_bias(speeds, MOUNTING, turns())
