@@ -6,14 +6,19 @@
 namespace sfmcpp::bindings {
 namespace {
 
-py::memoryview buffer_of(std::span<const double> values) {
-  return py::memoryview::from_buffer(
-      values.data(), {static_cast<py::ssize_t>(values.size())}, {py::ssize_t{sizeof(double)}});
+// A view of const numbers cannot be written to.
+template <class Number>
+py::memoryview buffer_of(std::span<Number> values) {
+  static double nothing = 0.0;  // Python has no view of nowhere
+  return py::memoryview::from_buffer(values.empty() ? &nothing : values.data(),
+                                     {static_cast<py::ssize_t>(values.size())},
+                                     {py::ssize_t{sizeof(double)}});
 }
 
-py::memoryview buffer_of(std::span<double> values) {
-  return py::memoryview::from_buffer(
-      values.data(), {static_cast<py::ssize_t>(values.size())}, {py::ssize_t{sizeof(double)}});
+py::list list_of(std::span<const int> counts) {
+  py::list list;
+  for (int count : counts) list.append(count);
+  return list;
 }
 
 // Where ranks share cores, one that waits must leave them to the others; but to sleep at once would
@@ -49,7 +54,8 @@ CommunicatorTransport::CommunicatorTransport(const py::object& communicator)
     : rank_(communicator.attr("Get_rank")().cast<int>()),
       num_ranks_(communicator.attr("Get_size")().cast<int>()),
       all_gather_(communicator.attr("Iallgather")),
-      all_to_all_(communicator.attr("Ialltoall")) {}
+      all_to_all_(communicator.attr("Ialltoall")),
+      all_to_all_of_counts_(communicator.attr("Ialltoallv")) {}
 
 void CommunicatorTransport::all_gather(std::span<const double> mine, std::span<double> all) {
   call(all_gather_, mine, all);
@@ -57,6 +63,16 @@ void CommunicatorTransport::all_gather(std::span<const double> mine, std::span<d
 
 void CommunicatorTransport::all_to_all(std::span<const double> mine, std::span<double> received) {
   call(all_to_all_, mine, received);
+}
+
+void CommunicatorTransport::all_to_all(std::span<const double> mine,
+                                       std::span<const int> counts,
+                                       std::span<double> received,
+                                       std::span<const int> received_counts) {
+  const HeldGil held;
+  wait_for(called(all_to_all_of_counts_,
+                  py::make_tuple(buffer_of(mine), list_of(counts)),
+                  py::make_tuple(buffer_of(received), list_of(received_counts))));
 }
 
 void bind_exchange(py::module_& m) {

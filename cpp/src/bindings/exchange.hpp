@@ -19,10 +19,14 @@ class CommunicatorTransport final : public Transport {
   int num_ranks() const override { return num_ranks_; }
   void all_gather(std::span<const double> mine, std::span<double> all) override;
   void all_to_all(std::span<const double> mine, std::span<double> received) override;
+  void all_to_all(std::span<const double> mine,
+                  std::span<const int> counts,
+                  std::span<double> received,
+                  std::span<const int> received_counts) override;
 
  private:
   int rank_, num_ranks_;
-  py::object all_gather_, all_to_all_;
+  py::object all_gather_, all_to_all_, all_to_all_of_counts_;
 };
 
 // A communicator and what has passed through it; lives as long as Python wants to read that.

@@ -67,6 +67,20 @@ std::vector<double> MessageExchange::gather(std::span<const double> values) {
   return gathered;
 }
 
+std::vector<double> MessageExchange::deliver(std::span<const double> values,
+                                             std::span<const int> counts) {
+  mine_.assign(counts.begin(), counts.end());
+  all_to_all();
+  const std::vector<int> received_counts(received_.begin(), received_.end());
+  std::vector<double> received(
+      std::reduce(received_counts.begin(), received_counts.end(), std::size_t{0}));
+  const Stopwatch watch;
+  transport_.all_to_all(values, counts, received, received_counts);
+  const auto kept = static_cast<std::size_t>(counts[rank()]);
+  note(static_cast<double>((values.size() - kept) * sizeof(double)), watch.seconds());
+  return received;
+}
+
 bool MessageExchange::agree(bool mine) { return Exchange::max(mine ? 1.0 : 0.0) > 0.0; }
 
 void MessageExchange::sum_few(std::span<double> values) {

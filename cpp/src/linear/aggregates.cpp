@@ -9,10 +9,10 @@ namespace {
 
 constexpr int kNone = -1;
 
-std::vector<float> common_points(const ObservationGraph& graph,
-                                 const CameraPattern& pattern,
-                                 ThreadPool& pool) {
-  std::vector<float> common(static_cast<std::size_t>(pattern.num_blocks()), 0.0F);
+std::vector<double> common_points(const ObservationGraph& graph,
+                                  const CameraPattern& pattern,
+                                  ThreadPool& pool) {
+  std::vector<double> common(static_cast<std::size_t>(pattern.num_blocks()), 0.0);
   std::vector<std::vector<long>> block_of(pool.num_threads(), std::vector<long>(graph.num_cameras));
   pool.parallel_for_worker(graph.num_cameras, [&](int i, int worker) {
     std::vector<long>& block = block_of[worker];
@@ -21,7 +21,7 @@ std::vector<float> common_points(const ObservationGraph& graph,
     for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
       const int end = graph.point_begin[graph.point[a] + 1];
       for (int position = graph.rank[a] + 1; position < end; ++position)
-        common[block[graph.camera[graph.of_point[position]]]] += 1.0F;
+        common[block[graph.camera[graph.of_point[position]]]] += 1.0;
     }
   });
   return common;
@@ -102,14 +102,16 @@ class Grower {
 
 CameraNeighbours neighbours_of(const ObservationGraph& graph,
                                const CameraPattern& pattern,
-                               ThreadPool& pool) {
-  const std::vector<float> common = common_points(graph, pattern, pool);
+                               ThreadPool& pool,
+                               Exchange& exchange) {
+  std::vector<double> common = common_points(graph, pattern, pool);
+  exchange.sum(common);
   CameraNeighbours result;
   result.begin.assign(static_cast<std::size_t>(graph.num_cameras) + 1, 0);
   const auto for_each_pair = [&](const auto& f) {
     for (int i = 0; i < pattern.num_rows(); ++i) {
       for (long k = pattern.row_begin[i] + 1; k < pattern.row_begin[i + 1]; ++k)
-        f(i, pattern.column[k], common[k]);
+        f(i, pattern.column[k], static_cast<float>(common[k]));
     }
   };
   for_each_pair([&](int i, int j, float) {

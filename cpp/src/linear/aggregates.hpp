@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
@@ -26,9 +27,11 @@ struct CameraNeighbours {
   int num_cameras() const { return static_cast<int>(begin.size()) - 1; }
 };
 
+// Of all ranks, as is the pattern; counts are whole numbers, and the same for any number of ranks.
 CameraNeighbours neighbours_of(const ObservationGraph& graph,
                                const CameraPattern& pattern,
-                               ThreadPool& pool);
+                               ThreadPool& pool,
+                               Exchange& exchange);
 
 // About `target` cameras in each: grown from a first camera by the one that sees most points
 // together with those that are in. Small remainders join the aggregate they see most with.

@@ -17,8 +17,8 @@ ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
                              const BlockSparseSchur& schur,
                              const CameraNeighbours& neighbours)
     : normal_(normal),
-      schur_(schur),
       aggregates_(aggregate_cameras(neighbours, kCameras)),
+      shares_(normal, schur, aggregates_),
       row_(normal.map().column.size(), -1),
       clusters_(static_cast<std::size_t>(aggregates_.count())) {
   const int size = normal.map().camera_size;
@@ -39,10 +39,20 @@ void ClusterBlocks::number_rows() {
       cluster.columns.push_back(column);
     }
   }
+  std::size_t rows = 0;
+  for (int k : shares_.order()) {
+    clusters_[k].first = rows;
+    rows += clusters_[k].columns.size();
+  }
+  for (int k = 0; k < shares_.num_own(); ++k)
+    num_own_rows_ += clusters_[shares_.own(k)].columns.size();
+  if (num_own_rows_ > 0) first_own_row_ = clusters_[shares_.own(0)].first;
 }
 
 void ClusterBlocks::factor(const std::vector<double>& diagonal) {
-  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { factor_cluster(k, diagonal); });
+  const std::vector<double> received = shares_.receive();
+  normal_.pool().parallel_for(shares_.num_own(),
+                              [&](int k) { factor_cluster(shares_.own(k), diagonal, received); });
 }
 
 // value(r, c) of the block of cameras i and j.
@@ -60,35 +70,38 @@ void ClusterBlocks::add_block(int i, int j, const Value& value, DenseCholesky& l
 
 void ClusterBlocks::assemble(int k,
                              const std::vector<double>& diagonal,
+                             const std::vector<double>& received,
                              DenseCholesky& lower) const {
   const int size = normal_.map().camera_size;
+  const auto add = [&](int i, int j, const auto* block) {
+    const auto value = [&](int r, int c) {
+      return block[place_[i == j ? size * r + c : size * c + r]];
+    };
+    add_block(i, j, value, lower);
+  };
+  shares_.for_each_block(k, add);
+  shares_.for_each_received(k, received, add);
   for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
     const int i = aggregates_.members[m];
-    const auto add = [&](int j, const double* block) {
+    normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
       const auto value = [&](int r, int c) { return block[place_[size * r + c]]; };
       if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
-    };
-    add(i, schur_.diagonal_block(i));
-    normal_.camera_terms().for_each_block(i, add);
-    const float* block = schur_.blocks_of_row(i);
-    for (int j : schur_.columns_of_row(i)) {
-      const auto value = [&](int r, int c) { return block[place_[size * c + r]]; };
-      if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
-      block += place_.size();
-    }
+    });
   }
   const std::vector<int>& columns = clusters_[k].columns;
   for (std::size_t r = 0; r < columns.size(); ++r)
     lower.at(static_cast<int>(r), static_cast<int>(r)) += diagonal[columns[r]];
 }
 
-void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
+void ClusterBlocks::factor_cluster(int k,
+                                   const std::vector<double>& diagonal,
+                                   const std::vector<double>& received) {
   Cluster& cluster = clusters_[k];
   const auto n = static_cast<int>(cluster.columns.size());
   ThreadPool alone(1);  // clusters are the tasks
   DenseCholesky cholesky(n);
   cholesky.set_zero(alone);
-  assemble(k, diagonal, cholesky);
+  assemble(k, diagonal, received, cholesky);
   cluster.usable = cholesky.factorize(alone);
   cluster.lower.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
   for (int c = 0; c < n; ++c) {
@@ -98,17 +111,34 @@ void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
 }
 
 void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {
-  normal_.pool().parallel_for(aggregates_.count(), [&](int k) {
-    const Cluster& cluster = clusters_[k];
-    if (!cluster.usable) return;
-    const auto n = static_cast<Eigen::Index>(cluster.columns.size());
-    const Eigen::Map<const Eigen::MatrixXf> lower(cluster.lower.data(), n, n);
-    Eigen::VectorXf x(n);
-    for (Eigen::Index r = 0; r < n; ++r) x[r] = static_cast<float>(in[cluster.columns[r]]);
-    lower.triangularView<Eigen::Lower>().solveInPlace(x);
-    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
-    for (Eigen::Index r = 0; r < n; ++r) out[cluster.columns[r]] = x[r];
+  std::vector<double> own(num_own_rows_);
+  normal_.pool().parallel_for(shares_.num_own(), [&](int k) {
+    const Cluster& cluster = clusters_[shares_.own(k)];
+    solve_cluster(cluster, in, out, own.data() + (cluster.first - first_own_row_));
   });
+  const std::vector<double> all = normal_.exchange().gather(own);
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) {
+    const double* solved = all.data() + clusters_[k].first;
+    for (int column : clusters_[k].columns) out[column] = *solved++;
+  });
+}
+
+// Where it is not usable, what `out` has.
+void ClusterBlocks::solve_cluster(const Cluster& cluster,
+                                  const std::vector<double>& in,
+                                  const std::vector<double>& out,
+                                  double* solved) {
+  const auto n = static_cast<Eigen::Index>(cluster.columns.size());
+  if (!cluster.usable) {
+    for (Eigen::Index r = 0; r < n; ++r) solved[r] = out[cluster.columns[r]];
+    return;
+  }
+  const Eigen::Map<const Eigen::MatrixXf> lower(cluster.lower.data(), n, n);
+  Eigen::VectorXf x(n);
+  for (Eigen::Index r = 0; r < n; ++r) x[r] = static_cast<float>(in[cluster.columns[r]]);
+  lower.triangularView<Eigen::Lower>().solveInPlace(x);
+  lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+  for (Eigen::Index r = 0; r < n; ++r) solved[r] = x[r];
 }
 
 }  // namespace sfmcpp::linear

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "aggregates.hpp"
-#include "block_sparse_schur.hpp"
+#include "cluster_shares.hpp"
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
 namespace sfmcpp::linear {
@@ -25,6 +25,7 @@ class ClusterBlocks {
  private:
   struct Cluster {
     std::vector<int> columns;    // reduced
+    std::size_t first = 0;       // of its rows among those of all, in the order of the shares
     AlignedVector<float> lower;  // Cholesky factor, a column after the other
     bool usable = false;
   };
@@ -32,17 +33,27 @@ class ClusterBlocks {
     return row_[static_cast<std::size_t>(normal_.map().camera_size) * camera + column];
   }
   void number_rows();
-  void assemble(int k, const std::vector<double>& diagonal, DenseCholesky& lower) const;
+  void assemble(int k,
+                const std::vector<double>& diagonal,
+                const std::vector<double>& received,
+                DenseCholesky& lower) const;
   template <class Value>
   void add_block(int i, int j, const Value& value, DenseCholesky& lower) const;
-  void factor_cluster(int k, const std::vector<double>& diagonal);
+  void factor_cluster(int k,
+                      const std::vector<double>& diagonal,
+                      const std::vector<double>& received);
+  static void solve_cluster(const Cluster& cluster,
+                            const std::vector<double>& in,
+                            const std::vector<double>& out,
+                            double* solved);
 
   const NormalEquations& normal_;
-  const BlockSparseSchur& schur_;
   Aggregates aggregates_;
+  ClusterShares shares_;
   std::vector<int> place_;  // of an entry of a block, row after row, in its panels
   std::vector<int> row_;    // per camera and column of its block: row in its cluster, or −1
   std::vector<Cluster> clusters_;
+  std::size_t first_own_row_ = 0, num_own_rows_ = 0;  // of this rank
 };
 
 }  // namespace sfmcpp::linear

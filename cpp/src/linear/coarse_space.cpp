@@ -41,8 +41,10 @@ void CoarseSpace::factor(const std::vector<double>& diagonal) {
   if (!cholesky_) cholesky_ = std::make_unique<DenseCholesky>(columns);
   z_.resize(own_.size() * static_cast<std::size_t>(num_modes()));
   rows_.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(columns), 0.0);
-  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { set_modes(k, diagonal); });
+  set_weights(diagonal);
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { set_modes(k); });
   normal_.pool().parallel_for(aggregates_.count(), [&](int k) { add_rows(k, diagonal); });
+  normal_.exchange().sum(rows_);
   set_matrix();
   usable_ = cholesky_->factorize(normal_.pool());
 }
@@ -60,7 +62,7 @@ void CoarseSpace::set_matrix() {
   }
 }
 
-void CoarseSpace::set_modes(int aggregate, const std::vector<double>& diagonal) {
+void CoarseSpace::set_modes(int aggregate) {
   const int modes = num_modes();
   for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
     const int i = aggregates_.members[m];
@@ -71,22 +73,30 @@ void CoarseSpace::set_modes(int aggregate, const std::vector<double>& diagonal) 
       for (int c = 0; c < modes; ++c) to[modes * k + c] = own ? from[modes * k + c] : 0.0;
     }
   }
-  orthonormalise(aggregate, diagonal);
+  orthonormalise(aggregate);
 }
 
-double CoarseSpace::weight(int camera, int k, const std::vector<double>& diagonal) const {
-  const int column = normal_.map().columns_of(camera)[k];
-  if (column == kNoColumn) return 0.0;
-  return schur_.diagonal_block(camera)[place_[size() * k + k]] + diagonal[column];
+void CoarseSpace::set_weights(const std::vector<double>& diagonal) {
+  weights_.resize(own_.size());
+  for (std::size_t entry = 0; entry < own_.size(); ++entry) {
+    const int camera = static_cast<int>(entry) / size(), k = static_cast<int>(entry) % size();
+    weights_[entry] = schur_.diagonal_block(camera)[place_[size() * k + k]];
+  }
+  normal_.exchange().sum(weights_);
+  for (std::size_t entry = 0; entry < own_.size(); ++entry) {
+    const int column = normal_.map().column[entry];
+    weights_[entry] = column == kNoColumn ? 0.0 : weights_[entry] + diagonal[column];
+  }
 }
 
 // Modified Gram–Schmidt in the metric of the diagonal of S, so that no unit counts.
-void CoarseSpace::orthonormalise(int aggregate, const std::vector<double>& diagonal) {
+void CoarseSpace::orthonormalise(int aggregate) {
   const int modes = num_modes();
   const auto for_each_entry = [&](const auto& f) {
     for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
       const int i = aggregates_.members[m];
-      for (int k = 0; k < size(); ++k) f(z_of(i) + modes * k, weight(i, k, diagonal));
+      for (int k = 0; k < size(); ++k)
+        f(z_of(i) + modes * k, weights_[static_cast<std::size_t>(size()) * i + k]);
     }
   };
   const auto product = [&](int a, int b) {
@@ -133,7 +143,8 @@ void CoarseSpace::add_rows(int aggregate, const std::vector<double>& diagonal) {
   }
 }
 
-// Of the blocks on the diagonal a half, since the whole is this and its transpose.
+// Of the blocks on the diagonal a half, since the whole is this and its transpose. What is
+// replicated, B and λD, is added by the root.
 template <class Sums>
 void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums& sums_of) const {
   const auto add = [&](int j, const double* block) {
@@ -142,13 +153,15 @@ void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums
         j, [&](int r, int c) { return share * block[place_[size() * r + c]]; }, sums_of(j));
   };
   add(i, schur_.diagonal_block(i));
-  normal_.camera_terms().for_each_block(i, add);
+  const bool is_root = normal_.exchange().is_root();
+  if (is_root) normal_.camera_terms().for_each_block(i, add);
   const float* block = schur_.blocks_of_row(i);
   for (int j : schur_.columns_of_row(i)) {
     add_product(
         j, [&](int r, int c) { return block[place_[size() * c + r]]; }, sums_of(j));
     block += place_.size();
   }
+  if (!is_root) return;
   double* sums = sums_of(i);
   const double* z = z_of(i);
   for (int r = 0; r < size(); ++r) {

@@ -33,9 +33,9 @@ class CoarseSpace {
   const double* z_of(int camera) const {
     return z_.data() + static_cast<long>(size()) * num_modes() * camera;
   }
-  void set_modes(int aggregate, const std::vector<double>& diagonal);
-  void orthonormalise(int aggregate, const std::vector<double>& diagonal);
-  double weight(int camera, int k, const std::vector<double>& diagonal) const;
+  void set_weights(const std::vector<double>& diagonal);
+  void set_modes(int aggregate);
+  void orthonormalise(int aggregate);
   void set_matrix();
   void add_rows(int aggregate, const std::vector<double>& diagonal);
   template <class Sums>
@@ -47,10 +47,11 @@ class CoarseSpace {
   const NormalEquations& normal_;
   const BlockSparseSchur& schur_;
   Aggregates aggregates_;
-  std::vector<int> place_;      // of an entry of a block, row after row, in its panels
-  std::vector<char> own_;       // per camera and column of its block: is it of no other camera?
-  AlignedVector<double> z_;     // per camera: D × modes, row-major
-  AlignedVector<double> rows_;  // what, with its transpose, is ZᵀSZ, row-major
+  std::vector<int> place_;       // of an entry of a block, row after row, in its panels
+  std::vector<char> own_;        // per camera and column of its block: is it of no other camera?
+  std::vector<double> weights_;  // likewise: the diagonal of S and λD
+  AlignedVector<double> z_;      // per camera: D × modes, row-major
+  AlignedVector<double> rows_;   // what, with its transpose, is ZᵀSZ, row-major
   std::unique_ptr<DenseCholesky> cholesky_;
   bool usable_ = false;
   std::vector<double> coarse_;

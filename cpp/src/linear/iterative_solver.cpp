@@ -17,20 +17,35 @@ constexpr double kTrustedTolerance = 1e-4;
 constexpr double kFloorOfBlocks = 3e-3;
 constexpr double kFloorFromJacobian = 1e-2;
 
+// S·x is a sum over ranks: each keeps the blocks that its own points give.
+std::unique_ptr<BlockSparseSchur> blocks_of_this_rank(
+    const NormalEquations& normal,
+    PointElimination& elimination,
+    std::shared_ptr<const ReducedStructure> structure) {
+  if (!structure) return nullptr;
+  if (normal.exchange().num_ranks() > 1) {
+    structure = std::make_shared<ReducedStructure>(
+        ReducedStructure{.pattern = make_camera_pattern(
+                             normal.graph(), normal.camera_terms().pairs(), normal.pool())});
+  }
+  return std::make_unique<BlockSparseSchur>(normal, elimination, std::move(structure));
+}
+
 }  // namespace
 
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
-                                 std::shared_ptr<const ReducedStructure> structure)
+                                 const std::shared_ptr<const ReducedStructure>& structure)
     : normal_(normal),
       options_(options),
       elimination_(normal),
       other_residuals_(normal, elimination_),
       implicit_(make_implicit_schur(normal, elimination_)),
-      blocks_(structure
-                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, std::move(structure))
-                  : nullptr),
-      preconditioner_(normal, blocks_.get(), options.preconditioner) {}
+      blocks_(blocks_of_this_rank(normal, elimination_, structure)),
+      preconditioner_(normal,
+                      blocks_.get(),
+                      structure ? &structure->pattern : nullptr,
+                      options.preconditioner) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,

@@ -19,10 +19,10 @@ namespace sfmcpp::linear {
 // corrections of the residual in double precision.
 class IterativeSolver final : public LinearSolver {
  public:
-  // `structure` null: from the Jacobian.
+  // `structure` is of all ranks; null: from the Jacobian.
   IterativeSolver(const NormalEquations& normal,
                   const LinearSolverOptions& options,
-                  std::shared_ptr<const ReducedStructure> structure);
+                  const std::shared_ptr<const ReducedStructure>& structure);
 
   LinearSolveResult solve(const Damping& damping,
                           Step& step,

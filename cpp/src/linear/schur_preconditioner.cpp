@@ -15,14 +15,13 @@ PreconditionerKind chosen(PreconditionerKind kind, int cameras) {
 
 SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
                                          const BlockSparseSchur* blocks,
+                                         const CameraPattern* pattern,
                                          PreconditionerKind kind)
     : diagonal_(normal) {
   kind = chosen(kind, normal.graph().num_cameras);
-  // The blocks between cameras are those of one rank alone; the diagonal ones are of all.
-  const bool has_all_blocks = blocks != nullptr && normal.exchange().num_ranks() == 1;
-  if (!has_all_blocks || kind == PreconditionerKind::kSchurJacobi) return;
+  if (blocks == nullptr || kind == PreconditionerKind::kSchurJacobi) return;
   const CameraNeighbours neighbours =
-      neighbours_of(normal.graph(), blocks->pattern(), normal.pool());
+      neighbours_of(normal.graph(), *pattern, normal.pool(), normal.exchange());
   clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, neighbours);
   if (kind == PreconditionerKind::kTwoLevels)
     coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, neighbours);

@@ -14,9 +14,11 @@ namespace sfmcpp::linear {
 
 class SchurPreconditioner {
  public:
-  // `blocks` null: S is not formed, and Schur–Jacobi is all there can be.
+  // `blocks` are of this rank, and `pattern` is where those of all ranks are; both null: S is not
+  // formed, and Schur–Jacobi is all there can be.
   SchurPreconditioner(const NormalEquations& normal,
                       const BlockSparseSchur* blocks,
+                      const CameraPattern* pattern,
                       PreconditionerKind kind);
 
   // To be assembled with S.

@@ -206,19 +206,6 @@ LinearSolverChoice choose_linear_solver(const SolverQuestion& question,
   return Chooser(question, options).choose();
 }
 
-namespace {
-
-// S·x is a sum over ranks: each keeps the blocks that its own points give, and sends no block.
-std::shared_ptr<const ReducedStructure> blocks_of_this_rank(const NormalEquations& normal,
-                                                            const LinearSolverChoice& choice) {
-  if (normal.exchange().num_ranks() == 1) return choice.structure;
-  return std::make_shared<ReducedStructure>(
-      ReducedStructure{.pattern = make_camera_pattern(
-                           normal.graph(), normal.camera_terms().pairs(), normal.pool())});
-}
-
-}  // namespace
-
 std::unique_ptr<LinearSolver> make_linear_solver(
     const NormalEquations& normal,
     const LinearSolverOptions& options,
@@ -236,7 +223,7 @@ std::unique_ptr<LinearSolver> make_as_chosen(const NormalEquations& normal,
   if (choice.kind != LinearSolverKind::kIterative)
     return make_linear_solver(normal, options, choice.structure);
   return std::make_unique<IterativeSolver>(
-      normal, options, choice.with_blocks ? blocks_of_this_rank(normal, choice) : nullptr);
+      normal, options, choice.with_blocks ? choice.structure : nullptr);
 }
 
 }  // namespace sfmcpp::linear

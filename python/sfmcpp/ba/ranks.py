@@ -32,6 +32,9 @@ class Communicator(Protocol):
     def Ialltoall(self, mine: Any, received: Any) -> Any:  # noqa: N802
         """Begin to fill a buffer with what each has for this one."""
 
+    def Ialltoallv(self, mine: Any, received: Any) -> Any:  # noqa: N802
+        """Begin the same for buffers with counts of what each gets."""
+
     def Ibarrier(self) -> Any:  # noqa: N802
         """Begin to wait until all have come here."""
 
@@ -159,6 +162,7 @@ _CALLS = (
     "Get_size",
     "Iallgather",
     "Ialltoall",
+    "Ialltoallv",
     "Ibarrier",
     "allgather",
     "alltoall",

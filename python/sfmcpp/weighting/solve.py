@@ -94,9 +94,8 @@ def solve(
         Processes that solve the problem together; each calls this, with the same arguments but for
         `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
         another number, steps of direct linear solvers have the same costs but for rounding, and those of
-        iterative ones to their tolerance (preconditioners of blocks between cameras are left to one
-        process alone: several use "schur-jacobi"). Weights are chosen by rank 0, which gathers parts for
-        it. Of checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a
+        iterative ones to their tolerance. Weights are chosen by rank 0, which gathers parts for it. Of
+        checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a
         program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
     **options
 
@@ -119,7 +118,7 @@ def solve(
     if comm is not None:
         ranks = Ranks(comm)
         groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
-        ranks.agreed(lambda: _refuse_what_one_process_needs(problem, settings))
+        ranks.agreed(lambda: _refuse_what_one_process_needs(problem))
         kept = checkpoint, resume
         require_alike(ranks, {name: bool(k) for name, k in zip(("checkpoint", "resume"), kept, strict=True)})
         return _solve_on_ranks(problem, groups, weight, settings, ranks, callback, *kept)
@@ -140,13 +139,9 @@ def _checked(
     return checked_groups(constraints), settings
 
 
-def _refuse_what_one_process_needs(problem: Problem | None, settings: SolveOptions) -> None:
+def _refuse_what_one_process_needs(problem: Problem | None) -> None:
     if isinstance(problem, Problem):
         require_named(problem.camera_model, "on several ranks")
-    if settings.preconditioner in ("clusters", "two-levels"):
-        raise InvalidArgument(
-            f"preconditioner = {settings.preconditioner!r}: not with comm; no rank has all blocks of S"
-        )
 
 
 @dataclass(frozen=True)

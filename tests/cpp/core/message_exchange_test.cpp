@@ -5,6 +5,7 @@
 #include <barrier>
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <thread>
 
 #include <gtest/gtest.h>
@@ -14,9 +15,10 @@ namespace {
 
 // Where the ranks lay out what they bring.
 struct Table {
-  explicit Table(int num_ranks) : gate(num_ranks), brought(num_ranks) {}
+  explicit Table(int num_ranks) : gate(num_ranks), brought(num_ranks), counts(num_ranks) {}
   std::barrier<> gate;
   std::vector<std::span<const double>> brought;
+  std::vector<std::span<const int>> counts;
 };
 
 class ThreadedTransport final : public Transport {
@@ -31,6 +33,24 @@ class ThreadedTransport final : public Transport {
   void all_to_all(std::span<const double> mine, std::span<double> received) override {
     const std::size_t share = mine.size() / table_.brought.size();
     pass(mine, received, share, share * static_cast<std::size_t>(rank_));
+  }
+
+  void all_to_all(std::span<const double> mine,
+                  std::span<const int> counts,
+                  std::span<double> received,
+                  std::span<const int> received_counts) override {
+    table_.brought[rank_] = mine;
+    table_.counts[rank_] = counts;
+    table_.gate.arrive_and_wait();
+    auto place = received.begin();
+    for (std::size_t r = 0; r < table_.counts.size(); ++r) {
+      const std::span<const int> theirs = table_.counts[r];
+      ASSERT_EQ(theirs[rank_], received_counts[r]);
+      const int before = std::reduce(theirs.begin(), theirs.begin() + rank_);
+      place = std::copy_n(table_.brought[r].begin() + before, theirs[rank_], place);
+    }
+    ASSERT_EQ(place, received.end());
+    table_.gate.arrive_and_wait();
   }
 
  private:
@@ -112,6 +132,26 @@ INSTANTIATE_TEST_SUITE_P(All,
                          MessagesOf,
                          testing::Combine(testing::Values(1, 2, 3),
                                           testing::Values(0, 1, 256, 257, 1000, 262144, 262147)));
+
+// To rank r rank s has s + 2 r numbers; rank 0 has none for itself.
+TEST(MessageExchange, DeliversToEachWhatIsForIt) {
+  const auto count = [](int from, int to) { return from + 2 * to; };
+  const auto value = [](int from, int to, int k) { return 100.0 * from + 10.0 * to + k; };
+  on_ranks(3, [&](MessageExchange& exchange) {
+    const int rank = exchange.rank();
+    std::vector<double> values, expected;
+    std::vector<int> counts;
+    for (int other = 0; other < 3; ++other) {
+      counts.push_back(count(rank, other));
+      for (int k = 0; k < count(rank, other); ++k) values.push_back(value(rank, other, k));
+      for (int k = 0; k < count(other, rank); ++k) expected.push_back(value(other, rank, k));
+    }
+    EXPECT_EQ(exchange.deliver(values, counts), expected);
+    const double sent = static_cast<double>(values.size()) - counts[rank];
+    EXPECT_EQ(exchange.traffic().bytes_sent, sizeof(double) * (2 + sent));
+    EXPECT_EQ(exchange.deliver({}, std::vector<int>(3)), std::vector<double>());
+  });
+}
 
 TEST(MessageExchange, OneSaysItForAll) {
   for (int saying : {0, 1, 2}) {

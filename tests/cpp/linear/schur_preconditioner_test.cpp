@@ -8,6 +8,7 @@
 
 #include "../../../cpp/src/linear/iterative_solver.hpp"
 #include "support/random_system.hpp"
+#include "support/threaded_exchange.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -19,9 +20,11 @@ using support::SystemOptions;
 
 constexpr Damping kDamping{1e-3, DampingMatrix::kDiagonal};
 
+// Of all ranks.
 std::shared_ptr<const ReducedStructure> structure_of(const RandomSystem& system) {
   return std::make_shared<ReducedStructure>(
-      ReducedStructure{.pattern = make_camera_pattern(system.graph, {}, system.normal().pool())});
+      ReducedStructure{.pattern = make_global_camera_pattern(
+                           system.graph, {}, system.normal().pool(), system.normal().exchange())});
 }
 
 // As many modes as a camera has columns but two, at random.
@@ -65,7 +68,7 @@ class Preconditioners
   Preconditioners() { set_modes(system); }
   static PreconditionerKind kind() { return std::get<1>(GetParam()); }
 
-  LinearSolveResult solve(RandomSystem& of, double tolerance, Step& step) const {
+  static LinearSolveResult solve(RandomSystem& of, double tolerance, Step& step) {
     IterativeSolver solver(of.normal(),
                            {.kind = LinearSolverKind::kIterative,
                             .pcg_tolerance = tolerance,
@@ -89,7 +92,7 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   PointElimination elimination(system.normal());
   elimination.factor(kDamping);
   BlockSparseSchur schur(system.normal(), elimination, structure_of(system));
-  SchurPreconditioner preconditioner(system.normal(), &schur, kind());
+  SchurPreconditioner preconditioner(system.normal(), &schur, &schur.pattern(), kind());
   std::vector<double> rhs;
   schur.assemble(preconditioner.diagonal(), rhs);
   preconditioner.factor(system.normal().camera_damping(kDamping));
@@ -104,6 +107,50 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   EXPECT_LT((inverse - inverse.transpose()).norm(), 1e-4 * inverse.norm());
   const MatrixXd symmetric = 0.5 * (inverse + inverse.transpose());
   EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(symmetric).eigenvalues()[0], 0.0);
+}
+
+// Each rank has a share of the clusters and of the points. What single precision rounds is another
+// sum on another number of ranks.
+TEST_P(Preconditioners, AreThoseOfOneRankOnSeveral) {
+  struct Answer {
+    int iterations;
+    std::vector<double> camera;
+  };
+  const auto answer_of = [](RandomSystem& of) {
+    set_modes(of);
+    Step step;
+    const LinearSolveResult result = solve(of, 1e-3, step);
+    EXPECT_TRUE(result.success);
+    return Answer{result.iterations, step.camera};
+  };
+  const Answer alone = answer_of(system);
+  for (int ranks : {2, 3}) {
+    std::vector<Answer> answers(ranks);
+    support::play_ranks(ranks, [&](Exchange& exchange) {
+      RandomSystem part(std::get<0>(GetParam()), exchange);
+      answers[exchange.rank()] = answer_of(part);
+    });
+    for (const Answer& answer : answers) {
+      EXPECT_EQ(answer.iterations, alone.iterations);
+      EXPECT_EQ(answer.camera, answers[0].camera) << "the ranks have drifted apart";
+      const auto size = static_cast<Eigen::Index>(alone.camera.size());
+      const Eigen::Map<const VectorXd> mine(answer.camera.data(), size),
+          whole(alone.camera.data(), size);
+      EXPECT_LT((mine - whole).norm(), 1e-5 * whole.norm());
+    }
+  }
+}
+
+TEST_P(Preconditioners, LeadToTheStepOfTheDenseSystemOnTwoRanks) {
+  const VectorXd reference = solve_by_qr(system.dense(), kDamping).head(system.map.num_columns);
+  support::play_ranks(2, [&](Exchange& exchange) {
+    RandomSystem part(std::get<0>(GetParam()), exchange);
+    set_modes(part);
+    Step step;
+    EXPECT_TRUE(solve(part, 1e-10, step).success);
+    const Eigen::Map<const VectorXd> mine(step.camera.data(), reference.size());
+    EXPECT_LT((mine - reference).norm(), 1e-6 * reference.norm());
+  });
 }
 
 TEST_P(Preconditioners, HaveTheSameBitsForAnyNumberOfThreads) {
@@ -132,6 +179,42 @@ INSTANTIATE_TEST_SUITE_P(Systems,
                            std::erase(name, '-');
                            return std::get<0>(test.param).name + "_" + name;
                          });
+
+// Points in turn along the chain: each half has the blocks of its own clusters, and sends little.
+TEST(ClusterShares, AreWhereTheBlocksAre) {
+  constexpr int kCameras = 200, kPoints = 1000;
+  const auto sees = [](int camera, int point) {
+    // Points are dealt out by their parity.
+    const int place = (point % 2 * kPoints + point) / 2 * kCameras / kPoints;
+    return camera >= place && camera < place + 4;
+  };
+  const SystemOptions options{
+      .cameras = kCameras, .points = kPoints, .camera_size = 6, .sees = sees, .dense = false};
+  support::play_ranks(2, [&](Exchange& exchange) {
+    const RandomSystem part(options, exchange);
+    const NormalEquations& normal = part.normal();
+    PointElimination elimination(normal);
+    elimination.factor(kDamping);
+    const CameraPattern mine = make_camera_pattern(part.graph, {}, normal.pool());
+    BlockSparseSchur schur(
+        normal, elimination, std::make_shared<ReducedStructure>(ReducedStructure{.pattern = mine}));
+    CameraBlockDiagonal diagonal(normal);
+    std::vector<double> rhs;
+    schur.assemble(diagonal, rhs);
+    const CameraNeighbours neighbours =
+        neighbours_of(part.graph, structure_of(part)->pattern, normal.pool(), normal.exchange());
+    const Aggregates clusters = aggregate_cameras(neighbours, 20);
+    const ClusterShares shares(normal, schur, clusters);
+    EXPECT_EQ(exchange.sum(shares.num_own()), clusters.count());
+    for (int k = 0; k < shares.num_own(); ++k) {
+      const int camera = clusters.members[clusters.begin[shares.own(k)]];
+      EXPECT_NEAR(camera, exchange.rank() == 0 ? 0 : kCameras, kCameras / 2 + 20);
+    }
+    const double received = exchange.sum(static_cast<double>(shares.receive().size()));
+    EXPECT_GT(received, 0.0);
+    EXPECT_LT(received, 36.0 * 0.05 * exchange.sum(static_cast<double>(mine.num_blocks())));
+  });
+}
 
 // A chain of cameras in which an error of one end reaches the other but by neighbours.
 TEST(PreconditionersOfAChain, OfLargerPartsTakeFewerIterations) {

@@ -7,6 +7,7 @@
 #include <barrier>
 #include <exception>
 #include <functional>
+#include <numeric>
 #include <stdexcept>
 #include <thread>
 #include <vector>
@@ -17,14 +18,16 @@ namespace sfmcpp::support {
 
 class ThreadedExchange final : public Exchange {
  public:
-  enum class Call { kNone, kSum, kMax, kGather, kAgree, kEnd };
+  enum class Call { kNone, kSum, kMax, kGather, kDeliver, kAgree, kEnd };
 
   // Where the ranks meet.
   struct Room {
-    explicit Room(int num_ranks) : gate(num_ranks), calls(num_ranks), brought(num_ranks) {}
+    explicit Room(int num_ranks)
+        : gate(num_ranks), calls(num_ranks), brought(num_ranks), counts(num_ranks) {}
     std::barrier<> gate;
     std::vector<Call> calls;
     std::vector<std::vector<double>> brought;
+    std::vector<std::vector<int>> counts;  // of what is delivered
   };
 
   ThreadedExchange(Room& room, int rank) : room_(room), rank_(rank) {}
@@ -57,6 +60,20 @@ class ThreadedExchange final : public Exchange {
       for (const auto& theirs : room_.brought) all.insert(all.end(), theirs.begin(), theirs.end());
     });
     return all;
+  }
+  std::vector<double> deliver(std::span<const double> values,
+                              std::span<const int> counts) override {
+    room_.counts[rank_].assign(counts.begin(), counts.end());
+    std::vector<double> received;
+    meet(Call::kDeliver, values, [&] {
+      for (std::size_t r = 0; r < room_.brought.size(); ++r) {
+        const std::vector<int>& theirs = room_.counts[r];
+        const auto first =
+            room_.brought[r].begin() + std::reduce(theirs.begin(), theirs.begin() + rank_);
+        received.insert(received.end(), first, first + theirs[rank_]);
+      }
+    });
+    return received;
   }
   bool agree(bool mine) override {
     const double vote = mine ? 1.0 : 0.0;

@@ -64,7 +64,7 @@ SOLVING = (
     "unit/weighting/test_weight_selection.py",
 )
 METHODS = ("bindings/test_methods.py", "bindings/test_projective.py")
-LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds or two_levels"
+LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds"
 
 
 @pytest.mark.parametrize(("count", "files", "least"), [(2, SOLVING + METHODS, 250), (3, METHODS, 80)])
@@ -96,6 +96,11 @@ def test_the_tests_that_solve_pass_on_several_ranks(
 )
 def test_steps_are_those_of_one_process(count: int, how: str) -> None:
     require_success(case(count, "steps_of_the_whole", *how.split()))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_preconditioners_are_those_of_one_process(count: int) -> None:
+    require_success(case(count, "preconditioners"))
 
 
 @pytest.mark.parametrize(

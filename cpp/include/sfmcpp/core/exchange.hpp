@@ -31,6 +31,10 @@ class Exchange {
   virtual void max(std::span<double> values) = 0;
   // The values of all ranks, rank after rank; each may bring another number of them.
   virtual std::vector<double> gather(std::span<const double> values) = 0;
+  // counts[r] of the values are for rank r, rank after rank; gives what the ranks have for this
+  // one, likewise.
+  virtual std::vector<double> deliver(std::span<const double> values,
+                                      std::span<const int> counts) = 0;
   // Whether any rank says so.
   virtual bool agree(bool mine) = 0;
 

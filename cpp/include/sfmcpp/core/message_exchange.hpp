@@ -19,6 +19,11 @@ class Transport {
   virtual void all_gather(std::span<const double> mine, std::span<double> all) = 0;
   // `mine` has as many for each rank, rank after rank; `received` gets what each has for this one.
   virtual void all_to_all(std::span<const double> mine, std::span<double> received) = 0;
+  // The same where a rank has `counts` numbers for each and gets `received_counts` of each.
+  virtual void all_to_all(std::span<const double> mine,
+                          std::span<const int> counts,
+                          std::span<double> received,
+                          std::span<const int> received_counts) = 0;
 };
 
 class MessageExchange final : public Exchange {
@@ -39,6 +44,7 @@ class MessageExchange final : public Exchange {
   void sum(std::span<double> values) override;
   void max(std::span<double> values) override;
   std::vector<double> gather(std::span<const double> values) override;
+  std::vector<double> deliver(std::span<const double> values, std::span<const int> counts) override;
   bool agree(bool mine) override;
 
   const Traffic& traffic() const { return traffic_; }
