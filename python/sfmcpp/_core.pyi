@@ -667,7 +667,7 @@ def constraint_costs(arrays: dict) -> list[float]:
     """
 def explore_step(arrays: dict, options: SolveOptions, lengths: collections.abc.Sequence[tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]]) -> dict:
     """
-    Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along it at unit length.
+    Costs along the first step; the arrays `cameras`, `intrinsics`, `points` and `rig_sensors` are moved along it at unit length.
     """
 def group_ranks(group: numpy.typing.NDArray[numpy.int32], num_groups: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.int64]:
     """
@@ -723,7 +723,7 @@ def sample_patches(levels: collections.abc.Sequence[typing.Annotated[numpy.typin
     """
 def solve(arrays: dict, options: SolveOptions, callback: typing.Any = None, checkpoint: typing.Any = None, resumed: dict | None = None, exchange: typing.Any = None) -> CoreSummary:
     """
-    Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays that another call takes as `resumed`. With `exchange`, this is one rank's part of a problem.
+    Minimise; the arrays `cameras`, `intrinsics`, `points` and `rig_sensors` are overwritten with the best state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays that another call takes as `resumed`. With `exchange`, this is one rank's part of a problem.
     """
 def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, head_bytes: typing.SupportsInt | typing.SupportsIndex, item_bytes: typing.SupportsInt | typing.SupportsIndex) -> tuple:
     """

@@ -35,7 +35,7 @@ AlgebraicCost::AlgebraicCost(const ImageResiduals& images,
       graph_(images.graph()),
       map_(map),
       free_intrinsics_(free_intrinsics),
-      frames_(problem_),
+      frames_(problem_, sensor_column(problem_, free_intrinsics.size())),
       kernel_(residuals::algebraic_kernel(problem_.camera_model)) {}
 
 // Once for all line searches (thesis §4.2.2), and only if there is one. An image has observations

@@ -18,7 +18,7 @@ Bending::Bending(const ImageResiduals& images,
     : images_(images),
       map_(map),
       free_intrinsics_(free_intrinsics),
-      frames_(images.problem()),
+      frames_(images.problem(), sensor_column(images.problem(), free_intrinsics.size())),
       kernel_(residuals::bending_kernel(images.problem().camera_model)) {}
 
 const std::vector<double>& Bending::along(const optim::State& state,
@@ -45,11 +45,11 @@ void Bending::for_each_batch(const optim::State& state,
   images_.pool().parallel_for(static_cast<int>(chunks.size()), [&](int c) {
     std::array<double, linear::kMaxCameraSize> delta{}, intrinsics_step{};
     map_.expand(step.camera.data(), chunks[c].camera, delta.data());
-    Eigen::Vector3d bend = Eigen::Vector3d::Zero();
+    Eigen::Vector<double, 6> bend = Eigen::Vector<double, 6>::Zero();
     if (frames_.any()) {
       const FrameMotion motion = frames_.motion(state, chunks[c].camera);
-      motion.move(delta.data());
       bend = motion.bend(delta.data());
+      motion.move(delta.data());
     }
     for (std::size_t k = 0; k < free_intrinsics_.size(); ++k)
       intrinsics_step[free_intrinsics_[k]] = delta[tangent + k];

@@ -49,7 +49,7 @@ BundleModel::BundleModel(const Problem& problem,
       graph_(graph),
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
-      frames_(problem),
+      frames_(problem, sensor_column(problem, free_intrinsics_.size())),
       pool_(pool),
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
@@ -185,6 +185,7 @@ void BundleModel::plus(const State& state,
                        optim::StepLengths lengths,
                        State& result) const {
   result.intrinsics = state.intrinsics;
+  result.sensors = state.sensors;
   pool_.parallel_for(1 + linear::num_point_tasks(graph_.num_points), [&](int task) {
     if (task == 0) {
       for (int i = 0; i < graph_.num_cameras; ++i)
@@ -222,9 +223,11 @@ void BundleModel::move_camera(
   const double* from = state.cameras.data() + problem_.camera_offset(camera);
   double* to = result.cameras.data() + problem_.camera_offset(camera);
   const int tangent = camera_tangent(problem_.camera_model);
-  if (std::any_of(delta.begin(), delta.begin() + tangent, [](double d) { return d != 0.0; })) {
-    frames_.any() ? frames_.plus(state, camera, delta.data(), to)
-                  : plus_camera(problem_.camera_model, from, delta.data(), to);
+  if (frames_.any()) {
+    frames_.plus(state, camera, delta.data(), result);
+  } else if (std::any_of(
+                 delta.begin(), delta.begin() + tangent, [](double d) { return d != 0.0; })) {
+    plus_camera(problem_.camera_model, from, delta.data(), to);
   } else {
     std::copy_n(from, kCameraStorage, to);
   }

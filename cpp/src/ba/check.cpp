@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <numeric>
 
 #include <Eigen/LU>
 
+#include "sfmcpp/core/disjoint_sets.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
@@ -133,31 +133,9 @@ void warn(const char* what,
   if (!numbers.empty()) warnings.push_back(name_list(what, numbers) + ": " + text);
 }
 
-// Sets of cameras, by union–find.
-class Parts {
- public:
-  explicit Parts(int cameras) : parent_(cameras), count_(cameras) {
-    std::iota(parent_.begin(), parent_.end(), 0);
-  }
-  int root(int i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(int i, int j) {
-    const int a = root(i), b = root(j);
-    parent_[a] = b;
-    count_ -= a != b;
-  }
-  int count() const { return count_; }
-
- private:
-  std::vector<int> parent_;
-  int count_;
-};
-
 // Joins the cameras of each point of this rank; done as soon as those with observations are one.
-Parts parts_here(const linear::ObservationGraph& graph) {
-  Parts parts(graph.num_cameras);
+DisjointSets parts_here(const linear::ObservationGraph& graph) {
+  DisjointSets parts(graph.num_cameras);
   int unobserved = 0;
   for (int i = 0; i < graph.num_cameras; ++i) unobserved += graph.observations_of_camera(i) == 0;
   for (int p = 0; p < graph.num_points && parts.count() > unobserved + 1; ++p) {
@@ -168,7 +146,7 @@ Parts parts_here(const linear::ObservationGraph& graph) {
 }
 
 // Joins the cameras of each frame.
-void join_frames(std::span<const int> frame_of_camera, Parts& parts) {
+void join_frames(std::span<const int> frame_of_camera, DisjointSets& parts) {
   std::vector<int> first(frame_of_camera.size(), -1);
   for (int i = 0; i < static_cast<int>(frame_of_camera.size()); ++i) {
     int& of_frame = first[frame_of_camera[i]];
@@ -180,7 +158,7 @@ void join_frames(std::span<const int> frame_of_camera, Parts& parts) {
 // Cameras joined through common points, of any rank, and through rigs.
 int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
   const int cameras = graph.num_cameras;
-  Parts here = parts_here(graph), joined(cameras);
+  DisjointSets here = parts_here(graph), joined(cameras);
   std::vector<double> roots(cameras);
   for (int i = 0; i < cameras; ++i) roots[i] = here.root(i);
   const std::vector<double> all = exchange.gather(roots);

@@ -84,7 +84,9 @@ void check_constraints(const Problem& problem, const optim::State& state) {
 ConstraintTerms::ConstraintTerms(const Problem& problem,
                                  const linear::ParameterMap& map,
                                  const std::vector<int>& free_intrinsics)
-    : problem_(problem), map_(map), frames_(problem) {
+    : problem_(problem),
+      map_(map),
+      frames_(problem, sensor_column(problem, free_intrinsics.size())) {
   columns_.width = map.camera_size;
   columns_.of_intrinsics.assign(problem.num_intrinsics(), residuals::ConstraintColumns::kNone);
   for (std::size_t k = 0; k < free_intrinsics.size(); ++k)

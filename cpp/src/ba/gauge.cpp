@@ -7,7 +7,7 @@
 #include <Eigen/Householder>
 
 #include "sfmcpp/ba/constraint_terms.hpp"
-#include "sfmcpp/ba/rigs.hpp"
+#include "sfmcpp/ba/free_sensors.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -32,7 +32,11 @@ class GaugeChooser {
                const linear::ObservationGraph& graph,
                const optim::State& state,
                Exchange& exchange)
-      : problem_(problem), graph_(graph), state_(state), frames_(problem) {
+      : problem_(problem),
+        graph_(graph),
+        state_(state),
+        frames_(problem),
+        sensors_(problem, graph) {
     normalise();
     find_free_motions(exchange);
   }
@@ -90,6 +94,15 @@ class GaugeChooser {
     return rows;
   }
   Motions response_of_camera(int i) const { return response_of_pose(camera(i)); }
+  Motions response_of_frame(int i) const {
+    Motions rows = response_of_pose(frames_.pose(state_, i));
+    rows.bottomRightCorner<3, 1>() += sensors_.anchor(frames_, state_, i) / extent_;
+    return rows;
+  }
+  // Of its sensor in the rig, in units of the scene.
+  Eigen::Vector3d lever_of(int i) const {
+    return sensors_.lever(state_, problem_.rigs.sensor_of_camera[i]) / extent_;
+  }
 
   // `free_` ← the motions that leave everything fixed where it is.
   void find_free_motions(Exchange& exchange) {
@@ -108,7 +121,7 @@ class GaugeChooser {
   void add_fixed_cameras(Similarities& held) const {
     for (int i = 0; i < graph_.num_cameras; ++i) {
       if (!takes_part(i) || is_free(i)) continue;
-      const Motions rows = response_of_camera(i);
+      const Motions rows = sensors_.camera_moves(i) ? response_of_frame(i) : response_of_camera(i);
       held += rows.transpose() * rows;
     }
   }
@@ -122,12 +135,12 @@ class GaugeChooser {
     }
   }
 
-  // A similarity that grows the world would move the cameras of a frame apart.
+  // A similarity that grows the world would move the sensors of a rig apart.
   void add_rigs(Similarities& held) const {
+    if (!frames_.any()) return;
     for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_free(i) || frames_.leads(i)) continue;
-      const Eigen::Vector3d apart = camera(i).col(3) - camera(frames_.lead(i)).col(3);
-      held(6, 6) += apart.squaredNorm() / (extent_ * extent_);
+      if (!is_free(i) || sensors_.camera_moves(i)) continue;
+      held(6, 6) += lever_of(i).squaredNorm();
     }
   }
 
@@ -172,7 +185,15 @@ class GaugeChooser {
   }
 
   Eigen::RowVectorXd free_response(PoseParameter parameter) const {
-    return response_of_pose(frames_.pose(state_, parameter.camera)).row(parameter.column) * free_;
+    return response(parameter) * free_;
+  }
+  Motions response(PoseParameter parameter) const {
+    const auto [camera, column] = parameter;
+    if (column < kPoseTangent) return response_of_frame(camera).row(column);
+    Motions row = Motions::Zero(1, 7);
+    constexpr int kPlaces = kPoseTangent + 3;
+    if (column >= kPlaces) row(0, 6) = lever_of(camera)[column - kPlaces];
+    return row;
   }
 
   // Holding a parameter removes from the free motions the one that moves it.
@@ -196,14 +217,20 @@ class GaugeChooser {
   PoseParameter parameter_that_moves_most() const {
     PoseParameter best{0, 0};
     double largest = 0.0;
-    for (int i = 0; i < graph_.num_cameras; ++i) {
-      if (!is_free(i) || !frames_.leads(i)) continue;
-      for (int k = 0; k < kPoseTangent; ++k) {
-        const double size = free_response({i, k}).norm();
+    const auto look_at = [&](int camera, int first_column) {
+      for (int k = first_column; k < first_column + kPoseTangent; ++k) {
+        const double size = free_response({camera, k}).norm();
         if (size <= largest) continue;
         largest = size;
-        best = {i, k};
+        best = {camera, k};
       }
+    };
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      if (is_free(i) && frames_.leads(i)) look_at(i, 0);
+    }
+    for (const std::vector<int>& cameras : sensors_.cameras()) {
+      if (!cameras.empty() && sensors_.camera_moves(cameras.front()))
+        look_at(cameras.front(), kPoseTangent);
     }
     return best;
   }
@@ -212,6 +239,7 @@ class GaugeChooser {
   const linear::ObservationGraph& graph_;
   const optim::State& state_;
   Frames frames_;
+  FreeSensors sensors_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
   Eigen::MatrixXd free_;  // 7 × remaining degrees of freedom, orthonormal

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <string>
 
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/core/disjoint_sets.hpp"
 #include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::ba {
@@ -81,12 +81,12 @@ struct Tie {
 class Search {
  public:
   Search(const Problem& problem, const linear::ObservationGraph& graph, const optim::State& state)
-      : problem_(problem), graph_(graph), cameras_(constrained_cameras(problem, state)) {
-    const auto count = static_cast<std::size_t>(problem.num_cameras());
-    island_.resize(count);
-    std::iota(island_.begin(), island_.end(), 0);
-    place_.assign(count, 0);
-    held_.assign(count, 0);
+      : problem_(problem),
+        graph_(graph),
+        cameras_(constrained_cameras(problem, state)),
+        islands_(problem.num_cameras()),
+        place_(problem.num_cameras()),
+        held_(problem.num_cameras()) {
     columns_.width = kPoseTangent;
     columns_.of_intrinsics.assign(problem.num_intrinsics(), residuals::ConstraintColumns::kNone);
   }
@@ -94,16 +94,16 @@ class Search {
   std::vector<std::uint8_t> run() {
     find_ties();
     if (ties_.empty()) return {};
-    std::vector<std::vector<Tie>> ties(island_.size());
-    for (const Tie& tie : ties_) ties[root(an_open_camera(tie.member()))].push_back(tie);
-    std::vector<std::vector<int>> members(island_.size());
-    for (std::size_t i = 0; i < island_.size(); ++i) {
-      std::vector<int>& island = members[root(static_cast<int>(i))];
+    std::vector<std::vector<Tie>> ties(place_.size());
+    for (const Tie& tie : ties_) ties[islands_.root(an_open_camera(tie.member()))].push_back(tie);
+    std::vector<std::vector<int>> members(place_.size());
+    for (std::size_t i = 0; i < place_.size(); ++i) {
+      std::vector<int>& island = members[islands_.root(static_cast<int>(i))];
       place_[i] = static_cast<int>(island.size());
       island.push_back(static_cast<int>(i));
     }
     bool any = false;
-    for (std::size_t i = 0; i < island_.size(); ++i) {
+    for (std::size_t i = 0; i < place_.size(); ++i) {
       if (ties[i].empty()) continue;
       const bool held = is_determined(ties[i], static_cast<int>(members[i].size()));
       if (!held) refuse_pairs(ties[i]);
@@ -122,11 +122,6 @@ class Search {
     return is_open(member.camera) ? member.camera : member.previous;
   }
 
-  int root(int camera) {
-    while (island_[camera] != camera) camera = island_[camera] = island_[island_[camera]];
-    return camera;
-  }
-
   void find_ties() {
     for (const ConstraintGroup& group : problem_.constraints->groups()) {
       for (std::size_t k = 0; k < group.members.size(); ++k) {
@@ -134,7 +129,7 @@ class Search {
         const bool here = is_open(member.camera), there = is_open(member.previous);
         if (!(here || there) || !residuals::is_active(group, member)) continue;
         ties_.push_back({&group, k});
-        if (here && there) island_[root(member.previous)] = root(member.camera);
+        if (here && there) islands_.join(member.previous, member.camera);
       }
     }
   }
@@ -180,8 +175,8 @@ class Search {
   residuals::ConstraintColumns columns_;
   residuals::ConstraintResidual error_;
   std::vector<Tie> ties_;
-  std::vector<int> island_;  // union–find over cameras that constraints tie
-  std::vector<int> place_;   // of each camera in its island
+  DisjointSets islands_;    // cameras that constraints tie
+  std::vector<int> place_;  // of each camera in its island
   std::vector<std::uint8_t> held_;
 };
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "linear_model_work.hpp"
+#include "sfmcpp/cameras/pose.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -108,7 +109,8 @@ int LinearModel::num_observations() const { return work_->graph().num_observatio
 double LinearModel::loss_scale() const { return work_->space.model.images().loss().scale; }
 
 int LinearModel::camera_size() const {
-  return camera_tangent(problem_.camera_model) + static_cast<int>(work_->space.intrinsics.size());
+  return camera_tangent(problem_.camera_model) + static_cast<int>(work_->space.intrinsics.size()) +
+         (has_free_sensors() ? kPoseTangent : 0);
 }
 
 std::vector<std::string> LinearModel::free_intrinsics() const {

@@ -3,10 +3,7 @@
 #include <numeric>
 
 #include "linear_model_work.hpp"
-#include "sfmcpp/ba/rigs.hpp"
-#include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
-#include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -58,82 +55,8 @@ void LinearModel::factorize() {
         "all free parameters of the cameras; fix some or add observations");
   }
   work_->solver = std::move(solver);
+  require_sensors();
   find_unseen();
-}
-
-// How the columns answer to three turns about the middle of the cameras, three shifts and the
-// growth of the world, in units of its extent; and, beside them, how all that is fixed does.
-MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
-  using Motion = Eigen::Matrix<double, 3, 7>;
-  using Camera = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>;
-  const auto camera = [&](int i) {
-    return Camera(state_.cameras.data() + kCameraStorage * long{i});
-  };
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (int i = 0; i < num_cameras(); ++i) middle += camera(i).col(3) / num_cameras();
-  double extent = 0.0;
-  for (int i = 0; i < num_cameras(); ++i)
-    extent = std::max(extent, (camera(i).col(3) - middle).norm());
-  if (extent == 0.0) extent = 1.0;
-  const auto of_position = [&](const Eigen::Vector3d& x) {
-    Motion rows;
-    rows << -skew((x - middle) / extent), Matrix3d::Identity(), (x - middle) / extent;
-    return rows;
-  };
-  const Frames frames(problem_);
-  MatrixXd result = MatrixXd::Zero(num_columns(), 7);
-  held.setZero();
-  for (int i = 0; i < num_cameras(); ++i) {
-    if (work_->graph().observations_of_camera(i) == 0) continue;
-    const PoseMatrix frame = frames.pose(state_, i);
-    Eigen::Matrix<double, kPoseTangent, 7> rows;
-    rows << Motion::Zero(), of_position(frame.col(3));
-    rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
-    if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
-    const double apart = (camera(i).col(3) - camera(frames.lead(i)).col(3)).norm() / extent;
-    held(6, 6) += apart * apart;
-    rows.bottomRows<3>() *= extent;
-    for (int k = 0; k < kPoseTangent; ++k) {
-      if (const int column = map_.columns_of(i)[k]; column != kNoColumn)
-        result.row(column) = rows.row(k);
-    }
-  }
-  for (int p = 0; p < num_points(); ++p) {
-    if (work_->graph().observations_of_point(p) == 0) continue;
-    const Motion rows =
-        of_position(Eigen::Map<const Eigen::Vector3d>(state_.points.data() + 3L * p));
-    if (point_place_[p] < 0) {
-      held += rows.transpose() * rows;
-    } else {
-      result.middleRows<3>(map_.num_columns + 3L * point_place_[p]) = extent * rows;
-    }
-  }
-  for (const ConstraintRows& group : groups_) {
-    if (!(group.weight > 0.0)) continue;
-    const MatrixXd rows = group.jacobian * result.topRows(map_.num_columns);
-    held += rows.transpose() * rows / std::max(group.jacobian.squaredNorm(), 1e-300);
-  }
-  return result;
-}
-
-// N and H⁻ N: of the motions of the world, as many as the fixed gauge holds columns, those that
-// nothing else holds.
-void LinearModel::find_unseen() {
-  if (held_.empty()) return;
-  Eigen::Matrix<double, 7, 7> held;
-  const MatrixXd all = motions(held);
-  const auto count = static_cast<Index>(held_.size());
-  unseen_ = orthonormal_columns(all * symmetric_spectrum(held).vectors.leftCols(count));
-  MatrixXd camera = MatrixXd::Zero(work_->space.map.num_columns, count);
-  MatrixXd point = MatrixXd::Zero(3L * num_points(), count);
-  for (std::size_t c = 0; c < inner_.size(); ++c) {
-    if (inner_[c] != kNoColumn) camera.row(inner_[c]) = unseen_.row(static_cast<Index>(c));
-  }
-  for (std::size_t k = 0; k < points_.size(); ++k)
-    point.middleRows<3>(3L * points_[k]) =
-        unseen_.middleRows<3>(map_.num_columns + 3 * static_cast<Index>(k));
-  solve_all(camera, point);
-  of_unseen_ = assembled(camera, point);
 }
 
 // Rows by columns as they are called outside; zero where held.

@@ -1,8 +1,12 @@
 #include "sfmcpp/ba/mask.hpp"
 
 #include <algorithm>
+#include <string>
 
+#include "sfmcpp/ba/free_sensors.hpp"
 #include "sfmcpp/ba/rigs.hpp"
+#include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -23,8 +27,9 @@ class Builder {
         intrinsics_(intrinsics),
         gauge_(gauge),
         frames_(problem),
-        tangent_(camera_tangent(problem.camera_model)) {
-    map_.camera_size = linear::padded_camera_size(tangent_ + static_cast<int>(intrinsics.size()));
+        tangent_(camera_tangent(problem.camera_model)),
+        sensor_column_(sensor_column(problem, intrinsics.size())) {
+    map_.camera_size = linear::padded_camera_size(used_columns());
     map_.column.assign(static_cast<std::size_t>(problem.num_cameras()) * map_.camera_size,
                        kNoColumn);
     users_.assign(problem.num_groups(), 0);
@@ -42,6 +47,7 @@ class Builder {
       end_block();
     }
     add_shared_intrinsics();
+    if (sensor_column_ != kNoColumn) add_sensors();
     map_.free_point.resize(problem_.num_points());
     for (int p = 0; p < problem_.num_points(); ++p) {
       map_.free_point[p] = !problem_.fixed_points[p] && graph_.observations_of_point(p) > 0;
@@ -51,6 +57,16 @@ class Builder {
   }
 
  private:
+  int used_columns() const {
+    const int alone = tangent_ + static_cast<int>(intrinsics_.size());
+    if (sensor_column_ == kNoColumn) return alone;
+    constexpr int kMost = linear::kMaxCameraSize - 2 * kPoseTangent;
+    if (std::ssize(intrinsics_) > kMost)
+      throw InvalidArgument("rigs.free_sensors: " + std::to_string(intrinsics_.size()) +
+                            " intrinsics are free beside sensors, must be at most " +
+                            std::to_string(kMost));
+    return alone + kPoseTangent;
+  }
   int group(int camera) const { return problem_.intrinsics_index[camera]; }
   int& column(int camera, int k) {
     return map_.column[static_cast<std::size_t>(camera) * map_.camera_size + k];
@@ -65,10 +81,11 @@ class Builder {
       return;
     }
     for (int k = 0; k < tangent_; ++k) {
-      if (!std::binary_search(gauge_.begin(), gauge_.end(), PoseParameter{camera, k})) {
-        column(camera, k) = next_column_++;
-      }
+      if (!is_held({camera, k})) column(camera, k) = next_column_++;
     }
+  }
+  bool is_held(PoseParameter parameter) const {
+    return std::binary_search(gauge_.begin(), gauge_.end(), parameter);
   }
 
   void add_intrinsics(int group, const std::vector<int>& cameras) {
@@ -91,6 +108,22 @@ class Builder {
     }
   }
 
+  // Of all cameras of a sensor, those too whose frame takes no part: they stay in their places.
+  void add_sensors() {
+    const FreeSensors sensors(problem_, graph_);
+    const std::vector<std::vector<int>> cameras = sensors.cameras();
+    for (std::size_t s = 0; s < cameras.size(); ++s) {
+      if (!sensors.moves(static_cast<int>(s))) continue;
+      for (int k = 0; k < kPoseTangent; ++k) {
+        if (is_held({cameras[s].front(), kPoseTangent + k})) continue;
+        for (int camera : cameras[s]) column(camera, sensor_column_ + k) = next_column_;
+        ++next_column_;
+      }
+      map_.has_shared_columns |= cameras[s].size() > 1;
+      end_block();
+    }
+  }
+
   void end_block() {
     if (next_column_ == map_.num_columns) return;
     map_.block_begin.push_back(map_.num_columns);
@@ -103,7 +136,8 @@ class Builder {
   const std::vector<int>& intrinsics_;
   const std::vector<PoseParameter>& gauge_;
   Frames frames_;
-  int tangent_;             // columns of a camera, intrinsics aside
+  int tangent_;             // columns of a camera, intrinsics and sensor aside
+  int sensor_column_;       // the first of its sensor, kNoColumn: none is free
   std::vector<int> users_;  // observed cameras of each row of intrinsics
   ParameterMap map_;
   int next_column_ = 0;

@@ -5,7 +5,8 @@ namespace sfmcpp::ba {
 optim::State state_of(const Problem& problem) {
   return {.cameras = {problem.cameras.begin(), problem.cameras.end()},
           .intrinsics = {problem.intrinsics.begin(), problem.intrinsics.end()},
-          .points = {problem.points.begin(), problem.points.end()}};
+          .points = {problem.points.begin(), problem.points.end()},
+          .sensors = {problem.rigs.sensors.begin(), problem.rigs.sensors.end()}};
 }
 
 linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange) {

@@ -14,7 +14,6 @@
 namespace sfmcpp::ba {
 namespace {
 
-using PoseView = Eigen::Map<const PoseMatrix>;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // How far a camera may be from where frame and sensor put it: of a rotation, of the distances
@@ -45,8 +44,10 @@ std::string entry(const char* array, long k) {
   return std::string(array) + "[" + std::to_string(k) + "]";
 }
 
-long num_sensors(const Rigs& rigs) {
-  return static_cast<long>(rigs.sensors.size()) / kCameraStorage;
+std::size_t sensor_offset(int s) { return kCameraStorage * static_cast<std::size_t>(s); }
+
+bool moves(const double* pose_step) {
+  return std::any_of(pose_step, pose_step + kPoseTangent, [](double d) { return d != 0.0; });
 }
 
 void check_lengths(const Problem& problem) {
@@ -60,6 +61,10 @@ void check_lengths(const Problem& problem) {
   };
   check("frame_of_camera", rigs.frame_of_camera.size());
   check("sensor_of_camera", rigs.sensor_of_camera.size());
+  if (!rigs.free_sensors.empty() && std::ssize(rigs.free_sensors) != rigs.num_sensors())
+    refuse("free_sensors",
+           std::to_string(rigs.free_sensors.size()) + " values for " +
+               std::to_string(rigs.num_sensors()) + " sensors, must be one for each or none");
   if (!is_metric(problem.camera_model))
     refuse("frame_of_camera", "camera_model 'projective' has no poses, its cameras form no rig");
 }
@@ -74,7 +79,7 @@ void check_numbers(const Problem& problem) {
     }
   };
   check("frame_of_camera", rigs.frame_of_camera, problem.num_cameras());
-  check("sensor_of_camera", rigs.sensor_of_camera, num_sensors(rigs));
+  check("sensor_of_camera", rigs.sensor_of_camera, rigs.num_sensors());
   std::set<std::pair<int, int>> seen;
   for (int i = 0; i < problem.num_cameras(); ++i) {
     const int frame = rigs.frame_of_camera[i], sensor = rigs.sensor_of_camera[i];
@@ -85,8 +90,8 @@ void check_numbers(const Problem& problem) {
 }
 
 void check_sensors(const Rigs& rigs) {
-  for (long s = 0; s < num_sensors(rigs); ++s) {
-    const PoseView sensor(rigs.sensors.data() + kCameraStorage * s);
+  for (int s = 0; s < rigs.num_sensors(); ++s) {
+    const PoseMatrixView sensor = sensor_at(rigs.sensors, s);
     if (!sensor.allFinite()) refuse(entry("sensors", s), "must be finite");
     if (!is_rotation(sensor.leftCols<3>()))
       refuse(entry("sensors", s), "not a rotation: must be orthonormal to 1e-6 with determinant 1");
@@ -100,9 +105,12 @@ void check_camera(const Problem& problem, const Frames& frames, int i) {
     throw InvalidArgument("fixed_" + name + ": differs from that of camera " +
                           std::to_string(lead) + " in the same frame: must be the same");
   const auto camera = [&](int k) {
-    return PoseView(problem.cameras.data() + problem.camera_offset(k));
+    return PoseMatrixView(problem.cameras.data() + problem.camera_offset(k));
   };
-  const PoseMatrix sensor = frames.sensor(i), of_lead = frames.sensor(lead);
+  const auto sensor_of = [&](int k) {
+    return PoseMatrix(sensor_at(problem.rigs.sensors, problem.rigs.sensor_of_camera[k]));
+  };
+  const PoseMatrix sensor = sensor_of(i), of_lead = sensor_of(lead);
   const PoseMatrix wanted = composed(frame_of(camera(lead), of_lead), sensor);
   const double turn = (wanted - camera(i)).leftCols<3>().cwiseAbs().maxCoeff();
   const double off = (wanted - camera(i)).col(3).norm();
@@ -118,6 +126,10 @@ void check_camera(const Problem& problem, const Frames& frames, int i) {
 
 }  // namespace
 
+PoseMatrixView sensor_at(std::span<const double> sensors, int s) {
+  return PoseMatrixView(sensors.data() + sensor_offset(s));
+}
+
 void check_rigs(const Problem& problem) {
   if (problem.rigs.empty()) return;
   check_lengths(problem);
@@ -127,16 +139,26 @@ void check_rigs(const Problem& problem) {
   for (int i = 0; i < problem.num_cameras(); ++i) check_camera(problem, frames, i);
 }
 
-FrameMotion::FrameMotion(const PoseMatrix& frame, const PoseMatrix& sensor)
-    : turned_(sensor.leftCols<3>().transpose()),
-      leverage_(-frame.leftCols<3>() * skew(sensor.col(3))),
-      arm_(turned_ * sensor.col(3)) {}
+int sensor_column(const Problem& problem, std::size_t num_free_intrinsics) {
+  if (!problem.rigs.any_free()) return linear::kNoColumn;
+  return kPoseTangent + static_cast<int>(num_free_intrinsics);
+}
+
+FrameMotion::FrameMotion(const PoseMatrix& frame, const PoseMatrix& sensor, int sensor_column)
+    : axes_(frame.leftCols<3>()),
+      turned_(sensor.leftCols<3>().transpose()),
+      leverage_(-axes_ * skew(sensor.col(3))),
+      arm_(turned_ * sensor.col(3)),
+      sensor_column_(sensor_column) {}
 
 void FrameMotion::carry(double* jacobian, long rows, int width) const {
   Eigen::Map<RowMajor> by(jacobian, rows, width);
   for (long row = 0; row < rows; ++row) {
     const Eigen::RowVector3d turn = by.row(row).head<3>(), centre = by.row(row).segment<3>(3);
     by.row(row).head<3>() = turn * turned_ + centre * leverage_;
+    if (sensor_column_ == linear::kNoColumn) continue;
+    by.row(row).segment<3>(sensor_column_) = turn;
+    by.row(row).segment<3>(sensor_column_ + 3) = centre * axes_;
   }
 }
 
@@ -144,14 +166,29 @@ void FrameMotion::move(double* delta) const {
   Eigen::Map<Eigen::Vector3d> turn(delta), centre(delta + 3);
   centre += leverage_ * turn;
   turn = (turned_ * turn).eval();
+  if (sensor_column_ == linear::kNoColumn) return;
+  const Eigen::Map<const Eigen::Vector3d> own_turn(delta + sensor_column_),
+      own_shift(delta + sensor_column_ + 3);
+  centre += axes_ * own_shift;
+  turn += own_turn;
 }
 
-Eigen::Vector3d FrameMotion::bend(const double* delta) const {
-  const Eigen::Map<const Eigen::Vector3d> turn(delta);
-  return turn.cross(turn.cross(arm_));
+// The turn is log(exp([α a]×) exp([α b]×)) = α (a + b) + ½ α² a × b + …, with a of the frame and b
+// of the sensor.
+Eigen::Vector<double, 6> FrameMotion::bend(const double* delta) const {
+  const Eigen::Vector3d turn = turned_ * Eigen::Map<const Eigen::Vector3d>(delta);
+  Eigen::Vector3d own_turn = Eigen::Vector3d::Zero(), own_shift = Eigen::Vector3d::Zero();
+  if (sensor_column_ != linear::kNoColumn) {
+    own_turn = Eigen::Map<const Eigen::Vector3d>(delta + sensor_column_);
+    own_shift = turned_ * Eigen::Map<const Eigen::Vector3d>(delta + sensor_column_ + 3);
+  }
+  Eigen::Vector<double, 6> result;
+  result << turn.cross(own_turn), turn.cross(turn.cross(arm_) + 2.0 * own_shift);
+  return result;
 }
 
-Frames::Frames(const Problem& problem) : problem_(problem) {
+Frames::Frames(const Problem& problem, int sensor_column)
+    : problem_(problem), sensor_column_(sensor_column) {
   if (problem.rigs.empty()) return;
   const auto count = static_cast<std::size_t>(problem.num_cameras());
   std::vector<int> first(count, kNone);
@@ -164,27 +201,38 @@ Frames::Frames(const Problem& problem) : problem_(problem) {
   }
 }
 
-PoseMatrix Frames::sensor(int camera) const {
-  return PoseView(problem_.rigs.sensors.data() +
-                  kCameraStorage * problem_.rigs.sensor_of_camera[camera]);
+PoseMatrix Frames::sensor(const optim::State& state, int camera) const {
+  return sensor_at(state.sensors, problem_.rigs.sensor_of_camera[camera]);
 }
 
 PoseMatrix Frames::pose(const optim::State& state, int camera) const {
-  const PoseView stored(state.cameras.data() + problem_.camera_offset(lead(camera)));
-  return any() ? frame_of(stored, sensor(lead(camera))) : PoseMatrix(stored);
+  const PoseMatrixView stored(state.cameras.data() + problem_.camera_offset(lead(camera)));
+  return any() ? frame_of(stored, sensor(state, lead(camera))) : PoseMatrix(stored);
 }
 
 FrameMotion Frames::motion(const optim::State& state, int camera) const {
-  return {pose(state, camera), sensor(camera)};
+  return {pose(state, camera), sensor(state, camera), sensor_column_};
 }
 
 void Frames::plus(const optim::State& state,
                   int camera,
                   const double* delta,
-                  double* result) const {
-  PoseMatrix frame = pose(state, camera);
+                  optim::State& result) const {
+  const std::size_t place = problem_.camera_offset(camera);
+  const bool own_moves = sensor_column_ != linear::kNoColumn && moves(delta + sensor_column_);
+  if (!own_moves && !moves(delta)) {
+    std::copy_n(state.cameras.data() + place, kCameraStorage, result.cameras.data() + place);
+    return;
+  }
+  PoseMatrix frame = pose(state, camera), own = sensor(state, camera);
   plus_pose(frame.data(), delta, frame.data());
-  Eigen::Map<PoseMatrix>{result} = composed(frame, sensor(camera));
+  if (own_moves) {
+    plus_pose(own.data(), delta + sensor_column_, own.data());
+    // Cameras of one sensor set it to the same values.
+    const int s = problem_.rigs.sensor_of_camera[camera];
+    std::copy_n(own.data(), kCameraStorage, result.sensors.data() + sensor_offset(s));
+  }
+  Eigen::Map<PoseMatrix>{result.cameras.data() + place} = composed(frame, own);
 }
 
 void Frames::hold_cameras(linear::ObservationGraph& graph) const {

@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/ba/free_sensors.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
@@ -46,6 +47,8 @@ SolveSummary describe_start(const Workspace& work,
   const bool constrained = work.model.constraints().num_equations() > 0;
   summary.warnings = warnings_about(work.graph, problem.rigs, constrained, work.exchange);
   std::ranges::move(warnings_about_baselines(problem, work.graph),
+                    std::back_inserter(summary.warnings));
+  std::ranges::move(FreeSensors(problem, work.graph).warnings(),
                     std::back_inserter(summary.warnings));
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)

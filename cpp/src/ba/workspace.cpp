@@ -60,17 +60,21 @@ void check_state(const Problem& problem, const optim::State& state) {
   check_state_size("cameras", state.cameras.size(), problem.cameras.size());
   check_state_size("intrinsics", state.intrinsics.size(), problem.intrinsics.size());
   check_state_size("points", state.points.size(), problem.points.size());
+  check_state_size("sensors", state.sensors.size(), problem.rigs.sensors.size());
   if (std::ranges::equal(state.cameras, problem.cameras) &&
       std::ranges::equal(state.intrinsics, problem.intrinsics) &&
-      std::ranges::equal(state.points, problem.points)) {
+      std::ranges::equal(state.points, problem.points) &&
+      std::ranges::equal(state.sensors, problem.rigs.sensors)) {
     return;
   }
   Problem there = problem;
   there.cameras = state.cameras;
   there.intrinsics = state.intrinsics;
   there.points = state.points;
+  there.rigs.sensors = state.sensors;
   try {
     check_values(there);
+    check_rigs(there);
   } catch (const InvalidArgument& error) {
     throw InvalidArgument(std::string("state: ") + error.what());
   }

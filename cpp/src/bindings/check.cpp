@@ -10,6 +10,7 @@
 #include "options.hpp"
 #include "problem.hpp"
 #include "sfmcpp/ba/check_jacobians.hpp"
+#include "sfmcpp/ba/free_sensors.hpp"
 #include "sfmcpp/ba/ideal_images.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/mask.hpp"
@@ -29,6 +30,7 @@ std::vector<std::string> check(const py::dict& arrays) {
                        ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)));
   std::vector<std::string> warnings = ba::warnings_about(graph, problem.rigs);
   std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
+  std::ranges::move(ba::FreeSensors(problem, graph).warnings(), std::back_inserter(warnings));
   return warnings;
 }
 

@@ -91,6 +91,7 @@ py::dict step(LinearModel& model) {
   result["cameras"] = flat(step.state.cameras);
   result["intrinsics"] = flat(step.state.intrinsics);
   result["points"] = flat(step.state.points);
+  result["rig_sensors"] = flat(step.state.sensors);
   result["errors"] = step.errors;
   result["decrease"] = step.decrease;
   return result;

@@ -99,7 +99,8 @@ ba::Problem problem_of(const py::dict& arrays) {
   if (arrays.contains("rig_sensors")) {
     problem.rigs = {.sensors = view<const double>(arrays, "rig_sensors"),
                     .frame_of_camera = view<const int>(arrays, "frame_of_camera"),
-                    .sensor_of_camera = view<const int>(arrays, "sensor_of_camera")};
+                    .sensor_of_camera = view<const int>(arrays, "sensor_of_camera"),
+                    .free_sensors = flags(arrays, "free_sensors")};
   }
   problem.fixed_cameras = flags(arrays, "fixed_cameras");
   problem.fixed_points = flags(arrays, "fixed_points");

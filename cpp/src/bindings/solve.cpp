@@ -33,6 +33,7 @@ py::dict dict_of(const optim::Resumption& resumption) {
   d["cameras"] = array(resumption.state.cameras);
   d["intrinsics"] = array(resumption.state.intrinsics);
   d["points"] = array(resumption.state.points);
+  if (!resumption.state.sensors.empty()) d["rig_sensors"] = array(resumption.state.sensors);
   d["numbers"] = array(resumption.numbers);
   d["seconds"] = array({resumption.seconds});
   return d;
@@ -45,7 +46,11 @@ optim::Resumption resumption_of(const py::dict& d) {
   };
   const std::vector<double> seconds = numbers("seconds");
   if (seconds.size() != 1) throw InvalidArgument("seconds: must be one number");
-  return {.state = {numbers("cameras"), numbers("intrinsics"), numbers("points")},
+  return {.state = {.cameras = numbers("cameras"),
+                    .intrinsics = numbers("intrinsics"),
+                    .points = numbers("points"),
+                    .sensors =
+                        d.contains("rig_sensors") ? numbers("rig_sensors") : std::vector<double>()},
           .numbers = numbers("numbers"),
           .seconds = seconds[0]};
 }
@@ -124,19 +129,22 @@ class Listener {
 // The caller's arrays of unknowns, taken before a solve: what cannot be written is refused then.
 class Unknowns {
  public:
-  explicit Unknowns(const py::dict& arrays)
+  Unknowns(const py::dict& arrays, const ba::Rigs& rigs)
       : cameras_(view<double>(arrays, "cameras")),
         intrinsics_(view<double>(arrays, "intrinsics")),
-        points_(view<double>(arrays, "points")) {}
+        points_(view<double>(arrays, "points")) {
+    if (rigs.any_free()) sensors_ = view<double>(arrays, "rig_sensors");
+  }
 
   void write(const optim::State& state) const {
     std::copy(state.cameras.begin(), state.cameras.end(), cameras_.begin());
     std::copy(state.intrinsics.begin(), state.intrinsics.end(), intrinsics_.begin());
     std::copy(state.points.begin(), state.points.end(), points_.begin());
+    std::copy_n(state.sensors.begin(), sensors_.size(), sensors_.begin());
   }
 
  private:
-  std::span<double> cameras_, intrinsics_, points_;
+  std::span<double> cameras_, intrinsics_, points_, sensors_;  // the last only if any is free
 };
 
 ba::SolveSummary solve(const py::dict& arrays,
@@ -148,7 +156,7 @@ ba::SolveSummary solve(const py::dict& arrays,
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
-  const Unknowns unknowns(arrays);
+  const Unknowns unknowns(arrays, problem.rigs);
   optim::State state = ba::state_of(problem);
   const std::optional<optim::Resumption> before =
       resumed ? std::optional(resumption_of(*resumed)) : std::nullopt;
@@ -175,7 +183,7 @@ py::dict explore_step(const py::dict& arrays,
   std::vector<optim::StepLengths> pairs;
   pairs.reserve(lengths.size());
   for (const auto& [camera, point] : lengths) pairs.push_back({camera, point});
-  const Unknowns unknowns(arrays);
+  const Unknowns unknowns(arrays, problem.rigs);
   optim::State state = ba::state_of(problem);
   const ba::StepExploration found =
       or_failures_of(problem, [&] { return ba::explore_step(problem, options, pairs, state); });
@@ -197,14 +205,14 @@ py::dict explore_step(const py::dict& arrays,
 }  // namespace
 
 void bind_solve(py::module_& m) {
-  m.def(
-      "explore_step",
-      &explore_step,
-      py::arg("arrays"),
-      py::arg("options"),
-      py::arg("lengths"),
-      "Costs along the first step; the arrays `cameras`, `intrinsics` and `points` are moved along "
-      "it at unit length.");
+  m.def("explore_step",
+        &explore_step,
+        py::arg("arrays"),
+        py::arg("options"),
+        py::arg("lengths"),
+        "Costs along the first step; the arrays `cameras`, `intrinsics`, `points` and "
+        "`rig_sensors` are "
+        "moved along it at unit length.");
   m.def("solve",
         &solve,
         py::arg("arrays"),
@@ -213,8 +221,9 @@ void bind_solve(py::module_& m) {
         py::arg("checkpoint") = py::none(),
         py::arg("resumed") = py::none(),
         py::arg("exchange") = py::none(),
-        "Minimise; the arrays `cameras`, `intrinsics` and `points` are overwritten with the best "
-        "state. `checkpoint(where, last)` is called after each iteration; `where()` gives arrays "
+        "Minimise; the arrays `cameras`, `intrinsics`, `points` and `rig_sensors` are overwritten "
+        "with the best state. `checkpoint(where, last)` is called after each iteration; `where()` "
+        "gives arrays "
         "that another call takes as `resumed`. With `exchange`, this is one rank's part of a "
         "problem.");
 }

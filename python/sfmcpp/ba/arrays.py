@@ -54,6 +54,7 @@ def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
         "rig_sensors": rigs.sensors,
         "frame_of_camera": rigs.frame_of_camera.copy(),
         "sensor_of_camera": rigs.sensor_of_camera.copy(),
+        "free_sensors": rigs.free_sensors.copy(),
     }
 
 

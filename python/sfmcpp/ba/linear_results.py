@@ -62,7 +62,8 @@ class Covariance:
     Attributes
     ----------
     cameras : (c, D, D) float64
-        Of each chosen camera: pose and free intrinsics; zero for what has no column.
+        Of each chosen camera: pose, free intrinsics and, if any sensor of a rig is free, the pose of its
+        sensor in the rig; zero for what has no column.
     points : (p, 3, 3) float64
         Of each chosen point; zero for a fixed one.
     joint : (c D + 3 p, c D + 3 p) float64 or None
@@ -93,11 +94,16 @@ class LinearStep:
     decrease: float
 
 
-def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray) -> Covariance:
-    """Covariances with the poses of frames, moved to those of their cameras by derivatives (c, 6, 6)."""
+def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray, by_sensor: FloatArray | None) -> Covariance:
+    """Covariances with the poses of frames, and at the end of free sensors, moved to those of their cameras.
+
+    By derivatives (c, 6, 6) of the poses of cameras by those of frames and, if any is free, of sensors.
+    """
     count, size = of_frames.cameras.shape[:2]
     by_columns = np.tile(np.eye(size), (count, 1, 1))
     by_columns[:, :6, :6] = by_frame
+    if by_sensor is not None:
+        by_columns[:, :6, -6:] = by_sensor
     joint = of_frames.joint
     if joint is not None:
         rows = joint.copy()

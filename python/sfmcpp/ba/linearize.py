@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 _POSE = ("rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z")
+_SENSOR = tuple(f"sensor {name}" for name in _POSE)
 
 
 class LinearModel:
@@ -34,7 +35,7 @@ class LinearModel:
     the normal matrix is ``H = JᵀJ + Σ w GᵀG`` and the gradient of the cost ``Jᵀ √ρ′ r + Σ w Gᵀ e``. Columns
     are those of the solver: a rotation moves as ``R exp(δ)`` [rad], in the frame of the camera, all else by
     addition; first come cameras and intrinsics, then three columns for each point that may move. With rigs,
-    the pose columns of a camera are those of its frame.
+    the pose columns of a camera are those of its frame; if sensors are free, each has another six.
 
     Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
     and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
@@ -67,7 +68,7 @@ class LinearModel:
         The constraints.
     camera_columns : (C, D) int32
         Column of each parameter of each camera; −1: none, as it is fixed, held or not seen. Cameras that
-        share intrinsics, or a frame, share its columns.
+        share intrinsics, a frame or a sensor share its columns.
     point_columns : (N,) int32
         First of the three columns of each point; −1: none.
     parameter_names : tuple of str
@@ -94,7 +95,11 @@ class LinearModel:
         self._problem = problem
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
-        self._by_frame = None if problem.rigs is None else problem.rigs.motions(problem.cameras)
+        self._by_frame = self._by_sensor = None
+        if problem.rigs is not None:
+            self._by_frame = problem.rigs.motions(problem.cameras)
+            if problem.rigs.free_sensors.any():
+                self._by_sensor = problem.rigs.sensor_motions(problem.cameras)
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
         self.residuals: FloatArray = self._core.residuals
@@ -113,7 +118,7 @@ class LinearModel:
         """What the D parameters of a camera are."""
         intrinsics = tuple(self._core.free_intrinsics)
         if self._problem.is_metric:
-            return _POSE + intrinsics
+            return _POSE + intrinsics + (() if self._by_sensor is None else _SENSOR)
         return tuple(f"tangent {k}" for k in range(self.camera_columns.shape[1]))
 
     @property
@@ -259,7 +264,10 @@ class LinearModel:
         found = Covariance(
             self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
         )
-        return found if self._by_frame is None else moved_to_cameras(found, self._by_frame[chosen_cameras])
+        if self._by_frame is None:
+            return found
+        by_sensor = None if self._by_sensor is None else self._by_sensor[chosen_cameras]
+        return moved_to_cameras(found, self._by_frame[chosen_cameras], by_sensor)
 
     def leverages(self) -> FloatArray:
         """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
@@ -322,7 +330,10 @@ class LinearModel:
         """
         found = self._core.step()
         before = {name: getattr(self._problem, name) for name in ("cameras", "intrinsics", "points")}
-        moved = {name: found.pop(name).reshape(x.shape) for name, x in before.items()}
+        moved: dict[str, Any] = {name: found.pop(name).reshape(x.shape) for name, x in before.items()}
+        sensors, rigs = found.pop("rig_sensors"), self._problem.rigs
+        if rigs is not None:
+            moved["rigs"] = replace(rigs, sensors=sensors.reshape(rigs.sensors.shape))
         return LinearStep(replace(self._problem, **moved), **found)
 
 

@@ -94,7 +94,7 @@ def part_of(problem: Problem, points: NDArray[np.int64]) -> Part:
     Returns
     -------
     Part
-        Arrays of cameras and intrinsics are copies.
+        Arrays of cameras, intrinsics and rigs are copies.
     """
     number = np.full(problem.num_points, -1, np.int32)
     number[points] = np.arange(len(points), dtype=np.int32)
@@ -104,6 +104,7 @@ def part_of(problem: Problem, points: NDArray[np.int64]) -> Part:
         chosen,
         cameras=problem.cameras.copy(),
         intrinsics=problem.intrinsics.copy(),
+        rigs=None if problem.rigs is None else problem.rigs.copy(),
         points=problem.points[points],
         fixed_points=problem.fixed_points[points],
         point_index=number[chosen.point_index],
@@ -168,20 +169,25 @@ def _in_order(rows: Rows) -> Rows:
 
 @dataclass(frozen=True)
 class ProblemSize:
-    """How many cameras, points and observations a problem has, and frames if it has rigs."""
+    """How many cameras, points and observations a problem has, and, if it has rigs, frames and sensors."""
 
     num_cameras: int
     num_points: int
     num_observations: int
     num_frames: int | None = None
+    num_sensors: int = 0
+    num_free_sensors: int = 0
 
     @classmethod
     def of(cls, problem: Problem, ranks: Ranks | None = None) -> ProblemSize:
         """Of a problem, or of all whose part it is on this rank."""
         own = (problem.num_points, problem.num_observations)
         points, observations = zip(*([own] if ranks is None else ranks.everyones(own)), strict=True)
-        frames = None if problem.rigs is None else problem.rigs.num_frames
-        return cls(problem.num_cameras, sum(points), sum(observations), frames)
+        size = cls(problem.num_cameras, sum(points), sum(observations))
+        if (rigs := problem.rigs) is None:
+            return size
+        free = int(rigs.free_sensors.sum())
+        return replace(size, num_frames=rigs.num_frames, num_sensors=rigs.num_sensors, num_free_sensors=free)
 
 
 def dealt_part(whole: Callable[[], Problem], ranks: Ranks) -> Part:
@@ -227,6 +233,8 @@ class Scattered:
             return
         self._whole.cameras[:] = self.mine.cameras
         self._whole.intrinsics[:] = self.mine.intrinsics
+        if self._whole.rigs is not None and self.mine.rigs is not None:
+            self._whole.rigs.sensors[:] = self.mine.rigs.sensors
         for points, places in zip(self._points, collected, strict=True):
             self._whole.points[points] = places
 
@@ -244,13 +252,13 @@ class OwnParts:
     Raises
     ------
     InvalidArgument
-        If one is no problem, or cameras or intrinsics differ between ranks.
+        If one is no problem, or cameras, intrinsics or rigs differ between ranks.
     """
 
     def __init__(self, problem: Problem, ranks: Ranks) -> None:
         self.mine = problem
         arrays = ranks.agreed(lambda: core_arrays(problem))
-        require_alike(ranks, {name: arrays[name] for name in _REPLICATED})
+        require_alike(ranks, {name: arrays[name] for name in _REPLICATED if name in arrays})
 
     def collect(self) -> None:
         """Each rank keeps its part."""
@@ -273,6 +281,10 @@ _REPLICATED = (
     "intrinsics_index",
     "fixed_cameras",
     "fixed_intrinsics",
+    "rig_sensors",
+    "frame_of_camera",
+    "sensor_of_camera",
+    "free_sensors",
 )
 
 

@@ -101,7 +101,7 @@ def solve(
         ),
     ] = None,
     rigs: Annotated[
-        str, choice_option(RIGS, "Rigs of the input: sensors stay in them, or cameras move alone")
+        str, choice_option(RIGS, "Rigs of the input: sensors stay in them, are estimated, or move alone")
     ] = RIGS[0],
     mpi: Annotated[
         bool, typer.Option("--mpi", help="Ask MPI for other ranks; under mpiexec that is done anyway.")

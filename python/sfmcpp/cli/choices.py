@@ -14,7 +14,7 @@ from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import signature_with_options
 
 # What holds the cameras of a rig to each other.
-RIGS = ("fixed", "ignore")
+RIGS = ("fixed", "free", "ignore")
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 Checkpoint = Annotated[

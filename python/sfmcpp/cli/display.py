@@ -77,7 +77,9 @@ Row = tuple[str, "str | Text"]
 def _size(source: Path, size: ProblemSize) -> Iterator[Row]:
     yield "input", str(source)
     if size.num_frames is not None:
-        yield "rigs", f"solved as rigs: one pose for each of {size.num_frames:,} frames, sensors fixed"
+        free = size.num_free_sensors
+        sensors = f"{free:,} of {size.num_sensors:,} sensors free" if free else "sensors fixed"
+        yield "rigs", f"solved as rigs: one pose for each of {size.num_frames:,} frames, {sensors}"
     yield (
         "size",
         f"{size.num_cameras:,} cameras, {size.num_points:,} points, {size.num_observations:,} observations",

@@ -55,7 +55,8 @@ class Job:
     gps : Gps
         Positions to bring the problem to.
     rigs : str
-        ``"fixed"``: sensors stay where they are in their rigs; ``"ignore"``: each camera moves by itself.
+        ``"fixed"``: sensors stay where they are in their rigs; ``"free"``: all but the first of each rig are
+        estimated; ``"ignore"``: each camera moves by itself.
     """
 
     source: Path
@@ -170,8 +171,8 @@ def _problem(job: Job) -> Problem:
 
 
 def _refined(job: Job, problem: Problem) -> Problem:
-    if job.rigs == "ignore":
-        problem.rigs = None
+    if problem.rigs is not None and job.rigs != "fixed":
+        problem.rigs = problem.rigs.freed() if job.rigs == "free" else None
     try:
         if job.refine is not None:
             problem.set_free_intrinsics(*job.refine)

@@ -11,11 +11,12 @@ from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
-from sfmcpp.model import Problem
+from sfmcpp.model import Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.world_origin import WorldOrigin
 
 FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
+_SCALE = FREEDOMS.index("scale")
 
 # Part of its size up to which a response to a motion is rounding, as in the core's choice of a gauge.
 _NEGLIGIBLE = 1e-6
@@ -96,14 +97,16 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     """
     middle = problem.centres.mean(axis=0)
     extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
-    poses = _moving_poses(problem)
-    of_cameras = np.concatenate(
-        [_turns(poses[:, :, :3]), extent * motions_of_positions((poses[:, :, 3] - middle) / extent)],
-        axis=1,
-    )
+    poses, anchors = _moving_poses(problem)
+    of_cameras = np.zeros((*model.camera_columns.shape, 7))
+    of_cameras[:, :3] = _turns(poses[:, :, :3])
+    of_cameras[:, 3:6] = extent * motions_of_positions((poses[:, :, 3] - middle) / extent)
+    of_cameras[:, 3:6, _SCALE] += anchors
+    if problem.rigs is not None and problem.rigs.free_sensors.any():
+        of_cameras[:, -3:, _SCALE] = _levers(problem.rigs)[problem.rigs.sensor_of_camera]
     of_points = extent * motions_of_positions((problem.points - middle) / extent)
     held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
-    columns = model.camera_columns[:, :6]
+    columns = model.camera_columns
     of_columns = np.zeros((model.num_camera_columns, 7))
     of_columns[columns[columns >= 0]] = of_cameras[columns >= 0]
     for rows in (rows for rows in model.groups if rows.weight > 0):
@@ -113,21 +116,34 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
 
 
-def _moving_poses(problem: Problem) -> FloatArray:
-    """(C, 3, 4) poses that the columns of cameras move: with rigs, those of their frames."""
+def _moving_poses(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """(C, 3, 4) poses that the columns of cameras move, and (C, 3) from there to where they grow from.
+
+    With rigs they are those of their frames, which grow from the origins of :func:`_levers`.
+    """
     if problem.rigs is None:
-        return problem.cameras
-    return problem.rigs.frames(problem.cameras)[problem.rigs.frame_of_camera]
+        return problem.cameras, np.zeros((problem.num_cameras, 3))
+    rigs, sensors = problem.rigs, problem.rigs.sensor_of_camera
+    poses = rigs.frames(problem.cameras)[rigs.frame_of_camera]
+    origins = (rigs.sensors[:, :, 3] - _levers(rigs))[sensors]
+    return poses, np.asarray(np.einsum("cij,cj->ci", poses[:, :, :3], origins))
+
+
+def _levers(rigs: Rigs) -> FloatArray:
+    """(S, 3) places of sensors from the origin of their rig: the first sensor that stays, if one does."""
+    numbers = rigs.rig_of_sensor()
+    staying_first = np.argsort(rigs.free_sensors, kind="stable")
+    origins = staying_first[np.unique(numbers[staying_first], return_index=True)[1]]
+    places: FloatArray = rigs.sensors[:, :, 3]
+    return np.asarray(places - places[origins[numbers]])
 
 
 def _held_by_rigs(problem: Problem) -> FloatArray:
-    """(7, 7) that cameras of a frame keep their distances."""
+    """(7, 7) that sensors which stay keep their distances."""
     if problem.rigs is None:
         return np.zeros((7, 7))
-    order = np.argsort(problem.rigs.frame_of_camera, kind="stable")
-    together = np.diff(problem.rigs.frame_of_camera[order]) == 0
-    apart = np.linalg.norm(np.diff(problem.centres[order], axis=0), axis=1)
-    rows = (together * apart)[:, None] * (np.arange(7) == FREEDOMS.index("scale"))
+    staying = _levers(problem.rigs)[~problem.rigs.free_sensors]
+    rows = np.linalg.norm(staying, axis=1)[:, None] * (np.arange(7) == _SCALE)
     return _normalised(rows, rows)
 
 
@@ -139,7 +155,7 @@ def _held_by_observations(
     fixed = problem.fixed_cameras[problem.camera_index] != problem.fixed_points[problem.point_index]
     moved, sizes = [np.zeros((0, 7))], [np.zeros((0, 7))]
     for rows in np.array_split(np.flatnonzero(fixed), max(1, np.count_nonzero(fixed) // _AT_ONCE)):
-        camera = np.einsum("mrd,mdk->mrk", by_camera[rows, :, :6], of_cameras[problem.camera_index[rows]])
+        camera = np.einsum("mrd,mdk->mrk", by_camera[rows], of_cameras[problem.camera_index[rows]])
         point = np.einsum("mrd,mdk->mrk", by_point[rows], of_points[problem.point_index[rows]])
         moved.append((camera + point).reshape(-1, 7))
         sizes.append((abs(camera) + abs(point)).reshape(-1, 7))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, index_array
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array, index_array
 from sfmcpp.model.checks import ROTATION_TOLERANCE, is_rotation
 
 
@@ -17,8 +17,9 @@ class Rigs:
     """Which cameras of a problem are rigid to each other: each is one sensor of one frame.
 
     Camera i is where both put it: ``R_i = R_f R_s`` and ``c_i = c_f + R_f t_s``, with the pose of its frame
-    in the world ``[R_f | c_f]``. A solve moves frames, six numbers each, and never the cameras of one against
-    each other. A camera by itself is the only one of its frame, with a sensor of its own at ``[I | 0]``.
+    in the world ``[R_f | c_f]``. A solve moves frames, six numbers each, and sensors that are free, six for
+    all frames; nothing else moves the cameras of a frame against each other. A camera by itself is the only
+    one of its frame, with a sensor of its own at ``[I | 0]``.
 
     Parameters
     ----------
@@ -29,6 +30,10 @@ class Rigs:
         Frame of each camera, below C.
     sensor_of_camera : (C,) int32
         Sensor of each camera, a row of `sensors`. A frame has a sensor once at most.
+    free_sensors : (S,) bool, optional
+        Sensors whose poses are estimated; :meth:`freed` makes the usual choice. Of those that frames hold
+        together one must stay, as long as a frame moves: if all are free, a solve leaves the first as it is
+        and says so. Default: none.
 
     Raises
     ------
@@ -40,11 +45,13 @@ class Rigs:
     sensors: FloatArray
     frame_of_camera: IndexArray
     sensor_of_camera: IndexArray
+    free_sensors: BoolArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         self.sensors = finite_array("rigs.sensors", self.sensors, (ANY, 3, 4))
         self.frame_of_camera = _numbers("frame_of_camera", self.frame_of_camera)
         self.sensor_of_camera = _numbers("sensor_of_camera", self.sensor_of_camera, self.num_sensors)
+        self.free_sensors = _flags("free_sensors", self.free_sensors, self.num_sensors)
         _require_rotations(self.sensors[:, :, :3])
         if len(self.sensor_of_camera) != self.num_cameras:
             raise InvalidArgument(
@@ -186,6 +193,48 @@ class Rigs:
         result[:, 3:, 3:] = np.eye(3)
         return result
 
+    def sensor_motions(self, cameras: ArrayLike) -> FloatArray:
+        """How cameras answer to small motions of their sensors.
+
+        Parameters
+        ----------
+        cameras : (C, 3, 4) array
+            Poses of all cameras.
+
+        Returns
+        -------
+        (C, 6, 6) float64
+            As :meth:`motions`, by turn and place of each camera's sensor: ``δR_i = δR_s`` and
+            ``δc_i = R_f δt_s``.
+
+        Raises
+        ------
+        InvalidArgument
+            As of :meth:`frames`.
+        """
+        result = np.zeros((self.num_cameras, 6, 6))
+        result[:, :3, :3] = np.eye(3)
+        result[:, 3:, 3:] = self.frames(cameras)[self.frame_of_camera, :, :3]
+        return result
+
+    def rig_of_sensor(self) -> NDArray[np.int64]:
+        """(S,) number of the rig of each sensor: what frames hold together, numbered by its first sensor."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        seen = coo_matrix(
+            (np.ones(self.num_cameras), (self.frame_of_camera, self.sensor_of_camera)),
+            shape=(self.num_cameras, self.num_sensors),
+        ).tocsr()
+        return np.asarray(connected_components(seen.T @ seen, directed=False)[1], np.int64)
+
+    def freed(self) -> Rigs:
+        """The same rigs with all sensors free but the first of each: where it is, is the rig's origin."""
+        first = np.unique(self.rig_of_sensor(), return_index=True)[1]
+        free = np.ones(self.num_sensors, bool)
+        free[first] = False
+        return replace(self, free_sensors=free)
+
     def scaled(self, scale: float) -> Rigs:
         """The same rigs in a world whose lengths are `scale` times as large.
 
@@ -196,14 +245,15 @@ class Rigs:
         """
         sensors = self.sensors.copy()
         sensors[:, :, 3] *= scale
-        return Rigs(sensors, self.frame_of_camera, self.sensor_of_camera)
+        return replace(self, sensors=sensors)
 
     def copy(self) -> Rigs:
         """An independent copy."""
-        return Rigs(self.sensors.copy(), self.frame_of_camera.copy(), self.sensor_of_camera.copy())
+        return Rigs(**{f.name: getattr(self, f.name).copy() for f in fields(self)})
 
     def __repr__(self) -> str:
-        return f"Rigs({self.num_frames} frames of {self.num_sensors} sensors)"
+        free = f", {self.free_sensors.sum()} free" if self.free_sensors.any() else ""
+        return f"Rigs({self.num_frames} frames of {self.num_sensors} sensors{free})"
 
 
 def composed(outer: FloatArray, inner: FloatArray) -> FloatArray:
@@ -229,6 +279,16 @@ def _numbers(name: str, value: ArrayLike, end: int | None = None) -> IndexArray:
     if len(outside):
         raise InvalidArgument(f"rigs.{name}[{outside[0]}] = {numbers[outside[0]]}: must be in [0, {end})")
     return numbers
+
+
+def _flags(name: str, value: ArrayLike | None, count: int) -> BoolArray:
+    """`value` as so many bools; none is no True."""
+    flags = np.zeros(count, bool) if value is None else np.ascontiguousarray(value)
+    if flags.dtype != bool or flags.shape != (count,):
+        raise InvalidArgument(
+            f"rigs.{name}: {flags.dtype} of shape {flags.shape}, must be bool of shape ({count},)"
+        )
+    return flags
 
 
 def _require_rotations(matrices: FloatArray) -> None:

@@ -26,6 +26,8 @@ class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {
     std::normal_distribution<double> normal;
     const double size = is_metric(GetParam().model) ? 0.1 : 0.01;
     for (double& x : camera_step) x = size * normal(random);
+    // Projective cameras go straight.
+    for (int i = 0; i < 3 && is_metric(GetParam().model); ++i) camera_bend[i] = normal(random);
     for (double& x : point_steps) x = size * normal(random);
     // Of the parameters that can be free; the frame of a projective image cannot.
     if (has_free_intrinsics(GetParam().model)) {
@@ -37,6 +39,7 @@ class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {
   Vector2d pixel(int k, double length) const {
     std::array<double, kMaxCameraTangent> delta;
     for (int i = 0; i < kMaxCameraTangent; ++i) delta[i] = length * camera_step[i];
+    for (int i = 0; i < 3; ++i) delta[i] += 0.5 * length * length * camera_bend[i];
     std::array<double, kCameraStorage> camera;
     plus_camera(batch.model, batch.camera.data(), delta.data(), camera.data());
     std::vector<double> intrinsics = batch.intrinsics;
@@ -54,18 +57,18 @@ class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {
 
   RandomBatch batch{GetParam().model, kCount};
   std::array<double, kMaxCameraTangent> camera_step{};
+  std::array<double, 6> camera_bend{};  // of the turn alone
   std::array<double, 12> intrinsics_step{};
   std::vector<double> point_steps = std::vector<double>(3 * (kCount + 3));
 };
 
 TEST_P(BendingKernelCase, IsTheWeightedSecondDifferenceOfTheProjection) {
-  constexpr std::array<double, 3> straight{};
   std::vector<double> u(kCount + kReadAhead), v(kCount + kReadAhead);
   GetParam()
       .isa.bending(GetParam().model)
       .bend({.observations = batch.view(),
              .camera_step = camera_step.data(),
-             .camera_bend = straight.data(),
+             .camera_bend = camera_bend.data(),
              .intrinsics_step = intrinsics_step.data(),
              .point_steps = point_steps.data()},
             u.data(),

@@ -60,7 +60,7 @@ TEST_F(FunctionImage, WhereAStepLeadsIsToSecondOrderWhatTheBendingKernelSays) {
   intrinsics_step[0] = 3.0;
   intrinsics_step[5] = 0.05;
   for (std::size_t k = 0; k < point_steps.size(); ++k) point_steps[k] = 0.01 * double(k % 7);
-  const std::vector<double> camera_bend{0.3, -0.2, 0.1};
+  const std::vector<double> camera_bend{0.2, 0.1, -0.3, 0.3, -0.2, 0.1};
   const BendingBatch batch{.observations = batch_.view(),
                            .camera_step = camera_step.data(),
                            .camera_bend = camera_bend.data(),

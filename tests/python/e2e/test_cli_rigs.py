@@ -31,6 +31,25 @@ def test_a_rig_is_solved_and_written_as_one(start: Path, tmp_path: Path) -> None
     assert sfmcpp.cost(solved) < 0.1 * sfmcpp.cost(before)
 
 
+def test_sensors_of_a_rig_are_found_and_written(start: Path, tmp_path: Path) -> None:
+    problem = sfmcpp.read(start)
+    assert problem.rigs is not None
+    frames, true = problem.rigs.frames(problem.cameras), problem.rigs.sensors.copy()
+    problem.rigs.sensors[1, :, 3] += 0.05
+    problem.cameras[:] = problem.rigs.cameras(frames)
+    sfmcpp.write(problem, tmp_path / "away")
+    done = run("solve", tmp_path / "away", "-o", tmp_path / "found", "--rigs", "free")
+    assert done.returncode == 0, done.stderr
+    assert "solved as rigs: one pose for each of 4 frames, 2 of 3 sensors free" in done.stdout
+    found = sfmcpp.read(tmp_path / "found")
+    assert found.rigs is not None
+    np.testing.assert_array_equal(found.rigs.sensors[0], np.eye(3, 4))
+    ways = [np.linalg.norm(p.centres[-3] - p.centres[0]) for p in (problem, found)]
+    off = np.linalg.norm(found.rigs.sensors[1, :, 3] * (ways[0] / ways[1]) - true[1, :, 3])
+    assert off < 0.25 * np.linalg.norm([0.05, 0.05, 0.05])
+    np.testing.assert_allclose(found.cameras, found.rigs.rigid(found.cameras), atol=1e-9)
+
+
 def test_a_rig_can_be_let_go_of(start: Path, tmp_path: Path) -> None:
     done = run("solve", start, "-o", tmp_path / "alone", "--rigs", "ignore")
     assert done.returncode == 0, done.stderr

@@ -59,6 +59,7 @@ SOLVING = (
     "bindings/test_covariances.py",
     "bindings/test_options.py",
     "bindings/test_solve.py",
+    "unit/ba/test_free_sensors.py",
     "unit/ba/test_point_steps.py",
     "unit/ba/test_rigs.py",
     "unit/weighting/test_weight_selection.py",

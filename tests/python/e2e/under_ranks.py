@@ -25,8 +25,8 @@ def solve_on_all(problem: Any, **arguments: Any) -> sfmcpp.Summary:
     try:
         return solve_alone(problem if COMM.rank == 0 else None, comm=COMM, **arguments)
     finally:
-        for name in UNKNOWNS:
-            array = getattr(problem, name)
+        sensors = [] if problem.rigs is None else [problem.rigs.sensors]
+        for array in [getattr(problem, name) for name in UNKNOWNS] + sensors:
             array[...] = COMM.bcast(array)
 
 

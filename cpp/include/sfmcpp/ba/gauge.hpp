@@ -10,8 +10,8 @@
 namespace sfmcpp::ba {
 
 struct PoseParameter {
-  int camera;  // the first of its frame, whose pose is meant (ba/rigs.hpp)
-  int column;  // of the pose: rotation 0–2, centre 3–5
+  int camera;  // the first of its frame or of its sensor, whose pose is meant (ba/rigs.hpp)
+  int column;  // of the pose: rotation 0–2, centre 3–5; of that of the sensor: 6–8, 9–11
   auto operator<=>(const PoseParameter&) const = default;
 };
 

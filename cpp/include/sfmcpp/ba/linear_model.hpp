@@ -27,6 +27,8 @@
 
 namespace sfmcpp::ba {
 
+class FreeSensors;
+
 // A group's errors and their derivatives, without the weight of the group; members of weight zero
 // have no rows.
 struct ConstraintRows {
@@ -59,8 +61,10 @@ class LinearModel {
   int num_cameras() const;
   int num_points() const;
   int num_observations() const;
-  // Columns of a camera: its pose, then the intrinsic parameters that are free in any row.
+  // Columns of a camera: its pose, then the intrinsic parameters that are free in any row, then the
+  // pose of its sensor if one is free.
   int camera_size() const;
+  bool has_free_sensors() const { return problem_.rigs.any_free(); }
   std::vector<std::string> free_intrinsics() const;
   int num_camera_columns() const { return map_.num_columns; }
   int num_columns() const { return map_.num_columns + 3 * static_cast<int>(points_.size()); }
@@ -78,7 +82,7 @@ class LinearModel {
 
   // All that follows needs S factorised; the first call does so. Throws InvalidArgument for a
   // projective camera model, whose gauge no column can hold, and where H is singular beyond the
-  // gauge.
+  // gauge, by sensors of rigs or otherwise.
 
   // Parameters that residuals and constraints determine: the rank of H.
   int num_determined();
@@ -103,8 +107,14 @@ class LinearModel {
   void name_columns();
   void fill_groups();
   void factorize();
+  void require_sensors();
   void find_unseen();
   Eigen::MatrixXd motions(Eigen::Matrix<double, 7, 7>& held) const;
+  void add_sensor(const FreeSensors& sensors,
+                  int camera,
+                  double extent,
+                  Eigen::Matrix<double, 7, 7>& held,
+                  Eigen::MatrixXd& motions) const;
   Eigen::MatrixXd assembled(const Eigen::MatrixXd& camera, const Eigen::MatrixXd& point) const;
   void require_determined(std::span<const int> columns, const Eigen::MatrixXd& covariance) const;
   const Eigen::MatrixXd& inverse();

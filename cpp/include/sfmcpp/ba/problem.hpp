@@ -1,6 +1,7 @@
 // A bundle adjustment problem as views of the caller's arrays: nothing is copied until a solve.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 
@@ -17,11 +18,14 @@ namespace sfmcpp::ba {
 
 // Cameras that are rigid to each other (ba/rigs.hpp). Empty: none are.
 struct Rigs {
-  std::span<const double> sensors{};        // S × 12, row-major: [R | t] rig_from_sensor
-  std::span<const int> frame_of_camera{};   // C
-  std::span<const int> sensor_of_camera{};  // C
+  std::span<const double> sensors{};             // S × 12, row-major: [R | t] rig_from_sensor
+  std::span<const int> frame_of_camera{};        // C
+  std::span<const int> sensor_of_camera{};       // C
+  std::span<const std::uint8_t> free_sensors{};  // S, or empty: none (ba/free_sensors.hpp)
 
   bool empty() const { return frame_of_camera.empty(); }
+  int num_sensors() const { return static_cast<int>(sensors.size() / kCameraStorage); }
+  bool any_free() const { return std::ranges::find(free_sensors, 1) != free_sensors.end(); }
 };
 
 // C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
@@ -39,9 +43,9 @@ struct Problem {
   std::span<const double> sigma_px{};        // M, or empty for 1 px
   std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
   Rigs rigs{};
-  std::span<const std::uint8_t> fixed_cameras{};     // C: with rigs, the same for a whole frame
-  std::span<const std::uint8_t> fixed_points{};      // N
-  std::span<const std::uint8_t> fixed_intrinsics{};  // G × K
+  std::span<const std::uint8_t> fixed_cameras{};          // C: with rigs, whole frames
+  std::span<const std::uint8_t> fixed_points{};           // N
+  std::span<const std::uint8_t> fixed_intrinsics{};       // G × K
   const residuals::ConstraintSet* constraints = nullptr;  // null: none
 
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }

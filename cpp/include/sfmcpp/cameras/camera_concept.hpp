@@ -106,8 +106,8 @@ struct MetricSpace {
     for (int k = 0; k < 3; ++k) x[k] = dx * camera[k] + dy * camera[4 + k] + dz * camera[8 + k];
   }
 
-  // exp(−α [ω]×) (y + α m − ½ α² b) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR: derivatives
-  // m − ω × y and −2 ω × m + ω × (ω × y) − b.
+  // exp(−[α ω + ½ α² γ]×) (y + α m − ½ α² b) with y = Rᵀ (X − c), m = Rᵀ (δX − δc), ω = δR and the
+  // bend (γ, b): derivatives m − ω × y and −2 ω × m + ω × (ω × y) − γ × y − b.
   template <class Real>
   static void to_camera_along(const double* camera,
                               const double* delta,
@@ -127,14 +127,15 @@ struct MetricSpace {
                                camera[9],
                                camera[10],
                                delta[5]};
-    Real y[3], m[3], turned[3], turned_m[3], turned_twice[3];
+    Real y[3], m[3], turned[3], turned_m[3], turned_twice[3], bent[3];
     to_camera(camera, point, y);
     to_camera(motion, step, m);
     cross(delta, y, turned);
     cross(delta, m, turned_m);
     cross(delta, turned, turned_twice);
+    cross(bend, y, bent);
     for (int k = 0; k < 3; ++k)
-      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0 - bend[k]};
+      x[k] = {y[k], m[k] - turned[k], turned_twice[k] - turned_m[k] * 2.0 - bent[k] - bend[3 + k]};
   }
 
   template <class Real>
@@ -183,8 +184,8 @@ struct MetricCamera : MetricSpace {
     return image;
   }
 
-  // The image along α ↦ (R exp([α δR]×), c + α δc + ½ α² R b; X + α δX), with the intrinsics along
-  // the same path: exact up to the second derivative.
+  // The image along α ↦ (R exp([α δR + ½ α² γ]×), c + α δc + ½ α² R b; X + α δX), with the bend
+  // (γ, b) and the intrinsics along the same path: exact up to the second derivative.
   template <class Real>
   static void project_along(const double* camera,
                             const double* delta,

@@ -9,6 +9,7 @@ struct State {
   std::vector<double> cameras;     // 12 per camera, row-major 3×4
   std::vector<double> intrinsics;  // rows of intrinsic parameters
   std::vector<double> points;      // 3 per point, or 4 homogeneous
+  std::vector<double> sensors{};  // of rigs: 12 per sensor, row-major 3×4; cameras agree with them
 };
 
 // How far along the step cameras (with their intrinsics) and points go: two lengths, so that

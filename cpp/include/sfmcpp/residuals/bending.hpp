@@ -10,7 +10,7 @@ namespace sfmcpp::residuals {
 struct BendingBatch {
   ObservationBatch observations;  // of one camera, with `inverse_sigma` their weights
   const double* camera_step;      // in the tangent of the camera
-  const double* camera_bend;      // second derivative of its centre along the step, in its axes
+  const double* camera_bend;      // second derivatives of its turn and centre, in its axes: 6
   const double* intrinsics_step;  // for each stored intrinsic parameter, zero where it is fixed
   const double* point_steps;      // N × 3, in the tangents of all points
 };

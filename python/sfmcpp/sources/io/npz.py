@@ -13,7 +13,7 @@ import struct
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import IO, Any
 
@@ -40,6 +40,7 @@ METADATA, _EXTRA, _RIGS = "metadata", "extra.", "rigs."
 _NOT_ARRAYS = ("camera_model", METADATA, "rigs")
 _ARRAYS = tuple(f.name for f in fields(Problem) if f.name not in _NOT_ARRAYS)
 _RIG_ARRAYS = tuple(f.name for f in fields(Rigs))
+_NEEDED_OF_RIGS = tuple(f.name for f in fields(Rigs) if f.default is MISSING)
 _OPTIONAL = ("sigma_px", "covariance_px2")
 _LOCAL_LENGTHS = 26  # where the local header of a zip archive's member tells how long its name is
 _METADATA_ARRAYS: dict[str, np.dtype[Any]] = {
@@ -141,8 +142,7 @@ def _unchecked(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
 
 def _rigs(path: Path, members: Mapping[str, NDArray[Any]]) -> Rigs | None:
     found = {name: members[_RIGS + name] for name in _RIG_ARRAYS if _RIGS + name in members}
-    if found and len(found) < len(_RIG_ARRAYS):
-        missing = ", ".join(_RIGS + name for name in _RIG_ARRAYS if name not in found)
+    if missing := found and ", ".join(_RIGS + name for name in _NEEDED_OF_RIGS if name not in found):
         raise DatasetError(path, f"its rigs lack {missing}")
     return Rigs(**found) if found else None
 

@@ -173,21 +173,8 @@ def _grouped(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
     if known is not None and len(known) == rigs.num_sensors:
         ids, of_sensor = np.unique(known, return_inverse=True)
         return of_sensor, ids.tolist()
-    of_sensor = _joined(rigs)
+    of_sensor = rigs.rig_of_sensor()
     return of_sensor, list(range(1, int(of_sensor.max(initial=-1)) + 2))
-
-
-def _joined(rigs: Rigs) -> Int64Array:
-    """Sensors that frames hold together, numbered by their first."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    seen = coo_matrix(
-        (np.ones(rigs.num_cameras), (rigs.frame_of_camera, rigs.sensor_of_camera)),
-        shape=(rigs.num_cameras, rigs.num_sensors),
-    ).tocsr()
-    labels = connected_components(seen.T @ seen, directed=False)[1]
-    return np.asarray(labels, np.int64)
 
 
 def _rows_of_sensors(problem: Problem, rigs: Rigs, path: Path) -> Int64Array:

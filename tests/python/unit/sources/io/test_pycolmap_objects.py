@@ -136,15 +136,36 @@ def test_rigs_are_solved_as_pycolmap_solves_them() -> None:
     assert sfmcpp.cost(again) == pytest.approx(summary.final_cost, rel=1e-9)
 
 
-def adjusted_by_pycolmap(model: Any) -> Any:
-    """Ceres' summary of pycolmap's own adjustment of frames and points, all else as it is."""
+def test_free_sensors_are_found_where_pycolmap_finds_them() -> None:
+    problem = sfmcpp.from_pycolmap(reconstruction(cameras_per_rig=3))
+    start = sfmcpp.perturb(
+        problem, point_sigma_m=0.02, position_sigma_m=0.02, rotation_sigma_deg=0.2, seed=1
+    ).set_free_intrinsics()
+    start.pixels += np.random.default_rng(2).standard_normal(start.pixels.shape)
+    assert start.rigs is not None
+    start.rigs = start.rigs.freed()
+    model = sfmcpp.to_pycolmap(start)
+    summary = sfmcpp.solve(start, function_tolerance=1e-13)
+    theirs = adjusted_by_pycolmap(model, sensors=True)
+    assert summary.initial_cost == pytest.approx(theirs.initial_cost, rel=1e-9)
+    assert summary.final_cost == pytest.approx(theirs.final_cost, rel=1e-8)
+    found = sfmcpp.from_pycolmap(model).rigs
+    assert found is not None
+    np.testing.assert_allclose(start.rigs.sensors[:, :, :3], found.sensors[:, :, :3], atol=1e-5)
+    ours, other = (np.linalg.norm(rigs.sensors[1:, :, 3], axis=1) for rigs in (start.rigs, found))
+    assert ours[0] / ours[1] == pytest.approx(other[0] / other[1], rel=1e-4)
+
+
+def adjusted_by_pycolmap(model: Any, sensors: bool = False) -> Any:
+    """Ceres' summary of pycolmap's own adjustment of frames and points, of sensors too if told."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in model.images:
         config.add_image(image)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.UNSPECIFIED)
     config.set_constant_rig_from_world_pose(min(model.frames))
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = options.refine_extra_params = options.refine_sensor_from_rig = False
+    options.refine_focal_length = options.refine_extra_params = False
+    options.refine_sensor_from_rig = sensors
     options.print_summary = False
     options.ceres.solver_options.max_num_iterations = 100
     options.ceres.solver_options.function_tolerance = 1e-14
