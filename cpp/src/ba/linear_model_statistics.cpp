@@ -89,7 +89,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     Eigen::Matrix<double, kPoseTangent, 7> rows;
     rows << Motion::Zero(), of_position(frame.col(3));
     rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
-    if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
+    if (problem_.is_fixed_camera(i)) held += rows.transpose() * rows;
     const double apart = (camera(i).col(3) - camera(frames.lead(i)).col(3)).norm() / extent;
     held(6, 6) += apart * apart;
     rows.bottomRows<3>() *= extent;
