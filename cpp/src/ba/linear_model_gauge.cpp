@@ -61,7 +61,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     rows << Motion::Zero(), of_position(frame.col(3));
     rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
     rows.bottomRightCorner<3, 1>() += sensors.anchor(frames, state_, i) / extent;
-    if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
+    if (problem_.is_fixed_camera(i)) held += rows.transpose() * rows;
     rows.bottomRows<3>() *= extent;
     for (int k = 0; k < kPoseTangent; ++k) {
       if (const int column = map_.columns_of(i)[k]; column != kNoColumn)
@@ -69,8 +69,9 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     }
     if (frames.any()) add_sensor(sensors, i, extent, held, result);
   }
+  const std::vector<char> tied = points_tied_to_cameras(problem_, work_->space.graph);
   for (int p = 0; p < num_points(); ++p) {
-    if (work_->graph().observations_of_point(p) == 0) continue;
+    if (!tied[p]) continue;
     const Motion rows =
         of_position(Eigen::Map<const Eigen::Vector3d>(state_.points.data() + 3L * p));
     if (point_place_[p] < 0) {
@@ -81,7 +82,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
   }
   for (const ConstraintRows& group : groups_) {
     if (!(group.weight > 0.0)) continue;
-    const MatrixXd rows = group.jacobian * result.topRows(map_.num_columns);
+    const MatrixXd rows = group.jacobian * result.topRows(group.jacobian.cols());
     held += rows.transpose() * rows / std::max(group.jacobian.squaredNorm(), 1e-300);
   }
   return result;
