@@ -71,21 +71,26 @@ def preconditioners() -> None:
     """Blocks between cameras help as they do in one process, with the same bits in every run."""
     truth = sfmcpp.city_blocks_scene(60, seed=1)
     start = sfmcpp.perturb(truth, position_sigma_m=0.2, seed=2)
+
+    def iterations(problem: sfmcpp.Problem | None, **how: Any) -> list[sfmcpp.Iteration]:
+        how = {"linear_solver": "iterative", "max_iterations": 4, "threads": 1, **how}
+        return sfmcpp.solve(problem, **how).iterations
+
     for name in ("clusters", "two-levels"):
-        how: Any = {"linear_solver": "iterative", "preconditioner": name, "pcg_tolerance": 1e-8}
-        alone, *found = (
-            sfmcpp.solve(problem, **how, **comm, max_iterations=4, threads=1)
-            for problem, comm in (
-                (start.copy(), {}),
-                (start.copy() if COMM.rank == 0 else None, {"comm": COMM}),
-                (own_part(start), {"comm": COMM}),
-            )
+        solved: Any = {"preconditioner": name, "pcg_tolerance": 1e-8}
+        alone = iterations(start.copy(), **solved)
+        given = iterations(start.copy() if COMM.rank == 0 else None, comm=COMM, **solved)
+        brought = iterations(own_part(start), comm=COMM, **solved)
+        assert [i.cost for i in given] == [i.cost for i in brought]
+        np.testing.assert_allclose([i.cost for i in given], [i.cost for i in alone], rtol=1e-7)
+        # How often residuals are corrected in double precision below that is up to rounding.
+        met_at_once: Any = {"preconditioner": name, "pcg_tolerance": 1e-4}
+        alone, given = (
+            iterations(problem, **comm, **met_at_once)
+            for problem, comm in ((start.copy(), {}), (own_part(start), {"comm": COMM}))
         )
-        of_whole, *costs = ([i.cost for i in s.iterations] for s in (alone, *found))
-        np.testing.assert_allclose(costs[0], of_whole, rtol=1e-7)
-        assert costs[0] == costs[1]
-        inner = [[i.linear_solver_iterations for i in s.iterations] for s in (alone, found[0])]
-        np.testing.assert_allclose(inner[1], inner[0], rtol=0.1)
+        counts = [[i.linear_solver_iterations for i in steps] for steps in (given, alone)]
+        np.testing.assert_allclose(*counts, rtol=0.1)
 
 
 def parts_of_files(folder: str) -> None:
