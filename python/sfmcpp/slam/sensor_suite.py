@@ -200,9 +200,11 @@ class SensorSuite:
             if isinstance(sensor, Gyroscope) and _has_rates(sensor):
                 in_step = self._in_step(sensor.name, sensor.stream)
                 self._learn_bias(sensor.name, find_bias(in_step, sensor.mounting, self._turns))
-        self._correct()
-        self._forget(self._biases.keys() - known.keys())
-        return any(bias is not known.get(name) for name, bias in self._biases.items())
+        changed = any(bias is not known.get(name) for name, bias in self._biases.items())
+        if changed:
+            self._correct()
+            self._forget(self._biases.keys() - known.keys())
+        return changed
 
     def _learn_bias(self, name: str, found: FloatArray | None) -> None:
         known = self._biases.get(name, np.zeros(3))
