@@ -22,9 +22,9 @@ the seeds:
 Ways but `auto` are losses at the scale of 95 % efficiency that the residuals of the start tell; `… known`, at
 the one that those of the clean solution tell, which is not to be had outside a test; and `gnc-tls`, truncated
 least squares by reweighting in rounds (Yang, Antonante, Tzoumas & Carlone 2020, algorithm 1), with that
-knowledge too. Seeds 0 and 1 were used for tuning: circle, street, both BAL problems with real pixels and
-with normal noise; the geometry and the start of a BAL problem are the same for every seed. BAL problems are
-read from $SFMCPP_DATA/bal.
+knowledge too. Seeds 0 and 1 were used for tuning, and 2 to 7 of some: circle, street, both BAL problems with
+real pixels and with normal noise; the geometry and the start of a BAL problem are the same for every seed.
+BAL problems are read from $SFMCPP_DATA/bal.
 """
 
 from __future__ import annotations

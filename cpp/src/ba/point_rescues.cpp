@@ -19,9 +19,10 @@ namespace {
 using Eigen::Vector3d;
 using optim::State;
 
-// With half of the views wrong, all pairs of so many miss once in ten thousand points.
-constexpr int kMostPairs = 32;
-constexpr int kViewsOfAllPairs = 8;
+// With half of the views wrong a few pairs find some two that are right. Of many there is one that
+// meets so near the point that all right views agree.
+constexpr int kMostPairs = 120;
+constexpr int kViewsOfAllPairs = 16;
 // Of what a view that is let go of costs: to be saved.
 constexpr double kLeastGain = 0.1;
 // Views that agree on a place, where the point has so many: two rays always nearly meet somewhere.

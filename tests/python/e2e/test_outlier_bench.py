@@ -50,3 +50,12 @@ def test_half_of_the_observations_wrong(
         assert (run["way"] == "auto") == (run["excess"] <= 0.01)
         assert run["told"] > 0.98 or run["way"] == "tukey"
     assert "2 of 2" in capsys.readouterr().out
+
+
+# Of so many pairs of views as once were tried, none met near enough to some points.
+def test_half_of_real_pixels_swapped(
+    bench: ModuleType, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SFMCPP_DATA", str(data_dir))
+    [run] = bench.runs("bal-1800", 0.5, "swapped", 7, ["auto"])
+    assert run["excess"] <= bench.WITHIN
