@@ -58,7 +58,7 @@ std::vector<int> HeldPoints::suspects(const State& start, const State& candidate
   });
   std::vector<int> points;
   for (int p = 0; p < images_.graph().num_points; ++p) {
-    if (suspected[p] && map_.free_point[p]) points.push_back(p);
+    if (suspected[p] && movable_[p]) points.push_back(p);
   }
   return points;
 }

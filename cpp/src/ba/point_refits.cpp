@@ -207,9 +207,9 @@ class Pass {
 
 }  // namespace
 
-PointRefits::PointRefits(const ImageResiduals& images, const linear::ParameterMap& map)
+PointRefits::PointRefits(const ImageResiduals& images, const std::vector<char>& movable)
     : images_(images),
-      map_(map),
+      movable_(movable),
       kernel_(residuals::place_kernel(images.problem().camera_model)),
       inverse_variance_(images.mean_inverse_variance()) {}
 
@@ -246,7 +246,7 @@ void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,
     const int images = graph.observations_of_point(p);
     const double share =
         images_.is_robust() ? 1.0 : std::min(squared_turn(v, move, images, focal2), 1.0);
-    beyond[p] = map_.free_point[p] && squared_move(v, move) * share > least;
+    beyond[p] = movable_[p] && squared_move(v, move) * share > least;
   });
 }
 

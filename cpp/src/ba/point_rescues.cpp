@@ -169,7 +169,7 @@ long PointRescues::rescue(State& state) const {
         double* place = state.points.data() + images_.problem().point_offset(p);
         const Search<Camera> search(images_, state, p);
         const double most = search.cost(place) - gain;
-        if (!map_.free_point[p] || !(most > 0.0)) continue;
+        if (!movable_[p] || !(most > 0.0)) continue;
         const std::optional<Vector3d> found = search.best(most);
         if (found) std::copy_n(found->data(), 3, place);
         rescued += found.has_value();

@@ -9,15 +9,14 @@
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"
-#include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {
 
 class HeldPoints {
  public:
-  // The references must outlive this object.
-  HeldPoints(const ImageResiduals& images, const linear::ParameterMap& map)
-      : images_(images), map_(map) {}
+  // The references must outlive this object. `movable`: per point, whether it is one of these.
+  HeldPoints(const ImageResiduals& images, const std::vector<char>& movable)
+      : images_(images), movable_(movable) {}
 
   // Where the costs of the chunks are to be written: at the state where a step starts, and at its
   // candidate.
@@ -43,7 +42,7 @@ class HeldPoints {
   double cost(const optim::State& state, int point, const double* place) const;
 
   const ImageResiduals& images_;
-  const linear::ParameterMap& map_;
+  const std::vector<char>& movable_;
   std::vector<double> start_, candidate_;  // of each chunk
 };
 

@@ -14,15 +14,14 @@
 
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/residuals/places.hpp"
 
 namespace sfmcpp::ba {
 
 class PointRefits {
  public:
-  // The references must outlive this object.
-  PointRefits(const ImageResiduals& images, const linear::ParameterMap& map);
+  // The references must outlive this object. `movable`: per point, whether it is one of these.
+  PointRefits(const ImageResiduals& images, const std::vector<char>& movable);
 
   // Fits such points of the candidate of `step`, a step from where `normal` was filled; none costs
   // more than before. How many there are, over all ranks: those for which the second order matters
@@ -41,7 +40,7 @@ class PointRefits {
   double mean_squared_focal(const optim::State& state) const;
 
   const ImageResiduals& images_;
-  const linear::ParameterMap& map_;
+  const std::vector<char>& movable_;
   residuals::PlaceKernel kernel_;
   double inverse_variance_;  // mean of 1/σ²
 };

@@ -7,16 +7,17 @@
 // costs.
 #pragma once
 
+#include <vector>
+
 #include "sfmcpp/ba/image_residuals.hpp"
-#include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {
 
 class PointRescues {
  public:
-  // The references must outlive this object.
-  PointRescues(const ImageResiduals& images, const linear::ParameterMap& map)
-      : images_(images), map_(map) {}
+  // The references must outlive this object. `movable`: per point, whether it is one of these.
+  PointRescues(const ImageResiduals& images, const std::vector<char>& movable)
+      : images_(images), movable_(movable) {}
 
   // Moves such points, under a loss that is bounded; how many, over all ranks. None in a projective
   // world, whose rays have no front.
@@ -24,7 +25,7 @@ class PointRescues {
 
  private:
   const ImageResiduals& images_;
-  const linear::ParameterMap& map_;
+  const std::vector<char>& movable_;
 };
 
 }  // namespace sfmcpp::ba
