@@ -14,17 +14,19 @@ using ChunkNumbers = std::array<double, linear::kChunkSize + residuals::kReadAhe
 
 Bending::Bending(const ImageResiduals& images,
                  const linear::ParameterMap& map,
-                 const std::vector<int>& free_intrinsics)
+                 const std::vector<int>& free_intrinsics,
+                 int rows)
     : images_(images),
       map_(map),
       free_intrinsics_(free_intrinsics),
       frames_(images.problem(), sensor_column(images.problem(), free_intrinsics.size())),
-      kernel_(residuals::bending_kernel(images.problem().camera_model)) {}
+      kernel_(residuals::bending_kernel(images.problem().camera_model)),
+      num_values_(2 * static_cast<std::size_t>(rows)) {}
 
 const std::vector<double>& Bending::along(const optim::State& state,
                                           const linear::Step& step,
                                           std::span<const double> weights) {
-  values_.resize(2 * static_cast<std::size_t>(images_.graph().num_observations()));
+  values_.resize(num_values_);
   if (const CameraFunction* function = images_.problem().camera_model.function()) {
     bend_by_function(*function, state, step, weights);
   } else {

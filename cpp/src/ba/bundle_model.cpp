@@ -36,10 +36,17 @@ double along(const double* jacobian,
   return sum;
 }
 
+std::vector<char> moved_by_images_alone(const linear::ParameterMap& map, const PointRows& rows) {
+  std::vector<char> points = map.free_point;
+  for (std::size_t p = 0; p < rows.points().size(); ++p) points[p] &= rows.points()[p] == 0;
+  return points;
+}
+
 }  // namespace
 
 BundleModel::BundleModel(const Problem& problem,
                          const linear::ObservationGraph& graph,
+                         PointRows& rows,
                          const linear::ParameterMap& map,
                          std::vector<int> free_intrinsics,
                          ThreadPool& pool,
@@ -47,19 +54,21 @@ BundleModel::BundleModel(const Problem& problem,
                          linear::Precision stored)
     : problem_(problem),
       graph_(graph),
+      rows_(rows),
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
       frames_(problem, sensor_column(problem, free_intrinsics_.size())),
       pool_(pool),
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
-      held_(images_, map.free_point),
-      refits_(images_, map.free_point),
-      rescues_(images_, map.free_point),
+      of_images_alone_(moved_by_images_alone(map, rows)),
+      held_(images_, of_images_alone_),
+      refits_(images_, of_images_alone_),
+      rescues_(images_, of_images_alone_),
       constraints_(problem, map, free_intrinsics_),
-      normal_(graph, map, pool, constraints_.pairs(), exchange, stored),
+      normal_(rows.graph(), map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_),
-      bending_(images_, map, free_intrinsics_) {}
+      bending_(images_, map, free_intrinsics_, rows.graph().num_observations()) {}
 
 void BundleModel::set_loss(const Loss& loss) {
   images_.set_loss(loss);
@@ -118,7 +127,7 @@ double BundleModel::linearize(const State& state) {
   images_.prepare(state);
   fit_ =
       images_.sum_over_chunks([&](int c) { return linearize_chunk(state, c); }, held_.at_start());
-  constraints_.linearize(state, normal_.camera_terms());
+  constraints_.linearize(state, rows_, normal_);
   normal_.finish();
   if (modes_wanted_) set_camera_modes(problem_, map_, state, normal_.camera_modes());
   return fit_.cost + constraints_.cost(state);
@@ -257,7 +266,7 @@ double BundleModel::slope(const State& start, const linear::Step& step, const St
   const linear::Step here{step.camera, transported(start, step, candidate)};
   const double observed = -pool_.sum(static_cast<int>(graph_.chunks.size()),
                                      [&](int c) { return chunk_slope(candidate, here, c); });
-  return exchange_.sum(observed) + constraints_.slope(candidate, step.camera);
+  return exchange_.sum(observed) + constraints_.slope(candidate, here);
 }
 
 // The points' part of a step as the tangents of `candidate` have it.

@@ -32,7 +32,7 @@ void set_camera_modes(const Problem& problem,
   if (!is_metric(problem.camera_model)) return;
   const int size = map.camera_size, others = size - kPoseTangent;
   modes.count = kSimilarities + others;
-  modes.values.assign(static_cast<std::size_t>(problem.num_cameras()) * size * modes.count, 0.0);
+  modes.values.assign(map.column.size() * modes.count, 0.0);  // twins have none (point_rows.hpp)
   const Frames frames(problem);
   for (int i = 0; i < problem.num_cameras(); ++i) {
     Eigen::Map<RowMajor> of_camera(modes.of_camera(i, size), size, modes.count);

@@ -192,6 +192,10 @@ bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& grap
   return true;
 }
 
+bool is_of_images_alone(std::span<const char> of_others, int p) {
+  return of_others.empty() || of_others[p] == 0;
+}
+
 }  // namespace
 
 void check_sizes(const Problem& problem) {
@@ -284,8 +288,12 @@ void check_determined(const linear::ObservationGraph& graph,
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs,
                                         bool constrained,
-                                        Exchange& exchange) {
+                                        Exchange& exchange,
+                                        std::span<const char> of_others) {
   std::vector<std::string> warnings;
+  const auto has_views = [&](int p, int count) {
+    return is_of_images_alone(of_others, p) && graph.observations_of_point(p) == count;
+  };
   warn(
       "camera",
       graph.num_cameras,
@@ -295,13 +303,13 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return graph.observations_of_point(p) == 0; },
+      [&](int p) { return has_views(p, 0); },
       "no observations, left as given",
       warnings);
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return graph.observations_of_point(p) == 1; },
+      [&](int p) { return has_views(p, 1); },
       "seen by one camera only, the depth is held by damping alone",
       warnings);
   const int components = num_components(graph, rigs, exchange);
@@ -315,13 +323,14 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
 }
 
 std::vector<std::string> warnings_about_baselines(const Problem& problem,
-                                                  const linear::ObservationGraph& graph) {
+                                                  const linear::ObservationGraph& graph,
+                                                  std::span<const char> of_others) {
   std::vector<std::string> warnings;
   if (!is_metric(problem.camera_model)) return warnings;
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return lacks_baseline(problem, graph, p); },
+      [&](int p) { return is_of_images_alone(of_others, p) && lacks_baseline(problem, graph, p); },
       "seen from one place, the depth is held by damping alone",
       warnings);
   return warnings;

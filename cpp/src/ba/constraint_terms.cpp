@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <optional>
+#include <utility>
 
 #include "sfmcpp/core/error.hpp"
 
@@ -48,7 +49,14 @@ void check_intrinsics_free(const Problem& problem,
                         " fixed: a constraint on intrinsics needs them free");
 }
 
-// J δ of one camera, added to `moved`.
+// J δ, added to `moved`; of one camera below.
+void add_product(const std::vector<double>& jacobian, const double* x, std::vector<double>& moved) {
+  const std::size_t size = jacobian.size() / moved.size();
+  for (std::size_t row = 0; row < moved.size(); ++row) {
+    for (std::size_t k = 0; k < size; ++k) moved[row] += jacobian[size * row + k] * x[k];
+  }
+}
+
 void add_product(const std::vector<double>& jacobian,
                  const linear::ParameterMap& map,
                  const std::vector<double>& step,
@@ -56,10 +64,7 @@ void add_product(const std::vector<double>& jacobian,
                  std::vector<double>& moved) {
   std::array<double, linear::kMaxCameraSize> x;
   map.expand(step.data(), camera, x.data());
-  const auto size = static_cast<std::size_t>(map.camera_size);
-  for (std::size_t row = 0; row < moved.size(); ++row) {
-    for (std::size_t k = 0; k < size; ++k) moved[row] += jacobian[size * row + k] * x[k];
-  }
+  add_product(jacobian, x.data(), moved);
 }
 
 }  // namespace
@@ -69,7 +74,22 @@ ConstrainedCameras constrained_cameras(const Problem& problem, const optim::Stat
           .count = problem.num_cameras(),
           .cameras = state.cameras.data(),
           .intrinsics = state.intrinsics.data(),
-          .intrinsics_index = problem.intrinsics_index.data()};
+          .intrinsics_index = problem.intrinsics_index.data(),
+          .num_points = problem.num_points(),
+          .points = state.points.data()};
+}
+
+std::vector<char> points_tied_to_cameras(const Problem& problem,
+                                         const linear::ObservationGraph& images) {
+  std::vector<char> tied(static_cast<std::size_t>(images.num_points));
+  for (int p = 0; p < images.num_points; ++p) tied[p] = images.observations_of_point(p) > 0;
+  for_each_member(
+      problem.constraints,
+      [&](const ConstraintGroup&, std::size_t, const ConstraintMember& member) {
+        if (member.point != residuals::kNoPoint && member.camera != residuals::kNoCamera)
+          tied[member.point] = 1;
+      });
+  return tied;
 }
 
 void check_constraints(const Problem& problem, const optim::State& state) {
@@ -101,6 +121,7 @@ ConstraintTerms::ConstraintTerms(const Problem& problem,
 linear::CameraPairs ConstraintTerms::pairs() const {
   linear::CameraPairs pairs;
   for (const auto& [group, member] : active_) {
+    if (member->point != residuals::kNoPoint) continue;
     pairs.emplace_back(member->camera,
                        member->previous == kNoPrevious ? member->camera : member->previous);
   }
@@ -141,38 +162,48 @@ void ConstraintTerms::for_each_active(
 
 void ConstraintTerms::for_each_weighted(
     const optim::State& state,
-    const std::function<void(const ConstraintMember&, ConstraintResidual&)>& visit) const {
+    const std::function<void(const ConstraintGroup&, std::size_t, ConstraintResidual&)>& visit)
+    const {
   if (active_.empty()) return;
   for (const ConstraintGroup& group : problem_.constraints->groups()) {
     for_each_active(group, state, [&](std::size_t k, ConstraintResidual& e) {
       residuals::apply_loss(group.loss, e);
-      visit(group.members[k], e);
+      visit(group, k, e);
     });
   }
 }
 
-void ConstraintTerms::linearize(const optim::State& state, linear::CameraTerms& terms) const {
-  terms.set_zero();
-  for_each_weighted(state, [&](const ConstraintMember& member, ConstraintResidual& e) {
+void ConstraintTerms::linearize(const optim::State& state,
+                                PointRows& rows,
+                                linear::NormalEquations& normal) const {
+  normal.camera_terms().set_zero();
+  rows.start(map_.camera_size);
+  for_each_weighted(state, [&](const ConstraintGroup& group, std::size_t k, ConstraintResidual& e) {
     for (double& value : e.residual) value = -value;  // e + J δ is −(r − J δ)
+    const ConstraintMember& member = group.members[k];
+    if (member.point != residuals::kNoPoint) return rows.set(group, k, e);
     const bool two = member.previous != kNoPrevious;
-    terms.add({.rows = e.rows,
-               .residual = e.residual.data(),
-               .camera = member.camera,
-               .by_camera = e.by_camera.data(),
-               .other = two ? member.previous : linear::kNoCamera,
-               .by_other = two ? e.by_previous.data() : nullptr});
+    normal.camera_terms().add({.rows = e.rows,
+                               .residual = e.residual.data(),
+                               .camera = member.camera,
+                               .by_camera = e.by_camera.data(),
+                               .other = two ? member.previous : linear::kNoCamera,
+                               .by_other = two ? e.by_previous.data() : nullptr});
   });
+  rows.fill(normal);
 }
 
-double ConstraintTerms::slope(const optim::State& state,
-                              const std::vector<double>& camera_step) const {
+double ConstraintTerms::slope(const optim::State& state, const linear::Step& step) const {
   double sum = 0.0;
-  for_each_weighted(state, [&](const ConstraintMember& member, const ConstraintResidual& e) {
+  for_each_weighted(state, [&](const ConstraintGroup& group, std::size_t k, ConstraintResidual& e) {
+    const ConstraintMember& member = group.members[k];
     std::vector<double> moved(e.rows, 0.0);
-    add_product(e.by_camera, map_, camera_step, member.camera, moved);
-    if (member.previous != kNoPrevious)
-      add_product(e.by_previous, map_, camera_step, member.previous, moved);
+    for (const auto& [camera, jacobian] :
+         {std::pair(member.camera, &e.by_camera), std::pair(member.previous, &e.by_previous)}) {
+      if (camera != residuals::kNoCamera) add_product(*jacobian, map_, step.camera, camera, moved);
+    }
+    if (member.point != residuals::kNoPoint)
+      add_product(e.by_point, step.point.data() + long{kPointTangent} * member.point, moved);
     for (int row = 0; row < e.rows; ++row) sum += e.residual[row] * moved[row];
   });
   return sum;

@@ -36,7 +36,8 @@ class GaugeChooser {
         graph_(graph),
         state_(state),
         frames_(problem),
-        sensors_(problem, graph) {
+        sensors_(problem, graph),
+        tied_(points_tied_to_cameras(problem, graph)) {
     normalise();
     find_free_motions(exchange);
   }
@@ -128,7 +129,7 @@ class GaugeChooser {
 
   void add_fixed_points(Similarities& held) const {
     for (int p = 0; p < graph_.num_points; ++p) {
-      if (!problem_.fixed_points[p] || graph_.observations_of_point(p) == 0) continue;
+      if (!problem_.fixed_points[p] || !tied_[p]) continue;
       const Motions rows = response_of_position(
           Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
       held += rows.transpose() * rows;
@@ -161,27 +162,30 @@ class GaugeChooser {
   // In units of the change by the whole Jacobian, so that neither pixels nor weights matter.
   Motions response_of_constraint(const residuals::ConstraintMember& member,
                                  const residuals::ConstraintResidual& e) const {
-    const auto jacobian = [&](const std::vector<double>& values) {
-      return scene_units(Eigen::Map<const RowMajor>(values.data(), e.rows, kPoseTangent));
+    Motions rows = Motions::Zero(e.rows, 7);
+    double squared_norm = 0.0;
+    const auto add = [&](const std::vector<double>& values, const Motions& motion) {
+      RowMajor jacobian = Eigen::Map<const RowMajor>(values.data(), e.rows, motion.rows());
+      jacobian.rightCols<3>() *= extent_;
+      squared_norm += jacobian.squaredNorm();
+      rows += jacobian * motion;
     };
-    const bool two = member.previous != residuals::kNoPrevious;
-    const RowMajor by_pose = jacobian(e.by_camera);
-    const RowMajor by_previous =
-        two ? jacobian(e.by_previous) : RowMajor::Zero(e.rows, kPoseTangent);
-    Motions rows = by_pose * motion_of(member.camera);
-    if (two) rows += by_previous * motion_of(member.previous);
-    const double norm = std::hypot(by_pose.norm(), by_previous.norm());
-    return norm > 0.0 ? Motions(rows / norm) : rows;
-  }
-
-  RowMajor scene_units(RowMajor by_pose) const {
-    by_pose.rightCols<3>() *= extent_;
-    return by_pose;
+    if (member.camera != residuals::kNoCamera) add(e.by_camera, motion_of(member.camera));
+    if (member.previous != residuals::kNoPrevious) add(e.by_previous, motion_of(member.previous));
+    if (member.point != residuals::kNoPoint) add(e.by_point, motion_of_point(member.point));
+    return squared_norm > 0.0 ? Motions(rows / std::sqrt(squared_norm)) : rows;
   }
 
   // Fixed cameras stay where they are: the motions that would move them are held already.
   Motions motion_of(int i) const {
     return is_free(i) ? response_of_camera(i) : Motions(Motions::Zero(6, 7));
+  }
+
+  // What no camera knows of does not move with the cameras.
+  Motions motion_of_point(int p) const {
+    if (problem_.fixed_points[p] || !tied_[p]) return Motions::Zero(kPointTangent, 7);
+    return response_of_position(
+        Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
   }
 
   Eigen::RowVectorXd free_response(PoseParameter parameter) const {
@@ -240,6 +244,7 @@ class GaugeChooser {
   const optim::State& state_;
   Frames frames_;
   FreeSensors sensors_;
+  std::vector<char> tied_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
   Eigen::MatrixXd free_;  // 7 × remaining degrees of freedom, orthonormal

@@ -46,7 +46,7 @@ LinearModel::LinearModel(const Problem& problem, const SolveOptions& options, do
   Workspace& space = work_->space;
   map_ = options.gauge == Gauge::kFixed
              ? space.map
-             : make_parameter_map(problem_, space.graph, space.intrinsics);
+             : make_parameter_map(problem_, space.graph, space.rows, space.intrinsics);
   residuals_ = space.model.images().values(state_);
   cost_ = space.model.linearize(state_);
   name_columns();
@@ -88,24 +88,37 @@ void LinearModel::fill_groups() {
       residuals::apply_loss(per_unit_weight(group), e);
       for (long row = 0; row < e.rows; ++row) {
         const auto place = static_cast<int>(errors.size());
-        add_entries(map_, member.camera, e.by_camera.data() + width * row, place, entries);
+        if (member.camera != residuals::kNoCamera)
+          add_entries(map_, member.camera, e.by_camera.data() + width * row, place, entries);
         if (member.previous != residuals::kNoPrevious)
           add_entries(map_, member.previous, e.by_previous.data() + width * row, place, entries);
+        if (member.point != residuals::kNoPoint)
+          add_entries_of_point(member.point, e.by_point.data() + 3 * row, place, entries);
         errors.push_back(e.residual[row]);
         rows.member.push_back(static_cast<int>(k));
       }
     };
     constraints.for_each_active(unweighted, state_, add);
     rows.errors = Eigen::Map<const VectorXd>(errors.data(), static_cast<Index>(errors.size()));
-    rows.jacobian.resize(rows.errors.size(), map_.num_columns);
+    rows.jacobian.resize(rows.errors.size(),
+                         residuals::is_on_points(group) ? num_columns() : map_.num_columns);
     rows.jacobian.setFromTriplets(entries.begin(), entries.end());
     groups_.push_back(std::move(rows));
   }
 }
 
+void LinearModel::add_entries_of_point(int point,
+                                       const double* jacobian,
+                                       int row,
+                                       std::vector<Entry>& out) const {
+  if (point_place_[point] < 0) return;
+  for (int k = 0; k < 3; ++k)
+    out.emplace_back(row, map_.num_columns + 3 * point_place_[point] + k, jacobian[k]);
+}
+
 int LinearModel::num_cameras() const { return problem_.num_cameras(); }
 int LinearModel::num_points() const { return static_cast<int>(map_.free_point.size()); }
-int LinearModel::num_observations() const { return work_->graph().num_observations(); }
+int LinearModel::num_observations() const { return work_->space.graph.num_observations(); }
 double LinearModel::loss_scale() const { return work_->space.model.images().loss().scale; }
 
 int LinearModel::camera_size() const {
@@ -146,13 +159,13 @@ void LinearModel::jacobian(double* by_camera, double* by_point) const {
   for (int a = 0; a < num_observations(); ++a) {
     const int camera = work_->graph().camera[a];
     const long source = work_->graph().source[a];
-    Eigen::Map<CameraRows> of_camera(by_camera + 2L * size * source, 2, size);
+    Eigen::Map<RowsByCamera> of_camera(by_camera + 2L * size * source, 2, size);
     of_camera.setZero();
     for_each_column(
         map_, camera, [&](int k, int) { of_camera.col(k) = -work_->by_camera(a).col(k); });
-    Eigen::Map<PointRows> of_point(by_point + 6 * source);
-    of_point = point_place_[work_->graph().point[a]] < 0 ? PointRows(PointRows::Zero())
-                                                         : PointRows(-work_->by_point(a));
+    Eigen::Map<RowsByPoint> of_point(by_point + 6 * source);
+    of_point = point_place_[work_->graph().point[a]] < 0 ? RowsByPoint(RowsByPoint::Zero())
+                                                         : RowsByPoint(-work_->by_point(a));
   }
 }
 
@@ -162,12 +175,15 @@ LinearStep LinearModel::step() {
   LinearStep step;
   const linear::Slopes slopes = normal.slopes(step_);
   step.decrease = -0.5 * (slopes.camera + slopes.point);
-  VectorXd moved = VectorXd::Zero(map_.num_columns);
+  VectorXd moved = VectorXd::Zero(num_columns());
   for (std::size_t c = 0; c < inner_.size(); ++c) {
     if (inner_[c] != kNoColumn) moved[static_cast<Index>(c)] = step_.camera[inner_[c]];
   }
+  for (std::size_t k = 0; k < points_.size(); ++k)
+    moved.segment<3>(map_.num_columns + 3 * static_cast<Index>(k)) =
+        Eigen::Map<const Eigen::Vector3d>(step_.point.data() + 3L * points_[k]);
   for (const ConstraintRows& group : groups_)
-    step.errors.emplace_back(group.errors + group.jacobian * moved);
+    step.errors.emplace_back(group.errors + group.jacobian * moved.head(group.jacobian.cols()));
   step.state = state_;
   work_->space.model.plus(state_, step_, {}, step.state);
   return step;

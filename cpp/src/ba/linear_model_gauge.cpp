@@ -15,7 +15,7 @@ void LinearModel::require_sensors() {
   if (!has_free_sensors()) return;
   constexpr double kLargest = 1e10;  // inflation
   const int first = camera_size() - kPoseTangent;
-  const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->graph()).cameras();
+  const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->space.graph).cameras();
   for (std::size_t s = 0; s < cameras.size(); ++s) {
     for (int k = 0; k < kPoseTangent && !cameras[s].empty(); ++k) {
       const int column = work_->space.map.columns_of(cameras[s].front())[first + k];
@@ -51,7 +51,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     return rows;
   };
   const Frames frames(problem_);
-  const FreeSensors sensors(problem_, work_->graph());
+  const FreeSensors sensors(problem_, work_->space.graph);
   MatrixXd result = MatrixXd::Zero(num_columns(), 7);
   held.setZero();
   for (int i = 0; i < num_cameras(); ++i) {
@@ -69,8 +69,9 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     }
     if (frames.any()) add_sensor(sensors, i, extent, held, result);
   }
+  const std::vector<char> tied = points_tied_to_cameras(problem_, work_->space.graph);
   for (int p = 0; p < num_points(); ++p) {
-    if (work_->graph().observations_of_point(p) == 0) continue;
+    if (!tied[p]) continue;
     const Motion rows =
         of_position(Eigen::Map<const Eigen::Vector3d>(state_.points.data() + 3L * p));
     if (point_place_[p] < 0) {
@@ -81,7 +82,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
   }
   for (const ConstraintRows& group : groups_) {
     if (!(group.weight > 0.0)) continue;
-    const MatrixXd rows = group.jacobian * result.topRows(map_.num_columns);
+    const MatrixXd rows = group.jacobian * result.topRows(group.jacobian.cols());
     held += rows.transpose() * rows / std::max(group.jacobian.squaredNorm(), 1e-300);
   }
   return result;

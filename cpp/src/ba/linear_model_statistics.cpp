@@ -39,7 +39,7 @@ void LinearModel::factorize() {
         "models");
   }
   Workspace& space = work_->space;
-  auto kind = linear::choose_linear_solver({.graph = space.graph,
+  auto kind = linear::choose_linear_solver({.graph = space.rows.graph(),
                                             .map = space.map,
                                             .pool = space.pool,
                                             .pairs = work_->normal().camera_terms().pairs(),
@@ -253,8 +253,9 @@ void LinearModel::leverages(double* out) {
     const Matrix3d of_point = alone + pull.transpose() * with_point;
     Index first = 0;
     work_->for_each_view(p, [&](int a) {
-      const CameraRows j = work_->by_camera(a);
-      const PointRows by_point = work_->by_point(a);
+      if (a >= num_observations()) return;  // images come first
+      const RowsByCamera j = work_->by_camera(a);
+      const RowsByPoint by_point = work_->by_point(a);
       const Eigen::Matrix2d cross = j * with_point.middleRows(first, size) * by_point.transpose();
       Eigen::Map<Eigen::Matrix2d>(out + 4L * graph.source[a]) =
           j * among.block(first, first, size, size) * j.transpose() +
@@ -270,6 +271,21 @@ const MatrixXd& LinearModel::hat(int g) {
   MatrixXd& known = hats_.at(static_cast<std::size_t>(g));
   if (known.size() > 0) return known;
   const ConstraintRows& group = groups_.at(static_cast<std::size_t>(g));
+  known = group.jacobian.cols() > map_.num_columns ? hat_with_points(group) : hat_of_cameras(group);
+  return known;
+}
+
+MatrixXd LinearModel::hat_with_points(const ConstraintRows& group) {
+  const MatrixXd dense = group.jacobian.toDense();
+  std::vector<int> columns;
+  for (int c = 0; c < num_columns(); ++c) {
+    if (dense.col(c).any()) columns.push_back(c);
+  }
+  const MatrixXd rows = dense(Eigen::all, columns);
+  return group.weight * (rows * covariance(columns) * rows.transpose());
+}
+
+MatrixXd LinearModel::hat_of_cameras(const ConstraintRows& group) {
   std::vector<Entry> entries;
   for (int row = 0; row < group.jacobian.outerSize(); ++row) {
     for (decltype(group.jacobian)::InnerIterator e(group.jacobian, row); e; ++e) {
@@ -279,8 +295,7 @@ const MatrixXd& LinearModel::hat(int g) {
   SparseColumns rows(work_->space.map.num_columns, group.jacobian.rows());
   rows.setFromTriplets(entries.begin(), entries.end());
   const MatrixXd result = group.weight * (rows.transpose() * solve(rows));
-  known = 0.5 * (result + result.transpose());
-  return known;
+  return 0.5 * (result + result.transpose());
 }
 
 Spectrum LinearModel::hat_spectrum(int group) { return symmetric_spectrum(hat(group)); }

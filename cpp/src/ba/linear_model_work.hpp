@@ -16,9 +16,9 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using linear::kNoColumn;
 
-using CameraRows = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
-using PointRows = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
-using PointView = Eigen::Map<const PointRows, 0, Eigen::OuterStride<4>>;
+using RowsByCamera = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
+using RowsByPoint = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
+using PointView = Eigen::Map<const RowsByPoint, 0, Eigen::OuterStride<4>>;
 
 // Rows of a camera block that have a column: (row, column).
 template <class F>
@@ -34,11 +34,12 @@ struct LinearModel::Work {
       : space(problem, options, state) {}
 
   const linear::NormalEquations& normal() const { return space.model.normal_equations(); }
-  const linear::ObservationGraph& graph() const { return space.graph; }
+  // Of images, and of rows on points (point_rows.hpp).
+  const linear::ObservationGraph& graph() const { return space.rows.graph(); }
   int size() const { return space.map.camera_size; }
 
   // Derivatives of the projection, times √ρ′: J of the residuals with its sign turned.
-  Eigen::Map<const CameraRows> by_camera(int a) const {
+  Eigen::Map<const RowsByCamera> by_camera(int a) const {
     return {normal().camera_jacobian(a), 2, size()};
   }
   PointView by_point(int a) const { return PointView(normal().point_record(a).row[0].by_point); }

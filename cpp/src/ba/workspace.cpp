@@ -241,12 +241,12 @@ linear::LinearSolverChoice choose_solver(Workspace& work,
   }
   const linear::CameraPairs pairs = ConstraintTerms(problem, work.map, work.intrinsics).pairs();
   return linear::choose_linear_solver(
-      {.graph = work.graph,
+      {.graph = work.rows.graph(),
        .map = work.map,
        .pool = work.pool,
        .pairs = pairs,
        .exchange = work.exchange,
-       .held_bytes = held_bytes(work.graph, work.map, work.precision, options),
+       .held_bytes = held_bytes(work.rows.graph(), work.map, work.precision, options),
        .number_bytes = linear::bytes_of_number(work.precision)},
       options.linear_solver);
 }
@@ -274,6 +274,16 @@ void restore(std::span<const std::uint8_t> fixed,
 
 }  // namespace
 
+linear::ParameterMap make_parameter_map(const Problem& problem,
+                                        const linear::ObservationGraph& graph,
+                                        const PointRows& rows,
+                                        const std::vector<int>& free_intrinsics,
+                                        const std::vector<PoseParameter>& gauge) {
+  linear::ParameterMap map = make_parameter_map(problem, graph, free_intrinsics, gauge);
+  rows.add_to(map);
+  return map;
+}
+
 Workspace::Workspace(const Problem& problem,
                      const SolveOptions& options,
                      const optim::State& start,
@@ -282,12 +292,13 @@ Workspace::Workspace(const Problem& problem,
       threads(threads_for(problem, options)),
       pool(*threads),
       graph(checked_graph(problem, options, start, pool, ranks)),
+      rows(problem, graph, ranks),
       intrinsics(free_intrinsics(problem, graph)),
       map(make_parameter_map(
-          problem, graph, intrinsics, gauge_of(problem, graph, options, start, ranks))),
+          problem, graph, rows, intrinsics, gauge_of(problem, graph, options, start, ranks))),
       precision(stored_precision(problem, options, ranks)),
       choice(choose_solver(*this, problem, options)),
-      model(problem, graph, map, intrinsics, pool, ranks, precision) {
+      model(problem, graph, rows, map, intrinsics, pool, ranks, precision) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_determined(graph, map, model.constraints().num_equations(), exchange);
   solver = make_solver(model, options, choice);

@@ -12,6 +12,13 @@
 
 namespace sfmcpp::ba {
 
+// The columns of observations and of rows on points.
+linear::ParameterMap make_parameter_map(const Problem& problem,
+                                        const linear::ObservationGraph& graph,
+                                        const PointRows& rows,
+                                        const std::vector<int>& free_intrinsics,
+                                        const std::vector<PoseParameter>& gauge = {});
+
 struct Workspace {
   // Throws InvalidArgument for a problem, a start or options that break a rule: on every rank if it
   // is so on one.
@@ -24,6 +31,7 @@ struct Workspace {
   BorrowedPool threads;
   ThreadPool& pool;
   linear::ObservationGraph graph;
+  PointRows rows;
   std::vector<int> intrinsics;
   linear::ParameterMap map;
   linear::Precision precision;

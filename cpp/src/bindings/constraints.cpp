@@ -21,39 +21,62 @@ using residuals::CamerasOfMember;
 using residuals::ConstraintGroup;
 using residuals::ConstraintKindFacts;
 using residuals::ConstraintMember;
+using residuals::kNoCamera;
 using residuals::kNoPrevious;
 using residuals::Measurement;
 
 using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RotationMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-// `function(poses, wanted)` gives residuals (members, rows) and, where they are wanted, Jacobians
-// (members, rows, poses, 6); Python has checked the shapes.
+// `function(poses, points, wanted)`, either or None, gives residuals (members, rows) and, where
+// they are wanted, Jacobians (members, rows, poses, 6) and (members, rows, 3); Python has checked
+// the shapes.
 class PythonResiduals : public residuals::ResidualFunction, public PythonFunction {
  public:
-  PythonResiduals(py::object function, int members, int poses, int rows)
-      : PythonFunction(std::move(function)), members_(members), poses_(poses), rows_(rows) {}
+  struct Shape {
+    int members, poses, points, rows;
+  };
 
-  int rows() const override { return rows_; }
+  PythonResiduals(py::object function, const Shape& shape)
+      : PythonFunction(std::move(function)), shape_(shape) {}
 
-  void evaluate(const double* poses, double* residuals, double* jacobian) const override {
-    const long size = static_cast<long>(members_) * rows_, columns = long{poses_} * kPoseTangent;
+  int rows() const override { return shape_.rows; }
+
+  void evaluate(const double* poses, const double* points, const Output& out) const override {
+    const std::array<Answer, 3> answers{{{out.residuals, 1},
+                                         {out.by_poses, long{shape_.poses} * kPoseTangent},
+                                         {out.by_points, long{shape_.points} * kPointTangent}}};
+    const long size = static_cast<long>(shape_.members) * shape_.rows;
     const auto arguments = [&] {
-      const std::vector<py::ssize_t> shape{members_, poses_, 3, 4};
-      return py::make_tuple(py::array_t<double>(shape, poses), jacobian != nullptr);
+      return py::make_tuple(array_of({shape_.members, shape_.poses, 3, 4}, poses),
+                            array_of({shape_.members, shape_.points * 3}, points),
+                            out.by_poses != nullptr || out.by_points != nullptr);
     };
     const auto take = [&](const py::tuple& answer) {
-      copy_answer(answer[0], size, residuals);
-      if (jacobian != nullptr) copy_answer(answer[1], size * columns, jacobian);
+      for (std::size_t k = 0; k < answers.size(); ++k) {
+        if (answers[k].out != nullptr)
+          copy_answer(answer[k], size * answers[k].width, answers[k].out);
+      }
     };
     if (call(arguments, take)) return;
-    constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
-    std::fill_n(residuals, size, kNoNumber);
-    if (jacobian != nullptr) std::fill_n(jacobian, size * columns, kNoNumber);
+    for (const Answer& each : answers) {
+      if (each.out != nullptr)
+        std::fill_n(each.out, size * each.width, std::numeric_limits<double>::quiet_NaN());
+    }
   }
 
  private:
-  int members_, poses_, rows_;
+  struct Answer {
+    double* out;
+    long width;  // of each row
+  };
+
+  static py::object array_of(const std::vector<py::ssize_t>& shape, const double* values) {
+    if (shape[1] == 0) return py::none();
+    return py::array_t<double>(shape, values);
+  }
+
+  Shape shape_;
 };
 
 void set_measurement(const ConstraintKindFacts& kind,
@@ -153,11 +176,18 @@ void fill_by_function(const py::dict& arrays, ConstraintGroup& group) {
   }
   require_size(group, "member_weights", weights.size(), group.members.size(), group.members.size());
   set_weights(weights, group.members);
-  const bool two = !cameras.empty() && cameras[0] != kNoPrevious;
-  group.function = std::make_shared<PythonResiduals>(arrays["function"],
-                                                     static_cast<int>(group.members.size()),
-                                                     two ? 2 : 1,
-                                                     arrays["rows"].cast<int>());
+  const auto points = view<const int>(arrays, "point_index");
+  for (std::size_t k = 0; k < points.size(); ++k) group.members[k].point = points[k];
+  const auto is_of = [&](int ConstraintMember::*part) {
+    return !group.members.empty() && group.members[0].*part != kNoCamera;
+  };
+  group.function = std::make_shared<PythonResiduals>(
+      arrays["function"],
+      PythonResiduals::Shape{
+          .members = static_cast<int>(group.members.size()),
+          .poses = is_of(&ConstraintMember::camera) + is_of(&ConstraintMember::previous),
+          .points = is_of(&ConstraintMember::point),
+          .rows = arrays["rows"].cast<int>()});
 }
 
 void fill_by_kind(const py::dict& arrays, const ba::Problem& problem, ConstraintGroup& group) {

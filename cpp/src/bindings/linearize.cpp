@@ -51,6 +51,7 @@ py::list groups(const LinearModel& model) {
     rows["member"] =
         py::array_t<int>(static_cast<py::ssize_t>(group.member.size()), group.member.data());
     rows["errors"] = group.errors;
+    rows["columns"] = group.jacobian.cols();
     const auto entries = static_cast<py::ssize_t>(group.jacobian.nonZeros());
     rows["data"] = py::array_t<double>(entries, group.jacobian.valuePtr());
     rows["indices"] = py::array_t<int>(entries, group.jacobian.innerIndexPtr());

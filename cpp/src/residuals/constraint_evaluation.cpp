@@ -26,16 +26,12 @@ void apply_weights(const ConstraintGroup& group,
                    const ConstraintMember& member,
                    ConstraintResidual& e) {
   const double factor = std::sqrt(group.weight * member.weight);
-  for (std::vector<double>* values : {&e.residual, &e.by_camera, &e.by_previous}) {
-    scale(factor, *values);
-  }
+  for (std::vector<double>* values : e.all()) scale(factor, *values);
   if (member.entry_weights.empty()) return;
   std::vector<double> roots(member.entry_weights.size());
   std::ranges::transform(
       member.entry_weights, roots.begin(), [](double weight) { return std::sqrt(weight); });
-  for (std::vector<double>* values : {&e.residual, &e.by_camera, &e.by_previous}) {
-    scale_rows(roots, *values);
-  }
+  for (std::vector<double>* values : e.all()) scale_rows(roots, *values);
 }
 
 // rows × 6 → rows × D, the other columns zero.
@@ -106,8 +102,10 @@ void evaluate_intrinsics(ConstraintKind kind,
   if (two) place(e.by_reference, indices, *columns, out.by_previous);
 }
 
-bool has_previous(const ConstraintGroup& group) {
-  return !group.members.empty() && group.members[0].previous != kNoPrevious;
+int poses_of_member(const ConstraintGroup& group) {
+  if (group.members.empty()) return 1;
+  const ConstraintMember& member = group.members[0];
+  return (member.previous != kNoPrevious) + (member.camera != kNoCamera);
 }
 
 std::vector<double> poses_of(const ConstraintGroup& group, const ConstrainedCameras& cameras) {
@@ -115,11 +113,22 @@ std::vector<double> poses_of(const ConstraintGroup& group, const ConstrainedCame
   poses.reserve(2UL * kCameraStorage * group.members.size());
   for (const ConstraintMember& member : group.members) {
     for (int camera : {member.previous, member.camera}) {
-      if (camera == kNoPrevious) continue;
+      if (camera == kNoCamera) continue;
       poses.insert(poses.end(), cameras.pose(camera), cameras.pose(camera) + kCameraStorage);
     }
   }
   return poses;
+}
+
+std::vector<double> points_of(const ConstraintGroup& group, const ConstrainedCameras& cameras) {
+  std::vector<double> points;
+  if (!is_on_points(group)) return points;
+  points.reserve(kPointTangent * group.members.size());
+  for (const ConstraintMember& member : group.members) {
+    const double* point = cameras.points + long{kPointTangent} * member.point;
+    points.insert(points.end(), point, point + kPointTangent);
+  }
+  return points;
 }
 
 // Row by row, the columns of `pose` among those of all.
@@ -132,29 +141,59 @@ void take_columns(
   }
 }
 
+// What a function answers for all members.
+struct Answer {
+  int rows, poses;
+  std::vector<double> residuals{}, by_poses{}, by_points{};
+};
+
+double* place_of(std::vector<double>& values) { return values.empty() ? nullptr : values.data(); }
+
+Answer answer_of(const ConstraintGroup& group, const ConstrainedCameras& cameras, bool jacobian) {
+  Answer answer{.rows = group.function->rows(), .poses = poses_of_member(group)};
+  const std::size_t size = group.members.size() * answer.rows;
+  answer.residuals.resize(size);
+  if (jacobian) answer.by_poses.resize(size * answer.poses * kPoseTangent);
+  if (jacobian && is_on_points(group)) answer.by_points.resize(size * kPointTangent);
+  group.function->evaluate(
+      poses_of(group, cameras).data(),
+      points_of(group, cameras).data(),
+      {answer.residuals.data(), place_of(answer.by_poses), place_of(answer.by_points)});
+  return answer;
+}
+
+// The numbers of member k, `size` for each.
+void take_rows(const std::vector<double>& all,
+               std::size_t k,
+               std::size_t size,
+               std::vector<double>& out) {
+  if (!all.empty()) out.assign(all.begin() + size * k, all.begin() + size * (k + 1));
+}
+
+void take_jacobians(const Answer& answer,
+                    std::size_t k,
+                    const ConstraintColumns& columns,
+                    ConstraintResidual& e) {
+  const auto take = [&](int pose, std::vector<double>& out) {
+    const long size = long{answer.rows} * answer.poses * kPoseTangent;
+    take_columns(answer.by_poses.data() + size * k, answer.rows, answer.poses, pose, out);
+    widen(answer.rows, columns.width, out);
+  };
+  if (answer.poses > 0) take(answer.poses - 1, e.by_camera);
+  if (answer.poses == 2) take(0, e.by_previous);
+  take_rows(answer.by_points, k, std::size_t{kPointTangent} * answer.rows, e.by_point);
+}
+
 void evaluate_function(const ConstraintGroup& group,
                        const ConstrainedCameras& cameras,
                        const ConstraintColumns* columns,
                        const ResidualVisitor& visit) {
-  const int rows = group.function->rows(), poses = has_previous(group) ? 2 : 1;
-  const long size = static_cast<long>(rows) * poses * kPoseTangent;
-  std::vector<double> residuals(group.members.size() * rows);
-  std::vector<double> jacobian(columns == nullptr ? 0 : group.members.size() * size);
-  group.function->evaluate(poses_of(group, cameras).data(),
-                           residuals.data(),
-                           columns == nullptr ? nullptr : jacobian.data());
-  ConstraintResidual e{.rows = rows, .residual = {}, .by_camera = {}, .by_previous = {}};
+  const Answer answer = answer_of(group, cameras, columns != nullptr);
+  ConstraintResidual e{.rows = answer.rows};
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     if (!is_active(group, group.members[k])) continue;
-    e.residual.assign(residuals.begin() + rows * k, residuals.begin() + rows * (k + 1));
-    if (columns != nullptr) {
-      take_columns(jacobian.data() + size * k, rows, poses, poses - 1, e.by_camera);
-      widen(rows, columns->width, e.by_camera);
-      if (poses == 2) {
-        take_columns(jacobian.data() + size * k, rows, poses, 0, e.by_previous);
-        widen(rows, columns->width, e.by_previous);
-      }
-    }
+    take_rows(answer.residuals, k, answer.rows, e.residual);
+    if (columns != nullptr) take_jacobians(answer, k, *columns, e);
     apply_weights(group, group.members[k], e);
     visit(k, e);
   }
@@ -171,9 +210,7 @@ double squared_error(const ConstraintResidual& e) {
 void apply_loss(const Loss& loss, ConstraintResidual& e) {
   if (loss.is_squared()) return;
   const double factor = std::sqrt(loss.derivative(squared_error(e)));
-  scale(factor, e.residual);
-  scale(factor, e.by_camera);
-  scale(factor, e.by_previous);
+  for (std::vector<double>* values : e.all()) scale(factor, *values);
 }
 
 void evaluate(const ConstraintGroup& group,

@@ -46,6 +46,22 @@ void check_previous(const ConstraintGroup& group, std::size_t k) {
   }
 }
 
+// All members of a group are evaluated in one call: they have the same arguments.
+void check_arguments(const ConstraintGroup& group, std::size_t k) {
+  const ConstraintMember &member = group.members[k], &first = group.members[0];
+  const auto differs = [&](int ConstraintMember::*part) {
+    return (member.*part == kNoCamera) != (first.*part == kNoCamera);
+  };
+  if (differs(&ConstraintMember::camera) || differs(&ConstraintMember::previous) ||
+      differs(&ConstraintMember::point)) {
+    refuse(name_of(group, k), "of other cameras and points than [0]: must be alike in a group");
+  }
+  if (member.point == kNoPoint) return;
+  if (!group.function) refuse(name_of(group, k) + ".point", kind_text(group) + " is on cameras");
+  if (member.previous != kNoPrevious)
+    refuse(name_of(group, k) + ".point", "with two cameras: must be with one or none");
+}
+
 void check_intrinsics_measurement(const ConstraintGroup& group, std::size_t k) {
   const ConstraintMember& member = group.members[k];
   if (member.previous != kNoPrevious) return;
@@ -63,6 +79,12 @@ void check_camera(const std::string& name, int camera, int count) {
   if (camera >= 0 && camera < count) return;
   refuse(name + ".cameras",
          "camera " + std::to_string(camera) + ": must be in [0, " + std::to_string(count) + ")");
+}
+
+void check_point(const std::string& name, int point, int count) {
+  if (point >= 0 && point < count) return;
+  refuse(name + ".points",
+         "point " + std::to_string(point) + ": must be in [0, " + std::to_string(count) + ")");
 }
 
 void check_in_front(const std::string& name,
@@ -146,6 +168,7 @@ void check_group(const ConstraintGroup& group) {
     check_weight(name_of(group, k) + ".weight", member.weight);
     for (double weight : member.entry_weights) check_weight(name_of(group, k) + ".weight", weight);
     check_previous(group, k);
+    if (group.function || member.point != kNoPoint) check_arguments(group, k);
     if (group.function) continue;
     if (facts_of(group.kind).is_on_poses()) {
       validate(measurement_of(member), name_of(group, k));
@@ -162,7 +185,9 @@ void check_member(const ConstraintGroup& group, std::size_t k, const Constrained
            "camera_model = '" + std::string(cameras.camera_model.name()) +
                "': constraints are on poses and focal lengths of metric cameras");
   }
-  check_camera(name_of(group, k), member.camera, cameras.count);
+  if (member.point != kNoPoint) check_point(name_of(group, k), member.point, cameras.num_points);
+  if (member.point == kNoPoint || member.camera != kNoCamera)
+    check_camera(name_of(group, k), member.camera, cameras.count);
   if (member.previous != kNoPrevious)
     check_camera(name_of(group, k), member.previous, cameras.count);
   if (group.function) return;
@@ -247,6 +272,10 @@ std::vector<int> constrained_intrinsics(ConstraintKind kind, const CameraModel& 
 
 bool is_on_poses(const ConstraintGroup& group) {
   return group.function != nullptr || facts_of(group.kind).is_on_poses();
+}
+
+bool is_on_points(const ConstraintGroup& group) {
+  return !group.members.empty() && group.members[0].point != kNoPoint;
 }
 
 int num_equations(const ConstraintGroup& group, const ConstraintMember& member) {

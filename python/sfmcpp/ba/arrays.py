@@ -64,7 +64,7 @@ def core_constraints(groups: Iterable[Group], problem: Problem) -> list[dict[str
 
 
 def _core_constraint(group: Group, problem: Problem) -> dict[str, Any]:
-    pairs = group.cameras
+    pairs = np.full(group.num_members, NO_CAMERA, np.int32) if group.cameras is None else group.cameras
     if pairs.ndim == 1:
         pairs = np.stack([np.full_like(pairs, NO_CAMERA), pairs], axis=1)
     common = {
@@ -76,7 +76,9 @@ def _core_constraint(group: Group, problem: Problem) -> dict[str, Any]:
         "member_weights": group.member_weights,
     }
     if isinstance(group, ResidualGroup):
-        return common | {"function": group.evaluate, "rows": group.rows_at(problem)}
+        points = np.zeros(0, np.int32) if group.points is None else group.points
+        rows = group.rows_at(problem)
+        return common | {"function": group.evaluate, "rows": rows, "point_index": points}
     return common | _measured(group)
 
 

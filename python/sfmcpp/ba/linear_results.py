@@ -29,7 +29,8 @@ class ConstraintRows:
     errors : (R,) float64
         Errors over the root of their number of entries (thesis table 5.1).
     data, indices, indptr : arrays
-        Their derivatives by the columns of cameras, compressed by rows.
+        Their derivatives by the columns of cameras, or, of residuals on points, by all columns; compressed
+        by rows.
     columns : int
         Number of these columns.
     """
@@ -49,7 +50,7 @@ class ConstraintRows:
         return float(self.errors @ self.errors)
 
     def jacobian(self) -> csr_matrix:
-        """(R, camera columns) derivatives G of the errors, SciPy CSR."""
+        """(R, columns) derivatives G of the errors, SciPy CSR."""
         from scipy.sparse import csr_matrix
 
         return csr_matrix((self.data, self.indices, self.indptr), shape=(len(self.errors), self.columns))

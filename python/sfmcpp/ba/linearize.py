@@ -106,8 +106,7 @@ class LinearModel:
         self.observation_weights: FloatArray = self._core.observation_weights
         self.camera_columns: IndexArray = self._core.camera_columns
         self.point_columns: IndexArray = self._core.point_columns
-        columns = self.num_camera_columns
-        self.groups = [ConstraintRows(columns=columns, **rows) for rows in self._core.groups()]
+        self.groups = [ConstraintRows(**rows) for rows in self._core.groups()]
 
     def __repr__(self) -> str:
         of = f"{self._problem.num_cameras} cameras, {self._problem.num_points} points"
@@ -167,7 +166,7 @@ class LinearModel:
         weighted = np.sqrt(self.observation_weights)[:, None] * self.residuals
         gradient: FloatArray = self.jacobian().T @ weighted.ravel()
         for rows in self.groups:
-            gradient[: self.num_camera_columns] += rows.weight * (rows.jacobian().T @ rows.errors)
+            gradient[: rows.columns] += rows.weight * (rows.jacobian().T @ rows.errors)
         return gradient
 
     def reduced_system(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:

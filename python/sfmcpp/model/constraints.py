@@ -26,10 +26,9 @@ CONSTRAINT_KINDS: dict[str, ConstraintKind] = {kind.name: kind for kind in _core
 
 
 class MemberGroup:
-    """What all groups have: a name, cameras of members, and fields that can be checked again."""
+    """What all groups have: a name, and fields that can be checked again."""
 
     name: str
-    cameras: IndexArray
 
     def __post_init__(self) -> None:
         self.validate()
@@ -43,11 +42,6 @@ class MemberGroup:
             If a field breaks a rule.
         """
         self._check()
-
-    @property
-    def num_members(self) -> int:
-        """Number of members, n."""
-        return len(self.cameras)
 
     def _check(self) -> None:
         raise NotImplementedError
@@ -117,6 +111,11 @@ class ConstraintGroup(MemberGroup):
     points: Sequence[FloatArray] = field(default=(), repr=False)
     loss: LossFunction | str = "squared"
     loss_scale: float | None = None
+
+    @property
+    def num_members(self) -> int:
+        """Number of members, n."""
+        return len(self.cameras)
 
     def _check(self) -> None:
         kind = constraint_kind(self.kind)

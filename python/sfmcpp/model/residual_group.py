@@ -1,10 +1,10 @@
-"""Residuals of cameras by a function of the user's own, in named weighted groups beside constraints."""
+"""Residuals of poses and points by a function of the user's own, in named groups beside constraints."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,19 +13,34 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
+from sfmcpp.model.differences import by_point, by_pose
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
-ResidualFunction: TypeAlias = Callable[[FloatArray], "ArrayLike | tuple[ArrayLike, ArrayLike]"]
+ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
 
-_TANGENT = 6
-# Central differences of a double are best at its third root.
-_STEP = float(np.cbrt(np.finfo(float).eps))
+
+class Evaluation(NamedTuple):
+    """Residuals of the members of a group, and their derivatives where these were asked for.
+
+    Attributes
+    ----------
+    residuals : (n, k) float64
+        r of each member.
+    by_poses : (n, k, p, 6) float64 or None
+        Derivatives by the poses of each member, p = 1 or 2: δR, then the centre. None without cameras.
+    by_point : (n, k, 3) float64 or None
+        Derivatives by the point of each member. None without points.
+    """
+
+    residuals: FloatArray
+    by_poses: FloatArray | None = None
+    by_point: FloatArray | None = None
 
 
 @dataclass(eq=False)
 class ResidualGroup(MemberGroup):
-    """Residuals of poses by a NumPy function, as a term of the cost of any solve.
+    """Residuals of poses, of poses and points, or of points by a NumPy function, in the cost of any solve.
 
     In :func:`sfmcpp.solve` the group adds ``½ Σ ρ(weight · member_weights · ‖r‖²)`` to the cost. A sensor of
     standard deviation σ has ``r = error / σ`` where observations are over theirs.
@@ -33,14 +48,16 @@ class ResidualGroup(MemberGroup):
     Parameters
     ----------
     function : callable
-        Called as ``function(poses)``, for all members at once, with poses (n, 3, 4) of `cameras` (n,), or
-        (n, 2, 3, 4) of pairs (n, 2): rotation world_from_camera and centre in the world. Returns residuals r
-        (n, k), or r and their derivatives (n, k, 6) or (n, k, 2, 6) by δR of ``R exp([δR]×)`` [rad] and
-        the centre; without them it is called twelve times for each camera of a member, for central
-        differences. It must be a function of its argument alone. What it raises ends the solve and is raised
-        as it is; the problem then holds the best state until there.
-    cameras : (n,) or (n, 2) int32
-        The camera of each member, or a pair of cameras.
+        Called for all members at once, with poses (n, 3, 4) of `cameras` (n,), or (n, 2, 3, 4) of pairs
+        (n, 2): rotation world_from_camera and centre in the world; with coordinates (n, 3) in the world of
+        `points` (n,); with both, poses first. Returns residuals r (n, k), or r and their derivatives
+        (n, k, 6) or (n, k, 2, 6) by δR of ``R exp([δR]×)`` [rad] and the centre, and (n, k, 3) by the point:
+        ``r, by_pose``, ``r, by_point`` or ``r, by_pose, by_point``. Without them it is called twelve times
+        for each camera of a member and six times for its point, for central differences. It must be a
+        function of its arguments alone. What it raises ends the solve and is raised as it is; the problem
+        then holds the best state until there.
+    cameras : (n,) or (n, 2) int32, optional
+        The camera of each member, or a pair of cameras. Default: none, with `points`.
     weight : float
         Weight of the group.
     member_weights : (n,) float64, optional
@@ -53,132 +70,203 @@ class ResidualGroup(MemberGroup):
     loss_scale : float, optional
         Where the loss leaves the parabola, in units of r. Default: 95 % efficiency on normal errors; of one
         of your own: 1.
+    points : (n,) int32, optional
+        The point of each member, alone or with one camera. The camera need not see it.
 
     Raises
     ------
     InvalidArgument
-        If a shape is wrong or a number is not finite. Camera numbers, weights and what the function returns
-        wait for the solve.
+        If a shape is wrong or a number is not finite. Numbers of cameras and points, weights and what the
+        function returns wait for the solve.
     """
 
     function: ResidualFunction
-    cameras: IndexArray
+    cameras: IndexArray | None = None
     weight: float = 1.0
     member_weights: FloatArray = None  # type: ignore[assignment]
     name: str = ""
     loss: LossFunction | str = "squared"
     loss_scale: float | None = None
+    points: IndexArray | None = None
+
+    @property
+    def num_members(self) -> int:
+        """Number of members, n."""
+        members = self.cameras if self.points is None else self.points
+        return 0 if members is None else len(members)
 
     def _check(self) -> None:
         if not callable(self.function):
             raise InvalidArgument(f"function = {self.function!r}: must be callable")
         check_fields(self, "name", "loss", "weight", "loss_scale")
         self.name = self.name or getattr(self.function, "__name__", "residuals")
-        cameras = number_array(self._label("cameras"), self.cameras)
-        pairs = cameras.ndim == 2 and cameras.shape[1] == 2
-        if not (cameras.ndim == 1 or pairs) or not np.issubdtype(cameras.dtype, np.integer):
-            raise InvalidArgument(
-                f"{self._label('cameras')}: {cameras.dtype} {cameras.shape}, "
-                "must be (any,) or (any, 2) whole numbers"
-            )
-        require_int32(self._label("cameras"), cameras)
-        self.cameras = np.ascontiguousarray(cameras, dtype=np.int32)
+        if self.cameras is None and self.points is None:
+            raise InvalidArgument(f"{self._label('cameras')}: must be given, or points")
+        if self.cameras is not None:
+            self.cameras = self._numbers("cameras", self.cameras)
+        if self.points is not None:
+            self.points = self._numbers("points", self.points)
+            self._check_beside_points()
         if self.member_weights is None:
             self.member_weights = np.ones(self.num_members)
         self.member_weights = finite_array(
             self._label("member_weights"), self.member_weights, (self.num_members,)
         )
 
-    def evaluate(self, poses: FloatArray, jacobian: bool = True) -> tuple[FloatArray, FloatArray | None]:
+    @property
+    def _pairs(self) -> bool:
+        return self.cameras is not None and self.cameras.ndim == 2
+
+    def _numbers(self, field_name: str, values: ArrayLike) -> IndexArray:
+        numbers = number_array(self._label(field_name), values)
+        pairs = field_name == "cameras" and numbers.ndim == 2 and numbers.shape[1] == 2
+        if not (numbers.ndim == 1 or pairs) or not np.issubdtype(numbers.dtype, np.integer):
+            rule = "(any,) or (any, 2)" if field_name == "cameras" else "(any,)"
+            raise InvalidArgument(
+                f"{self._label(field_name)}: {numbers.dtype} {numbers.shape}, must be {rule} whole numbers"
+            )
+        require_int32(self._label(field_name), numbers)
+        return np.ascontiguousarray(numbers, dtype=np.int32)
+
+    def _check_beside_points(self) -> None:
+        if self.cameras is not None and self.cameras.shape != (self.num_members,):
+            raise InvalidArgument(
+                f"{self._label('cameras')}: shape {self.cameras.shape}, must be ({self.num_members},): "
+                "one for each of points"
+            )
+
+    def evaluate(
+        self, poses: FloatArray | None = None, points: FloatArray | None = None, jacobian: bool = True
+    ) -> Evaluation:
         """Residuals of all members, and their derivatives.
 
         Parameters
         ----------
-        poses : (n, p, 3, 4) float64
-            Poses of each member, p = 1 or 2.
+        poses : (n, p, 3, 4) float64, optional
+            Poses of each member, p = 1 or 2; of groups with cameras.
+        points : (n, 3) float64, optional
+            Point of each member; of groups with points.
         jacobian : bool
             Whether derivatives are wanted.
 
         Returns
         -------
-        (n, k) float64 and (n, k, p, 6) float64 or None
+        Evaluation
+            Residuals, and derivatives by what the group has.
 
         Raises
         ------
         InvalidArgument
             If what the function returns has another shape, or is no number.
         """
-        residuals, derivatives = self._called(poses)
+        residuals, derivatives = self._called(poses, points)
         if not jacobian:
-            return residuals, None
-        if derivatives is None:
-            return residuals, self._differences(poses, residuals.shape)
-        return residuals, self._given(derivatives, residuals.shape)
+            return Evaluation(residuals)
+        if not derivatives:
+            return self._differences(residuals, poses, points)
+        return self._given(residuals, derivatives)
 
     def rows_at(self, problem: Problem) -> int:
-        """How many residuals a member has, k, as a call with the poses of a problem tells.
+        """How many residuals a member has, k, as a call with the state of a problem tells.
 
         Raises
         ------
         InvalidArgument
-            If a camera is none of the problem, or the function returns another shape than (n, k).
+            If a camera or a point is none of the problem, or the function returns another shape than (n, k).
         """
-        return len(self.evaluate(self._poses_of(problem), jacobian=False)[0].T)
+        return len(self.evaluate(*self._arguments_of(problem), jacobian=False).residuals.T)
 
     def derivative_error(self, problem: Problem) -> float:
-        """How far the derivatives that the function gives are from differences, at the poses of a problem.
+        """How far the derivatives that the function gives are from differences, at the state of a problem.
 
         Parameters
         ----------
         problem : Problem
-            Its poses are what the function is given.
+            Its poses and points are what the function is given.
 
         Returns
         -------
         float
-            The largest difference over the largest derivative; 0 where the function gives none.
+            The largest difference over the largest derivative, by poses or by points, whichever is worse; 0
+            where the function gives none.
 
         Raises
         ------
         InvalidArgument
             As :meth:`evaluate`.
         """
-        poses = self._poses_of(problem)
-        residuals, derivatives = self._called(poses)
-        if derivatives is None:
+        arguments = self._arguments_of(problem)
+        residuals, derivatives = self._called(*arguments)
+        if not derivatives:
             return 0.0
-        given = self._given(derivatives, residuals.shape)
-        differences = self._differences(poses, residuals.shape)
-        largest = max(float(np.abs(array).max(initial=0.0)) for array in (given, differences))
-        return float(np.abs(given - differences).max(initial=0.0)) / largest if largest > 0 else 0.0
+        given, differences = self._given(residuals, derivatives), self._differences(residuals, *arguments)
+        return max(_error(*pair) for pair in zip(given[1:], differences[1:], strict=True))
 
-    def _poses_of(self, problem: Problem) -> FloatArray:
-        """Poses (n, p, 3, 4) of each member."""
-        if self.num_members and not 0 <= self.cameras.min() <= self.cameras.max() < problem.num_cameras:
-            raise InvalidArgument(f"{self._label('cameras')}: must be from 0 to {problem.num_cameras - 1}")
-        return problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
+    def _arguments_of(self, problem: Problem) -> tuple[FloatArray | None, FloatArray | None]:
+        """Poses (n, p, 3, 4) and points (n, 3) of all members."""
+        poses = points = None
+        if self.cameras is not None:
+            self._require_range("cameras", self.cameras, problem.num_cameras)
+            poses = problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
+        if self.points is not None:
+            self._require_range("points", self.points, problem.num_points)
+            if not problem.is_metric:
+                raise InvalidArgument(
+                    f"{self._label('points')}: camera_model = 'projective': must be points of a metric world"
+                )
+            points = problem.points[self.points]
+        return poses, points
 
-    def _called(self, poses: FloatArray) -> tuple[FloatArray, ArrayLike | None]:
-        answer = self.function(poses if self.cameras.ndim == 2 else poses[:, 0])
-        values, derivatives = answer if isinstance(answer, tuple) else (answer, None)
-        return finite_array(self._label("function"), values, (self.num_members, ANY)), derivatives
+    def _require_range(self, field_name: str, numbers: IndexArray, count: int) -> None:
+        if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
+            raise InvalidArgument(f"{self._label(field_name)}: must be from 0 to {count - 1}")
 
-    def _given(self, derivatives: ArrayLike, of: tuple[int, ...]) -> FloatArray:
-        """Derivatives (n, k, p, 6) as the function gives them, of residuals of that shape."""
-        pairs = self.cameras.ndim == 2
+    def _called(
+        self, poses: FloatArray | None, points: FloatArray | None
+    ) -> tuple[FloatArray, tuple[ArrayLike, ...]]:
+        """Residuals, and the derivatives that the function gives, if it does."""
+        arguments = []
+        if poses is not None:
+            arguments.append(poses if self._pairs else poses[:, 0])
+        if points is not None:
+            arguments.append(points)
+        answer = self.function(*arguments)
+        values, *derivatives = answer if isinstance(answer, tuple) else (answer,)
+        if derivatives and len(derivatives) != len(arguments):
+            raise InvalidArgument(
+                f"{self._label('function')}: {len(derivatives)} arrays of derivatives, "
+                f"must be none or {len(arguments)}"
+            )
+        residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
+        return residuals, tuple(derivatives)
+
+    def _given(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
+        """Derivatives as the function gives them."""
+        left, poses, point = list(derivatives), None, None
         label = f"derivatives of {self._label('function')}"
-        found = finite_array(label, derivatives, (*of, 2, _TANGENT) if pairs else (*of, _TANGENT))
-        return found if pairs else found[:, :, None]
+        if self.cameras is not None:
+            shape = (*residuals.shape, 2, 6) if self._pairs else (*residuals.shape, 6)
+            poses = finite_array(label, left.pop(0), shape).reshape(*residuals.shape, -1, 6)
+        if self.points is not None:
+            point = finite_array(f"{label} by points", left.pop(0), (*residuals.shape, 3))
+        return Evaluation(residuals, poses, point)
 
-    def _differences(self, poses: FloatArray, of: tuple[int, ...]) -> FloatArray:
-        result = np.empty((*of, poses.shape[1], _TANGENT))
-        # Centres far away move by as much of their distance; rotations are of the size one.
-        steps = np.array([_STEP] * 3 + [_STEP * max(1.0, float(np.abs(poses[..., 3]).max(initial=0.0)))] * 3)
-        for camera in range(poses.shape[1]):
-            for k in range(_TANGENT):
-                either = [self._called(_moved(poses, camera, k, sign * steps[k]))[0] for sign in (1, -1)]
-                result[:, :, camera, k] = (either[0] - either[1]) / (2 * steps[k])
-        return result
+    def _differences(
+        self, residuals: FloatArray, poses: FloatArray | None, points: FloatArray | None
+    ) -> Evaluation:
+        return Evaluation(
+            residuals,
+            None if poses is None else by_pose(lambda moved: self._called(moved, points)[0], poses),
+            None if points is None else by_point(lambda moved: self._called(poses, moved)[0], points),
+        )
+
+
+def _error(given: FloatArray | None, differences: FloatArray | None) -> float:
+    """The largest difference of two arrays over the largest number in them."""
+    if given is None or differences is None:
+        return 0.0
+    largest = max(float(np.abs(array).max(initial=0.0)) for array in (given, differences))
+    return float(np.abs(given - differences).max(initial=0.0)) / largest if largest > 0 else 0.0
 
 
 Group: TypeAlias = ConstraintGroup | ResidualGroup
@@ -207,17 +295,3 @@ def require_kinds(groups: Iterable[Group], what: str) -> list[ConstraintGroup]:
             )
         known.append(group)
     return known
-
-
-def _moved(poses: FloatArray, camera: int, k: int, step: float) -> FloatArray:
-    """Poses (n, p, 3, 4), one of each member moved along one of its six directions."""
-    moved: FloatArray = poses.copy()
-    if k >= 3:
-        moved[:, camera, k - 3, 3] += step
-        return moved
-    a, b = (k + 1) % 3, (k + 2) % 3
-    turn = np.eye(3)
-    turn[[a, b], [a, b]] = np.cos(step)
-    turn[a, b], turn[b, a] = -np.sin(step), np.sin(step)
-    moved[:, camera, :, :3] = poses[:, camera, :, :3] @ turn
-    return moved

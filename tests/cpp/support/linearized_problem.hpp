@@ -16,6 +16,7 @@ struct LinearizedProblem {
       : owned(scene),
         problem(owned.view()),
         graph(ba::graph_of(problem)),
+        rows(problem, graph),
         free_intrinsics(ba::free_intrinsics(problem, graph)),
         map(ba::make_parameter_map(problem,
                                    graph,
@@ -23,7 +24,7 @@ struct LinearizedProblem {
                                    fix_gauge ? choose_gauge(problem, graph, ba::state_of(problem))
                                              : std::vector<ba::PoseParameter>{})),
         pool(threads),
-        model(problem, graph, map, free_intrinsics, pool),
+        model(problem, graph, rows, map, free_intrinsics, pool),
         state(ba::state_of(problem)) {
     model.linearize(state);
   }
@@ -41,6 +42,7 @@ struct LinearizedProblem {
   OwnedProblem owned;
   ba::Problem problem;
   linear::ObservationGraph graph;
+  ba::PointRows rows;
   std::vector<int> free_intrinsics;
   linear::ParameterMap map;
   ThreadPool pool;

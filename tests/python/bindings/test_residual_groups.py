@@ -62,7 +62,7 @@ def test_differences_are_derivatives_by_a_turn_of_the_camera_and_its_centre() ->
     def skew(x: Array) -> Array:
         return np.array([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
 
-    _, found = ResidualGroup(turned, CAMERAS).evaluate(problem.cameras[:, None])
+    found = ResidualGroup(turned, CAMERAS).evaluate(problem.cameras[:, None]).by_poses
     assert found is not None
     expected = np.array([-rotation @ skew(a) for rotation in problem.rotations])
     np.testing.assert_allclose(found[:, :, 0, :3], expected, atol=1e-9)
@@ -74,7 +74,7 @@ def test_differences_are_derivatives_by_a_turn_of_the_camera_and_its_centre() ->
 
     pairs = np.array([[0, 1], [4, 2]])
     poses = problem.cameras[pairs]
-    values, found = ResidualGroup(displacement, pairs).evaluate(poses)
+    values, found, _ = ResidualGroup(displacement, pairs).evaluate(poses)
     assert found is not None
     np.testing.assert_allclose(found[0, :, 0, :3], skew(values[0]), atol=1e-7)
     np.testing.assert_allclose(found[1, :, 0, 3:], -poses[1, 0, :, :3].T, atol=1e-9)

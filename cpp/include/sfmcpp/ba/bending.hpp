@@ -17,13 +17,15 @@ namespace sfmcpp::ba {
 
 class Bending {
  public:
-  // The references must outlive this object.
+  // The references must outlive this object. `rows`: pairs of rows of the normal equations, of
+  // images and of functions.
   Bending(const ImageResiduals& images,
           const linear::ParameterMap& map,
-          const std::vector<int>& free_intrinsics);
+          const std::vector<int>& free_intrinsics,
+          int rows);
 
-  // Two numbers per observation, in stored order. `weights` of the residuals at `state`, of a
-  // robust loss; empty: 1/σ.
+  // Two numbers per observation, in stored order, and zeros for what is no image. `weights` of the
+  // residuals at `state`, of a robust loss; empty: 1/σ.
   const std::vector<double>& along(const optim::State& state,
                                    const linear::Step& step,
                                    std::span<const double> weights);
@@ -47,6 +49,7 @@ class Bending {
   const std::vector<int>& free_intrinsics_;
   Frames frames_;
   residuals::BendingKernel kernel_;
+  std::size_t num_values_;
   std::vector<double> values_;
 };
 

@@ -20,10 +20,11 @@ namespace sfmcpp::ba {
 
 class BundleModel final : public optim::LeastSquaresModel {
  public:
-  // The references must outlive the model, the constraints of the problem too. `free_intrinsics` as
-  // in mask.hpp; `stored`: how the Jacobian is, not auto.
+  // The references must outlive the model, the constraints of the problem too. `rows`: on points,
+  // which the map knows. `free_intrinsics` as in mask.hpp; `stored`: how the Jacobian is, not auto.
   BundleModel(const Problem& problem,
               const linear::ObservationGraph& graph,
+              PointRows& rows,
               const linear::ParameterMap& map,
               std::vector<int> free_intrinsics,
               ThreadPool& pool,
@@ -103,6 +104,7 @@ class BundleModel final : public optim::LeastSquaresModel {
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
+  PointRows& rows_;
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
   Frames frames_;
@@ -112,6 +114,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::optional<FallingScale> falling_scale_;
   bool scale_moves_ = true;
   int rescues_left_ = kRescues;
+  std::vector<char> of_images_alone_;  // points that may move and that images alone are on
   HeldPoints held_;
   PointRefits refits_;
   PointRescues rescues_;

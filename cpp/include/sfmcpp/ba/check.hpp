@@ -1,6 +1,7 @@
 // Is a problem legal, and what about it should its owner know?
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,14 +31,17 @@ void check_determined(const linear::ObservationGraph& graph,
 
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
 // of the problem that share no point, and what holds them together if there are constraints. Of
-// points, each rank speaks of its own.
+// points, each rank speaks of its own. `of_others`: per point, whether other residuals than those
+// of images are on it; empty: none.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs = {},
                                         bool constrained = false,
-                                        Exchange& exchange = this_process());
+                                        Exchange& exchange = this_process(),
+                                        std::span<const char> of_others = {});
 
 // The same of points that all their cameras see from one place.
 std::vector<std::string> warnings_about_baselines(const Problem& problem,
-                                                  const linear::ObservationGraph& graph);
+                                                  const linear::ObservationGraph& graph,
+                                                  std::span<const char> of_others = {});
 
 }  // namespace sfmcpp::ba

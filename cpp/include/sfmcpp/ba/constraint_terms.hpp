@@ -1,11 +1,12 @@
 // The constraints of a problem as part of its cost and of its normal equations
-// (residuals/constraint_set.hpp, linear/camera_terms.hpp). The robust loss of
-// the observations does not apply to them: a group may have its own.
+// (residuals/constraint_set.hpp, linear/camera_terms.hpp, and ba/point_rows.hpp). The robust loss
+// of the observations does not apply to them: a group may have its own.
 #pragma once
 
 #include <functional>
 #include <vector>
 
+#include "sfmcpp/ba/point_rows.hpp"
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
@@ -13,9 +14,13 @@
 
 namespace sfmcpp::ba {
 
-// The cameras of a state, as constraints see them.
+// The cameras and points of a state, as constraints see them.
 residuals::ConstrainedCameras constrained_cameras(const Problem& problem,
                                                   const optim::State& state);
+
+// Per point, whether anything ties it to a camera: an image, or a function of both.
+std::vector<char> points_tied_to_cameras(const Problem& problem,
+                                         const linear::ObservationGraph& images);
 
 // Throws InvalidArgument, naming group and member, for constraints that break a rule at this state,
 // or that are on intrinsics which are all fixed.
@@ -29,6 +34,7 @@ class ConstraintTerms {
                   const linear::ParameterMap& map,
                   const std::vector<int>& free_intrinsics);
 
+  // Cameras that members without points relate.
   linear::CameraPairs pairs() const;
   // Calls visit(member's position, e) for each active member of a group: e with derivatives in the
   // columns of cameras.
@@ -42,10 +48,10 @@ class ConstraintTerms {
   double cost(const optim::State& state) const;
   // Of each group.
   std::vector<double> costs(const optim::State& state) const;
-  // Fills the terms at `state`.
-  void linearize(const optim::State& state, linear::CameraTerms& terms) const;
-  // Derivative of the cost along the cameras' part of a step, at `state`.
-  double slope(const optim::State& state, const std::vector<double>& camera_step) const;
+  // Fills the terms and rows of the normal equations at `state`.
+  void linearize(const optim::State& state, PointRows& rows, linear::NormalEquations& normal) const;
+  // Derivative of the cost along a step, at `state`.
+  double slope(const optim::State& state, const linear::Step& step) const;
 
  private:
   struct Active {
@@ -55,7 +61,8 @@ class ConstraintTerms {
 
   // Those that were active at the start must be so still: weights stay during a solve.
   void for_each_weighted(const optim::State& state,
-                         const std::function<void(const residuals::ConstraintMember&,
+                         const std::function<void(const residuals::ConstraintGroup&,
+                                                  std::size_t,
                                                   residuals::ConstraintResidual&)>& visit) const;
 
   const Problem& problem_;

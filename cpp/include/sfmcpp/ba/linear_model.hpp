@@ -36,7 +36,7 @@ struct ConstraintRows {
   double weight = 0.0;
   std::vector<int> member;  // of each row
   Eigen::VectorXd errors;
-  Eigen::SparseMatrix<double, Eigen::RowMajor> jacobian;  // rows × camera columns
+  Eigen::SparseMatrix<double, Eigen::RowMajor> jacobian;  // rows × camera columns, or all
 };
 
 // The minimum of the linear model.
@@ -106,6 +106,10 @@ class LinearModel {
 
   void name_columns();
   void fill_groups();
+  void add_entries_of_point(int point,
+                            const double* jacobian,
+                            int row,
+                            std::vector<Entry>& out) const;
   void factorize();
   void require_sensors();
   void find_unseen();
@@ -120,6 +124,8 @@ class LinearModel {
   const Eigen::MatrixXd& inverse();
   SparseColumns reduced(std::span<const int> columns) const;
   Eigen::MatrixXd solve(const SparseColumns& rhs);
+  Eigen::MatrixXd hat_with_points(const ConstraintRows& group);
+  Eigen::MatrixXd hat_of_cameras(const ConstraintRows& group);
   void solve_all(Eigen::MatrixXd& camera, Eigen::MatrixXd& point);
 
   double ridge_;

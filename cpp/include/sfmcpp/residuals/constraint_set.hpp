@@ -10,7 +10,8 @@
 // squared error over σ² where the weight is d/σ², so that the loss has its scale in σ.
 //
 // The weight of a member may be one for each entry of e: a receiver that knows its height less well
-// than its place. A group may have a function from outside in place of the equation of a kind.
+// than its place. A group may have a function from outside in place of the equation of a kind: of
+// poses, of a pose and a point, or of points alone.
 //
 // Changing a weight rebuilds nothing.
 #pragma once
@@ -30,12 +31,15 @@
 namespace sfmcpp::residuals {
 
 inline constexpr int kNoPrevious = -1;
+inline constexpr int kNoCamera = -1;
+inline constexpr int kNoPoint = -1;
 
 // `previous` is for kinds that relate two poses, and for intrinsics that are compared with those of
 // another camera rather than with measured ones.
 struct ConstraintMember {
-  int camera = 0;
+  int camera = 0;  // or none, where a function is of points alone
   int previous = kNoPrevious;
+  int point = kNoPoint;  // of a function
   double weight = 1.0;
   std::vector<double> entry_weights;           // beside `weight`, of each entry of e; empty: 1
   PoseConstraint pose;                         // its kind and points are the set's to fill in
@@ -43,14 +47,22 @@ struct ConstraintMember {
   std::vector<double> points;                  // N × 3, of kinds that compare images
 };
 
-// Residuals of poses by a function from outside, of all members of a group in one call.
+// Residuals of poses and points by a function from outside, of all members of a group in one call.
 class ResidualFunction {
  public:
+  // Where they go, members × rows, and their Jacobians, members × rows × poses × 6 and members ×
+  // rows × 3: null where they are not asked for, or there are none.
+  struct Output {
+    double* residuals;
+    double* by_poses;
+    double* by_points;
+  };
+
   virtual ~ResidualFunction() = default;
   virtual int rows() const = 0;  // of each member
-  // `poses`: of each member the previous one, if it has one, and this, 12 numbers each. Writes the
-  // residuals, members × rows, and, where it is not null, the Jacobian, members × rows × poses × 6.
-  virtual void evaluate(const double* poses, double* residuals, double* jacobian) const = 0;
+  // `poses`: of each member the previous one, if it has one, and this, 12 numbers each. `points`:
+  // three numbers of each, of members that have one.
+  virtual void evaluate(const double* poses, const double* points, const Output& out) const = 0;
 };
 
 struct ConstraintGroup {
@@ -60,17 +72,20 @@ struct ConstraintGroup {
   std::vector<ConstraintMember> members;
   Loss loss{};  // of each member
   // In place of the equation of the kind: e is what it gives, with no mean taken. All members then
-  // have a previous camera, or none has.
+  // have a previous camera, or none has; likewise a point, and, if they have one, a camera.
   std::shared_ptr<const ResidualFunction> function{};
 };
 
-// The cameras that the constraints are on, as ba/problem.hpp and optim/state.hpp have them.
+// The cameras that the constraints are on, and the points that functions are on, as ba/problem.hpp
+// and optim/state.hpp have them.
 struct ConstrainedCameras {
   CameraModel camera_model = CameraModelId::kCalibrated;
   int count = 0;
   const double* cameras = nullptr;
   const double* intrinsics = nullptr;
   const int* intrinsics_index = nullptr;
+  int num_points = 0;
+  const double* points = nullptr;
 
   const double* pose(int i) const { return cameras + static_cast<long>(kCameraStorage) * i; }
   const double* intrinsics_of(int i) const;
@@ -84,11 +99,15 @@ struct ConstraintColumns {
   std::vector<int> of_intrinsics;  // column of each intrinsic parameter; kNone: not free
 };
 
-// √(group weight · member weight) e, and its Jacobians, rows × D row-major. Kept between calls:
-// memory grows to the largest member.
+// √(group weight · member weight) e, and its Jacobians, rows × D and rows × 3 row-major; none of
+// what a member does not have. Kept between calls: memory grows to the largest member.
 struct ConstraintResidual {
   int rows = 0;
-  std::vector<double> residual, by_camera, by_previous;
+  std::vector<double> residual{}, by_camera{}, by_previous{}, by_point{};
+
+  std::array<std::vector<double>*, 4> all() {
+    return {&residual, &by_camera, &by_previous, &by_point};
+  }
 };
 
 class ConstraintSet {
@@ -130,8 +149,9 @@ PoseConstraint measurement_of(const ConstraintMember& member);
 // Rank of the Jacobian at most.
 int num_equations(const ConstraintGroup& group, const ConstraintMember& member);
 
-// Whether it is on poses; else on intrinsics.
+// Whether it is on poses, or points; else on intrinsics.
 bool is_on_poses(const ConstraintGroup& group);
+bool is_on_points(const ConstraintGroup& group);
 
 // ‖e‖² of what evaluate() gives: with all weights.
 double squared_error(const ConstraintResidual& e);
