@@ -12,21 +12,32 @@ Multicore Bundle Adjustment, CVPR 2011, whose cost is of these).
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, undistorted_pixels
+from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import (
+    LARGEST_COUNT,
+    finite_rows,
+    first_duplicate,
+    point_colors,
+    require_metadata_length,
+    require_valid,
+)
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_pose
-from sfmcpp.sources.io.rows import tokens_of_items
+from sfmcpp.sources.io.rows import Rows, by_point, format_ragged, format_rows, keypoint_ranks, tokens_of_items
 
 DISTORTION, KEYS = "nvm_measurement_distortion", "nvm_keys"
 _MAGIC = re.compile(rb"NVM_V3[ \t\r]*\Z")
@@ -160,4 +171,71 @@ def _pixels(text: NumberText, views: NDArray[np.int64], cameras: FloatArray) -> 
     return np.asarray(pixels)
 
 
-FORMAT = Format("nvm", "VisualSFM's NVM_V3, .nvm", (".nvm",), read_nvm)
+def write_nvm(problem: Problem, path: Path) -> None:
+    """Write cameras without distortion: measurements are where such cameras would have seen the points.
+
+    They count from the principal point, so that images that belong to them are without distortion and have
+    it in their middle. Without names in the metadata images are ``image_000001`` and so on; without keys the
+    observations of each image are numbered from 0; without colours points are black.
+
+    Raises
+    ------
+    DatasetError
+        If metadata do not fit the problem, a name has a line break, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    with atomic_files(path) as (stream,):
+        stream.write(f"NVM_V3\n\n{problem.num_cameras}\n".encode("ascii"))
+        stream.writelines(_camera_chunks(problem, path))
+        stream.write(f"\n{problem.num_points}\n".encode("ascii"))
+        stream.writelines(_point_chunks(problem, path))
+        stream.write(b"\n0\n")
+
+
+def _camera_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
+    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
+    require_metadata_length("image_names", names, problem.num_cameras, path)
+    for name in names:
+        if len(name.splitlines()) != 1:
+            raise DatasetError(path, f"image name {name!r}: must be one line")
+    quaternions = quaternion_from_rotation(np.swapaxes(problem.rotations, 1, 2))
+    focal = as_perspective(problem)[0][problem.intrinsics_index, 0]
+    return format_rows(f"%s\t{' '.join(['%r'] * 8)} 0 0\n", names, focal, *quaternions.T, *problem.centres.T)
+
+
+def _point_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
+    order, counts = by_point(problem)
+    keys = problem.metadata.extra.get(KEYS)
+    keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
+    require_metadata_length(KEYS, keys, problem.num_observations, path)
+    heads = Rows(
+        "%r %r %r %d %d %d %d",
+        (*problem.points.T, *point_colors(problem, (0, 0, 0), path).T, counts),
+    )
+    views = Rows(" %d %d %r %r", (problem.camera_index, keys, *_measurements(problem).T))
+    return format_ragged(heads, views, counts, "\n", order)
+
+
+def _measurements(problem: Problem) -> FloatArray:
+    """(M, 2) pixels from the principal point, as cameras of one focal length without distortion see them."""
+    rows, of_view = as_perspective(problem)[0], problem.intrinsics_index[problem.camera_index]
+    pinholes = rows[of_view, :PINHOLE]
+    seen = to_normalised(undistorted_pixels(problem.pixels, rows, of_view), pinholes)
+    return np.asarray(pinholes[:, :1] * seen)
+
+
+FORMAT = Format(
+    "nvm",
+    "VisualSFM's NVM_V3, .nvm",
+    (".nvm",),
+    read_nvm,
+    write_nvm,
+    lacks=(
+        "origin of the world",
+        "keypoints without a point",
+        "image sizes",
+        "masks",
+        "rigid frames",
+        "uncertainties of observations",
+    ),
+)

@@ -206,6 +206,30 @@ def test_a_scene_is_adjusted_and_handed_on_to_colmap(tmp_path: Path, name: str) 
     assert read(tmp_path / "model").metadata.image_names == NAMES[:3]
 
 
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_written_for_visualsfm_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
+    problem = problem_of(tmp_path, name)
+    write(problem, tmp_path / "written.nvm")
+    again = read(tmp_path / "written.nvm")
+    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(again.points, problem.points)
+    by_track = np.lexsort((problem.camera_index, problem.point_index))
+    np.testing.assert_array_equal(again.camera_index, problem.camera_index[by_track])
+    np.testing.assert_array_equal(again.point_index, problem.point_index[by_track])
+    np.testing.assert_allclose(sfmcpp.residuals(again), 0, atol=1e-8)
+    assert again.metadata.image_names == problem.metadata.image_names
+    if problem.metadata.point_colors is not None:
+        np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
+
+
+def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    problem = problem_of(tmp_path, "model.nvm")
+    problem.metadata.image_names = ["one", "two\nlines", "three"]
+    with pytest.raises(sfmcpp.DatasetError, match=r"image name 'two\\nlines': must be one line"):
+        write(problem, tmp_path / "written.nvm")
+    assert not (tmp_path / "written.nvm").exists()
+
+
 def test_measurements_of_visualsfm_keep_their_distortion_in_the_metadata(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, "model.nvm")
     np.testing.assert_array_equal(problem.metadata.extra["nvm_measurement_distortion"], [MEASURED] * 3)
