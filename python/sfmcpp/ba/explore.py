@@ -56,7 +56,8 @@ def explore_step(problem: Problem, lengths: ArrayLike, **options: Any) -> StepEx
     lengths : (n, 2)
         Lengths of the cameras' and of the points' part of the step.
     **options
-        Those of :func:`sfmcpp.solve`; `method` and `initial_damping` decide the step.
+        Those of :func:`sfmcpp.solve`; `method` and `initial_damping` decide the step. It is whole: of
+        `point_steps`, "auto" and "whole" alone.
 
     Returns
     -------
@@ -71,8 +72,12 @@ def explore_step(problem: Problem, lengths: ArrayLike, **options: Any) -> StepEx
     pairs = np.asarray(lengths, dtype=np.float64)
     if pairs.ndim != 2 or pairs.shape[1] != 2:
         raise InvalidArgument(f"lengths: shape {pairs.shape}, must be (any, 2)")
-    candidate = problem.copy()
-    found = _core.explore_step(core_arrays(candidate), SolveOptions(**options), pairs.tolist())
+    candidate, chosen = problem.copy(), SolveOptions(**options)
+    if chosen.point_steps not in ("auto", "whole"):
+        raise InvalidArgument(
+            f"point_steps = {chosen.point_steps!r}: must be 'auto' or 'whole', as the step is whole"
+        )
+    found = _core.explore_step(core_arrays(candidate), chosen, pairs.tolist())
     if not found["valid"]:
         raise InvalidArgument("problem: the method has no step from here, its linear system cannot be solved")
     return StepExploration(

@@ -31,7 +31,7 @@ class Iteration:
     damping : float
         λ of the step.
     gradient_norm : float
-        Largest entry of the gradient where the step started.
+        Largest entry of the gradient where the step started: the same in the first two rows.
     step_norm : float
         Euclidean norm of the step.
     step_lengths : (float, float)

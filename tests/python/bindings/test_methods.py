@@ -65,6 +65,14 @@ def test_the_algebraic_search_proposes_what_the_exploration_of_the_step_shows(pr
         assert first.step_lengths in [(1.0, 1.0), *first.proposed_lengths]
 
 
+@pytest.mark.parametrize("point_steps", ["held-back", "refitted"])
+def test_a_step_that_is_explored_is_whole(point_steps: str) -> None:
+    with pytest.raises(
+        sfmcpp.InvalidArgument, match=f"point_steps = '{point_steps}': must be 'auto' or 'whole'"
+    ):
+        explore_step(scene(), [(1, 1)], point_steps=point_steps)
+
+
 def test_exploring_a_step_gives_the_true_costs_and_leaves_the_problem() -> None:
     start = scene()
     before = start.copy()
