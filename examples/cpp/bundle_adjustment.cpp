@@ -28,7 +28,7 @@ int main() {
       pixels.insert(pixels.end(), {320 + 500 * (x - cameras[12 * i + 3]) / z, 240 + 500 * y / z});
     }
   }
-  const std::vector<std::uint8_t> fixed_cameras(3, 1), fixed_points(20, 0), fixed_intrinsics(5, 1);
+  const std::vector<std::uint8_t> fixed_cameras(3, 1), fixed_intrinsics(5, 1);  // points are free
 
   const sfmcpp::ba::Problem problem{.camera_model = sfmcpp::CameraModelId::kCalibrated,
                                     .cameras = cameras,
@@ -39,7 +39,6 @@ int main() {
                                     .point_index = point_index,
                                     .pixels = pixels,
                                     .fixed_cameras = fixed_cameras,
-                                    .fixed_points = fixed_points,
                                     .fixed_intrinsics = fixed_intrinsics};
   sfmcpp::ba::SolveOptions options;
   options.loss = sfmcpp::LossKind::kHuber;

@@ -252,11 +252,11 @@ void BundleModel::move_camera(
 void BundleModel::normalize(State& state) const {
   if (is_metric(problem_.camera_model)) return;
   for (int i = 0; i < graph_.num_cameras; ++i) {
-    if (!problem_.fixed_cameras[i])
+    if (!problem_.is_fixed_camera(i))
       normalize_camera(problem_.camera_model, state.cameras.data() + problem_.camera_offset(i));
   }
   for (int p = 0; p < graph_.num_points; ++p) {
-    if (!problem_.fixed_points[p])
+    if (!problem_.is_fixed_point(p))
       normalize_point(problem_.camera_model, state.points.data() + problem_.point_offset(p));
   }
 }

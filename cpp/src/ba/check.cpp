@@ -26,10 +26,32 @@ std::string entry(const char* array, std::size_t k) {
   return std::string(array) + "[" + std::to_string(k) + "]";
 }
 
-void check_size(const char* array, std::size_t size, std::size_t wanted) {
-  if (size == wanted) return;
+[[noreturn]] void refuse_size(const char* array, std::size_t size, const std::string& rule) {
   throw InvalidArgument(std::string(array) + ": " + std::to_string(size) + " values, must be " +
-                        std::to_string(wanted));
+                        rule);
+}
+
+// "pixels: 6 values, must be 8: 2 for each of 4 observations".
+void check_size(
+    const char* array, std::size_t size, std::size_t width, std::size_t count, const char* owners) {
+  if (size == width * count) return;
+  refuse_size(array,
+              size,
+              std::to_string(width * count) + ": " + std::to_string(width) + " for each of " +
+                  std::to_string(count) + " " + owners);
+}
+
+// Of arrays that may be empty.
+void check_size_if_given(
+    const char* array, std::size_t size, std::size_t width, std::size_t count, const char* owners) {
+  if (size != 0) check_size(array, size, width, count, owners);
+}
+
+// Of arrays that say how many owners there are.
+void check_multiple(const char* array, std::size_t size, std::size_t width, const char* owner) {
+  if (size % width == 0) return;
+  refuse_size(
+      array, size, "a multiple of " + std::to_string(width) + ", as a " + owner + " has so many");
 }
 
 // Without a branch, so that whole vectors of numbers are looked at together: what is not finite has
@@ -204,21 +226,24 @@ void check_sizes(const Problem& problem) {
     throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
                           ": is none of its values");
   }
+  const auto width = static_cast<std::size_t>(problem.num_intrinsics());
+  check_multiple("cameras", problem.cameras.size(), kCameraStorage, "camera");
+  check_multiple("intrinsics", problem.intrinsics.size(), width, "row of intrinsics");
+  check_multiple(
+      "points", problem.points.size(), static_cast<std::size_t>(problem.point_storage()), "point");
   const auto cameras = static_cast<std::size_t>(problem.num_cameras());
   const auto points = static_cast<std::size_t>(problem.num_points());
+  const auto rows = static_cast<std::size_t>(problem.num_groups());
   const std::size_t observations = problem.camera_index.size();
-  check_size("cameras", problem.cameras.size(), cameras * kCameraStorage);
-  check_size("intrinsics",
-             problem.intrinsics.size(),
-             static_cast<std::size_t>(problem.num_groups()) * problem.num_intrinsics());
-  check_size("points", problem.points.size(), points * problem.point_storage());
-  check_size("intrinsics_index", problem.intrinsics_index.size(), cameras);
-  check_size("point_index", problem.point_index.size(), observations);
-  check_size("pixels", problem.pixels.size(), 2 * observations);
-  if (!problem.sigma_px.empty()) check_size("sigma_px", problem.sigma_px.size(), observations);
-  check_size("fixed_cameras", problem.fixed_cameras.size(), cameras);
-  check_size("fixed_points", problem.fixed_points.size(), points);
-  check_size("fixed_intrinsics", problem.fixed_intrinsics.size(), problem.intrinsics.size());
+  const char* const of_observations = "observations in camera_index";
+  check_size("intrinsics_index", problem.intrinsics_index.size(), 1, cameras, "cameras");
+  check_size("point_index", problem.point_index.size(), 1, observations, of_observations);
+  check_size("pixels", problem.pixels.size(), 2, observations, of_observations);
+  check_size_if_given("sigma_px", problem.sigma_px.size(), 1, observations, of_observations);
+  check_size_if_given("fixed_cameras", problem.fixed_cameras.size(), 1, cameras, "cameras");
+  check_size_if_given("fixed_points", problem.fixed_points.size(), 1, points, "points");
+  check_size_if_given(
+      "fixed_intrinsics", problem.fixed_intrinsics.size(), width, rows, "rows of intrinsics");
 }
 
 void check_indices(const Problem& problem) {

@@ -31,7 +31,7 @@ std::optional<int> fixed_parameter(const Problem& problem,
                                    const std::vector<int>& indices,
                                    int camera) {
   for (int k : indices) {
-    if (problem.fixed_intrinsics[problem.intrinsics_offset(camera) + k]) return k;
+    if (problem.is_fixed_intrinsic(problem.intrinsics_offset(camera) + k)) return k;
   }
   return std::nullopt;
 }

@@ -34,7 +34,7 @@ FreeSensors::FreeSensors(const Problem& problem, const linear::ObservationGraph&
     if (!graph.is_observed(i)) continue;
     const int sensor = problem.rigs.sensor_of_camera[i];
     observed_[sensor] = 1;
-    needs_anchor[rigs.root(sensor)] |= static_cast<char>(!problem.fixed_cameras[i]);
+    needs_anchor[rigs.root(sensor)] |= static_cast<char>(!problem.is_fixed_camera(i));
   }
   const auto wanted = [&](int s) {
     return observed_[s] && !problem.rigs.free_sensors.empty() && problem.rigs.free_sensors[s];

@@ -60,7 +60,7 @@ class GaugeChooser {
   }
 
   bool takes_part(int i) const { return graph_.takes_part(i); }
-  bool is_free(int i) const { return takes_part(i) && !problem_.fixed_cameras[i]; }
+  bool is_free(int i) const { return takes_part(i) && !problem_.is_fixed_camera(i); }
 
   Eigen::Map<const CameraMatrix> camera(int i) const {
     return Eigen::Map<const CameraMatrix>(state_.cameras.data() + problem_.camera_offset(i));
@@ -129,7 +129,7 @@ class GaugeChooser {
 
   void add_fixed_points(Similarities& held) const {
     for (int p = 0; p < graph_.num_points; ++p) {
-      if (!problem_.fixed_points[p] || !tied_[p]) continue;
+      if (!problem_.is_fixed_point(p) || !tied_[p]) continue;
       const Motions rows = response_of_position(
           Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
       held += rows.transpose() * rows;
@@ -183,7 +183,7 @@ class GaugeChooser {
 
   // What no camera knows of does not move with the cameras.
   Motions motion_of_point(int p) const {
-    if (problem_.fixed_points[p] || !tied_[p]) return Motions::Zero(kPointTangent, 7);
+    if (problem_.is_fixed_point(p) || !tied_[p]) return Motions::Zero(kPointTangent, 7);
     return response_of_position(
         Eigen::Map<const Eigen::Vector3d>(state_.points.data() + problem_.point_offset(p)));
   }

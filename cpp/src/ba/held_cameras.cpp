@@ -116,7 +116,7 @@ class Search {
  private:
   // Without images and not fixed.
   bool is_open(int camera) const {
-    return camera != kNoPrevious && !graph_.takes_part(camera) && !problem_.fixed_cameras[camera];
+    return camera != kNoPrevious && !graph_.takes_part(camera) && !problem_.is_fixed_camera(camera);
   }
   int an_open_camera(const ConstraintMember& member) const {
     return is_open(member.camera) ? member.camera : member.previous;

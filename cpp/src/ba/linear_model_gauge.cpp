@@ -61,7 +61,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     rows << Motion::Zero(), of_position(frame.col(3));
     rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
     rows.bottomRightCorner<3, 1>() += sensors.anchor(frames, state_, i) / extent;
-    if (problem_.fixed_cameras[i]) held += rows.transpose() * rows;
+    if (problem_.is_fixed_camera(i)) held += rows.transpose() * rows;
     rows.bottomRows<3>() *= extent;
     for (int k = 0; k < kPoseTangent; ++k) {
       if (const int column = map_.columns_of(i)[k]; column != kNoColumn)

@@ -41,7 +41,7 @@ class Builder {
   ParameterMap build() {
     for (int i = 0; i < problem_.num_cameras(); ++i) {
       if (!graph_.takes_part(i)) continue;
-      if (!problem_.fixed_cameras[i]) add_pose(i);
+      if (!problem_.is_fixed_camera(i)) add_pose(i);
       if (frames_.size(i) > 1) end_block();  // a block is shared as a whole or not at all
       if (graph_.is_observed(i) && users_[group(i)] == 1) add_intrinsics(group(i), {i});
       end_block();
@@ -50,7 +50,7 @@ class Builder {
     if (sensor_column_ != kNoColumn) add_sensors();
     map_.free_point.resize(problem_.num_points());
     for (int p = 0; p < problem_.num_points(); ++p) {
-      map_.free_point[p] = !problem_.fixed_points[p] && graph_.observations_of_point(p) > 0;
+      map_.free_point[p] = !problem_.is_fixed_point(p) && graph_.observations_of_point(p) > 0;
     }
     map_.block_begin.push_back(map_.num_columns);
     return std::move(map_);
@@ -90,7 +90,7 @@ class Builder {
 
   void add_intrinsics(int group, const std::vector<int>& cameras) {
     for (std::size_t k = 0; k < intrinsics_.size(); ++k) {
-      if (problem_.fixed_intrinsics[problem_.row_offset(group) + intrinsics_[k]]) continue;
+      if (problem_.is_fixed_intrinsic(problem_.row_offset(group) + intrinsics_[k])) continue;
       for (int camera : cameras) column(camera, tangent_ + static_cast<int>(k)) = next_column_;
       ++next_column_;
     }
@@ -151,7 +151,7 @@ std::vector<int> free_intrinsics(const Problem& problem, const ObservationGraph&
   for (int k = 0; k < problem.num_intrinsics(); ++k) {
     for (int i = 0; i < problem.num_cameras(); ++i) {
       const std::size_t parameter = problem.intrinsics_offset(i) + k;
-      if (!graph.is_observed(i) || problem.fixed_intrinsics[parameter]) continue;
+      if (!graph.is_observed(i) || problem.is_fixed_intrinsic(parameter)) continue;
       free.push_back(k);
       break;
     }

@@ -73,7 +73,7 @@ void PointRows::add_to(linear::ParameterMap& map) const {
     map.has_shared_columns |= camera != kNoCamera;
   }
   for (int p = 0; p < problem_.num_points(); ++p) {
-    if (is_on_[p]) map.free_point[p] = !problem_.fixed_points[p];
+    if (is_on_[p]) map.free_point[p] = !problem_.is_fixed_point(p);
   }
 }
 

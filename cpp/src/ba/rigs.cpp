@@ -101,7 +101,7 @@ void check_sensors(const Rigs& rigs) {
 void check_camera(const Problem& problem, const Frames& frames, int i) {
   const int lead = frames.lead(i);
   const std::string name = entry("cameras", i);
-  if (problem.fixed_cameras[i] != problem.fixed_cameras[lead])
+  if (problem.is_fixed_camera(i) != problem.is_fixed_camera(lead))
     throw InvalidArgument("fixed_" + name + ": differs from that of camera " +
                           std::to_string(lead) + " in the same frame: must be the same");
   const auto camera = [&](int k) {

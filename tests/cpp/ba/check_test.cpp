@@ -69,34 +69,34 @@ const std::vector<Violation>& size_violations() {
   static const std::vector<Violation> violations{
       {"CamerasCut",
        [](OwnedProblem& s) { s.cameras.pop_back(); },
-       "cameras: 71 values, must be 60"},
+       "cameras: 71 values, must be a multiple of 12, as a camera has so many"},
       {"PointsCut",
        [](OwnedProblem& s) { s.points.pop_back(); },
-       "points: 119 values, must be 117"},
+       "points: 119 values, must be a multiple of 3, as a point has so many"},
       {"IntrinsicsNoWholeRow",
        [](OwnedProblem& s) { s.intrinsics.push_back(1.0); },
-       "intrinsics: 19 values, must be 18"},
+       "intrinsics: 19 values, must be a multiple of 3, as a row of intrinsics has so many"},
       {"IntrinsicsIndexShort",
        [](OwnedProblem& s) { s.intrinsics_index.pop_back(); },
-       "intrinsics_index: 5 values, must be 6"},
+       "intrinsics_index: 5 values, must be 6: 1 for each of 6 cameras"},
       {"PointIndexShort",
        [](OwnedProblem& s) { s.point_index.pop_back(); },
-       "point_index: 239 values, must be 240"},
+       "point_index: 239 values, must be 240: 1 for each of 240 observations in camera_index"},
       {"PixelsShort",
        [](OwnedProblem& s) { s.pixels.pop_back(); },
-       "pixels: 479 values, must be 480"},
+       "pixels: 479 values, must be 480: 2 for each of 240 observations in camera_index"},
       {"SigmaShort",
        [](OwnedProblem& s) { s.sigma_px.pop_back(); },
-       "sigma_px: 239 values, must be 240"},
+       "sigma_px: 239 values, must be 240: 1 for each of 240 observations in camera_index"},
       {"FixedCamerasShort",
        [](OwnedProblem& s) { s.fixed_cameras.pop_back(); },
-       "fixed_cameras: 5 values, must be 6"},
+       "fixed_cameras: 5 values, must be 6: 1 for each of 6 cameras"},
       {"FixedPointsLong",
        [](OwnedProblem& s) { s.fixed_points.push_back(0); },
-       "fixed_points: 41 values, must be 40"},
+       "fixed_points: 41 values, must be 40: 1 for each of 40 points"},
       {"FixedIntrinsicsShort",
        [](OwnedProblem& s) { s.fixed_intrinsics.pop_back(); },
-       "fixed_intrinsics: 17 values, must be 18"}};
+       "fixed_intrinsics: 17 values, must be 18: 3 for each of 6 rows of intrinsics"}};
   return violations;
 }
 
@@ -228,7 +228,7 @@ TEST(CheckArrays, HomogeneousCoordinatesMayHaveAnyScaleButZero) {
 TEST(CheckArrays, PointsOfAProjectiveProblemHaveFourNumbers) {
   OwnedProblem scene = projective_scene();
   scene.points.pop_back();
-  EXPECT_EQ(check(scene), "points: 159 values, must be 156");
+  EXPECT_EQ(check(scene), "points: 159 values, must be a multiple of 4, as a point has so many");
 }
 
 TEST(CheckArrays, TheScaleOfAnImageFrameIsPositive) {
@@ -297,6 +297,27 @@ TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
   }
   EXPECT_EQ(check_counts(fixed),
             "nothing is free: every observed camera, intrinsic and point is fixed");
+}
+
+TEST(CheckArrays, MasksThatAreNotGivenHoldNothing) {
+  OwnedProblem scene = support::make_circle_scene(support::perturbed(CameraModelId::kPerspective));
+  SolveOptions options;
+  options.minimizer.termination.max_iterations = 3;
+  const auto solved = [&] {
+    optim::State state = state_of(scene.view());
+    solve(scene.view(), options, {}, state);
+    return state;
+  };
+  for (auto* mask : {&scene.fixed_cameras, &scene.fixed_points, &scene.fixed_intrinsics})
+    std::fill(mask->begin(), mask->end(), 0);
+  const optim::State given = solved();
+  EXPECT_NE(given.cameras, scene.cameras);
+  for (auto* mask : {&scene.fixed_cameras, &scene.fixed_points, &scene.fixed_intrinsics})
+    mask->clear();
+  const optim::State not_given = solved();
+  EXPECT_EQ(not_given.cameras, given.cameras);
+  EXPECT_EQ(not_given.points, given.points);
+  EXPECT_EQ(not_given.intrinsics, given.intrinsics);
 }
 
 // What a solve says of a start that is not the problem's own.

@@ -39,6 +39,20 @@ def test_the_example_runs_with_the_installed_library(built: Path, tmp_path: Path
     assert "\ndepth of point 0: " in told
 
 
+def test_the_example_builds_by_pkg_config_and_the_licences_come_along(built: Path, tmp_path: Path) -> None:
+    if shutil.which("pkg-config") is None or shutil.which("g++") is None:
+        pytest.skip("no pkg-config or no g++")
+    run("cmake", "--install", built, "--component", "development", "--prefix", tmp_path / "first")
+    moved = shutil.move(tmp_path / "first", tmp_path / "moved")
+    (description,) = moved.glob("lib*/**/pkgconfig/sfmcpp.pc")
+    flags = run("pkg-config", "--cflags", "--libs", description).split()
+    run("g++", "-std=c++20", EXAMPLE / "bundle_adjustment.cpp", *flags, "-o", tmp_path / "a.out")
+    assert "depth of point 0" in run(tmp_path / "a.out")
+    licences = moved / "share/licenses/sfmcpp"
+    assert (licences / "LICENSE").read_bytes() == (REPOSITORY / "LICENSE").read_bytes()
+    assert "Mozilla Public License" in (licences / "Eigen.txt").read_text()
+
+
 def test_who_chooses_another_allocator_for_eigen_is_told_by_the_linker(built: Path, tmp_path: Path) -> None:
     compiler, core = shutil.which("g++"), REPOSITORY / "cpp/include"
     eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)

@@ -43,6 +43,7 @@ struct Problem {
   std::span<const double> sigma_px{};        // M, or empty for 1 px
   std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
   Rigs rigs{};
+  // What stays as it is; empty: nothing.
   std::span<const std::uint8_t> fixed_cameras{};          // C: with rigs, whole frames
   std::span<const std::uint8_t> fixed_points{};           // N
   std::span<const std::uint8_t> fixed_intrinsics{};       // G × K
@@ -54,6 +55,12 @@ struct Problem {
   int point_storage() const { return sfmcpp::point_storage(camera_model); }
   int num_points() const { return static_cast<int>(points.size()) / point_storage(); }
   int num_observations() const { return static_cast<int>(camera_index.size()); }
+
+  bool is_fixed_camera(int i) const { return !fixed_cameras.empty() && fixed_cameras[i] != 0; }
+  bool is_fixed_point(long p) const { return !fixed_points.empty() && fixed_points[p] != 0; }
+  bool is_fixed_intrinsic(std::size_t k) const {
+    return !fixed_intrinsics.empty() && fixed_intrinsics[k] != 0;
+  }
 
   // Where the numbers of a camera, of a row of intrinsics, of the row of a camera, and of a point
   // begin in their arrays: those of a state too, and `fixed_intrinsics`.
