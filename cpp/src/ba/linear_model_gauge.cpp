@@ -15,7 +15,7 @@ void LinearModel::require_sensors() {
   if (!has_free_sensors()) return;
   constexpr double kLargest = 1e10;  // inflation
   const int first = camera_size() - kPoseTangent;
-  const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->graph()).cameras();
+  const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->space.graph).cameras();
   for (std::size_t s = 0; s < cameras.size(); ++s) {
     for (int k = 0; k < kPoseTangent && !cameras[s].empty(); ++k) {
       const int column = work_->space.map.columns_of(cameras[s].front())[first + k];
@@ -51,7 +51,7 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
     return rows;
   };
   const Frames frames(problem_);
-  const FreeSensors sensors(problem_, work_->graph());
+  const FreeSensors sensors(problem_, work_->space.graph);
   MatrixXd result = MatrixXd::Zero(num_columns(), 7);
   held.setZero();
   for (int i = 0; i < num_cameras(); ++i) {

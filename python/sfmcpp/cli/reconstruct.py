@@ -66,7 +66,8 @@ Camera = Annotated[
     typer.Option(
         metavar="FILE|PIXELS|exif|auto",
         help="What is known of the cameras: a file (K.txt, calib.txt, YAML or XML of OpenCV, Kalibr, EuRoC), "
-        "whose intrinsics stay; a focal length in pixels to start from, what the photos tell, or nothing.",
+        "whose intrinsics stay; a focal length in pixels to start from, which stays with --camera-model "
+        "fixed; what the photos tell, or nothing.",
     ),
 ]
 Model = Annotated[str, choice_option(CAMERA_MODELS, "What is refined of a camera")]

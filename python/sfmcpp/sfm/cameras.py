@@ -23,6 +23,7 @@ FREE_INTRINSICS: dict[str, tuple[str, ...]] = {
     "simple-radial": ("f", "k1"),
     "radial": ("f", "k1", "k2"),
     "opencv": ("f", "aspect", "k1", "k2", "p1", "p2"),
+    "fixed": (),
 }
 SHARING = ("auto", "one", "folder", "each")
 # A first guess: the field of view of a usual lens.
@@ -121,9 +122,10 @@ def cameras_of(
         See :func:`shared_by`.
     model : str
         What is estimated: a key of `FREE_INTRINSICS`; ``"auto"``: ``"simple-radial"``, and more where the
-        images show that it is needed. Nothing is where a calibration is given.
+        images show that it is needed. Nothing is where a calibration is given, or with ``"fixed"``, which
+        wants a focal length.
     focal_px : float, optional
-        Focal length of all, a good first value [px].
+        Focal length of all, a good first value [px], or the value that stays.
     calibration : (12,) float64, optional
         Known intrinsics of all, which stay.
     use_exif : bool
@@ -159,7 +161,9 @@ def cameras_of(
     rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
     fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
     guessed = np.array([focal is None for focal in told], dtype=np.bool_)
-    names = [start.upper().replace("-", "_")] * count
+    if not free and guessed.any():
+        raise InvalidArgument("camera_model = 'fixed': wants a focal length, in camera or in the files")
+    names = [start.upper().replace("-", "_") if free else ""] * count
     rows = rows.reshape(-1, len(PERSPECTIVE))
     return Cameras(rows, fixed, of_image, sizes, guessed, names, model == "auto")
 

@@ -96,11 +96,12 @@ def reconstruct(
         ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
     camera : str, float, path-like or array
         ``"auto"``: focal lengths that the files tell, else estimated from the matches. ``"exif"``: the files
-        must tell them. A number: focal length to start from [px]. A file ``K.txt`` or ``calib.txt``, or
-        intrinsics (5,), (12,) or (3, 3): known, and they stay.
+        must tell them. A number: focal length to start from [px], which stays with `camera_model` "fixed". A
+        file ``K.txt`` or ``calib.txt``, or intrinsics (5,), (12,) or (3, 3): known, and they stay.
     camera_model : str
         What of a camera is estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
         or ``"opencv"``. ``"auto"``: ``"simple-radial"``, and then as much more as lowers the cost for good.
+        ``"fixed"``: nothing.
     shared_camera : str
         Which images share a camera: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
         :func:`sfmcpp.sfm.cameras.shared_by`.

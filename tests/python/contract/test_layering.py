@@ -53,7 +53,7 @@ PYTHON_FOREIGN = {
     "cli": {"rich", "typer", "matplotlib", "mpi4py"},
     "study": {"matplotlib", "viser"},
     "geometry": {"poselib"},
-    "sources": {"cv2", "PIL", "pycolmap", "yaml"},
+    "sources": {"cv2", "PIL", "pycolmap", "yaml", "rerun"},
 }
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)[>"]', re.MULTILINE)

@@ -25,6 +25,7 @@ from sfmcpp.sources.io import (
     openmvg,
     parts,
     ply,
+    rrd,
     sba,
     strecha,
     transforms,
@@ -48,6 +49,7 @@ FORMATS: tuple[Format, ...] = (
     npz.FORMAT,
     parts.FORMAT,
     ply.FORMAT,
+    rrd.FORMAT,
     transforms.FORMAT,
     strecha.FORMAT,
     colmap.TEXT,
@@ -105,9 +107,9 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
     problem : Problem
         What to write; it is not changed.
     path : path-like
-        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, ``transforms.json``
-        for nerfstudio and Gaussian splatting, and a name without suffix is the folder of a binary COLMAP
-        model.
+        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, ``.rrd`` for
+        that of rerun, ``transforms.json`` for nerfstudio and Gaussian splatting, and a name without suffix is
+        the folder of a binary COLMAP model.
     format : str, optional
         Name of the format, where the file's name does not tell.
 

@@ -80,3 +80,13 @@ def test_intrinsics_as_an_array() -> None:
     assert row is not None
     assert row[:5] == pytest.approx([1000, 1.01, 320, 240, 0.5])
     assert not row[5:].any()
+
+
+def test_a_focal_length_that_stays_must_be_told() -> None:
+    told, silent = [Photo("1", size=LARGE, focal_px=2500.0)], [Photo("1", size=LARGE)]
+    for wish, photos, focal in (("2000", silent, 2000.0), ("auto", told, 2500.0)):
+        cameras = camera_wish(wish).cameras(photos, sharing="one", model="fixed")
+        assert cameras.fixed.all()
+        assert cameras.intrinsics[0, :4].tolist() == [focal, 1.0, 1500.0, 1000.0]
+    with pytest.raises(InvalidArgument, match="camera_model = 'fixed': wants a focal length"):
+        camera_wish("auto").cameras(silent, sharing="one", model="fixed")

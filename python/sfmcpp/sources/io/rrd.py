@@ -1,0 +1,117 @@
+"""Recordings of rerun (rerun.io), ``.rrd``, for its viewer: points, and cameras with what they see.
+
+Its library is an extra, ``pip install 'sfmcpp[rerun]'``. It numbers the parts of a file by the clock: two
+files of one problem show the same and differ in bytes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import point_colors, require_metadata_length, require_valid
+from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import CornerLenses, lenses_from_corner, perspective_columns
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+POINT_COLOR = (255, 255, 255)
+# How far before its centre the image of a camera is shown, of the extent of all centres and points.
+_IMAGE_DISTANCE = 0.03
+
+
+def write_rrd(problem: Problem, path: Path) -> None:
+    """Write ``world/points`` and, for each camera, ``world/cameras/NAME`` with its pixels below.
+
+    Cameras are pinholes as wide as their images, or, where the metadata do not tell, as their observations
+    ask for; distortion is not shown. Without names in the metadata they are ``image_000001`` and so on.
+
+    Raises
+    ------
+    DatasetError
+        If rerun is not installed, metadata do not fit the problem, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    lenses = lenses_from_corner(problem, path)
+    recording = _recording(path)
+    stream = recording.binary_stream()
+    _log_points(problem, recording, path)
+    _log_cameras(problem, lenses, recording, path)
+    with atomic_files(path) as (file,):
+        file.write(stream.read() or b"")
+
+
+def _recording(path: Path) -> RecordingStream:
+    try:
+        from rerun import RecordingStream
+    except ImportError as error:
+        raise DatasetError(path, f"recordings need {error.name}: pip install 'sfmcpp[rerun]'") from None
+    return RecordingStream("sfmcpp", recording_id=path.stem, send_properties=False)
+
+
+def _log_points(problem: Problem, recording: RecordingStream, path: Path) -> None:
+    from rerun import Points3D
+
+    colors = point_colors(problem, POINT_COLOR, path)
+    recording.log("world/points", Points3D(problem.points, colors=colors), static=True)
+
+
+def _log_cameras(problem: Problem, lenses: CornerLenses, recording: RecordingStream, path: Path) -> None:
+    from rerun import Pinhole, Points2D, Transform3D, ViewCoordinates, new_entity_path
+
+    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
+    require_metadata_length("image_names", names, problem.num_cameras, path)
+    distance = _IMAGE_DISTANCE * _extent(problem)
+    columns = perspective_columns("f", "aspect", "cx", "cy")
+    pixels = _pixels_of_cameras(problem)
+    for i, (name, row) in enumerate(zip(names, problem.intrinsics_index.tolist(), strict=True)):
+        f, aspect, cx, cy = lenses.values[row, columns]
+        camera = new_entity_path(["world", "cameras", name])
+        pose = Transform3D(translation=problem.cameras[i, :, 3], mat3x3=problem.cameras[i, :, :3])
+        pinhole = Pinhole(
+            focal_length=(f, aspect * f),
+            principal_point=(cx, cy),
+            resolution=lenses.sizes[row],
+            camera_xyz=ViewCoordinates.RDF,
+            image_plane_distance=distance,
+        )
+        recording.log(camera, pose, pinhole, static=True)
+        recording.log(f"{camera}/pixels", Points2D(pixels[i] + lenses.origin[row]), static=True)
+
+
+def _pixels_of_cameras(problem: Problem) -> list[FloatArray]:
+    order = np.argsort(problem.camera_index, kind="stable")
+    counts = np.bincount(problem.camera_index, minlength=problem.num_cameras)
+    return np.split(problem.pixels[order], np.cumsum(counts)[:-1])
+
+
+def _extent(problem: Problem) -> float:
+    """Between the centres and the points that are not far from all others."""
+    places = np.concatenate([problem.points, problem.centres])
+    if not len(places):
+        return 1.0
+    low, high = np.percentile(places, [10, 90], axis=0)
+    return float(np.linalg.norm(high - low)) or 1.0
+
+
+FORMAT = Format(
+    "rerun",
+    "recording for rerun's viewer: points, cameras and pixels",
+    (".rrd",),
+    None,
+    write_rrd,
+    lacks=(
+        "origin of the world",
+        "keypoints without a point",
+        "masks",
+        "rigid frames",
+        "uncertainties of observations",
+    ),
+)
