@@ -129,8 +129,8 @@ def test_convert_writes_the_format_that_is_named(tmp_path: Path) -> None:
     source, target = write_noisy_circle(tmp_path), tmp_path / "model"
     assert run_here("convert", source, target, "--format", "colmap-text").returncode == 0
     assert sorted(path.name for path in target.iterdir()) == ["cameras.txt", "images.txt", "points3D.txt"]
-    refused = run_here("convert", source, target, "--format", "nvm")
-    assert (refused.returncode, "'nvm' is unknown" in refused.stderr) == (2, True)
+    refused = run_here("convert", source, target, "--format", "openmvg")
+    assert (refused.returncode, "'openmvg' is unknown" in refused.stderr) == (2, True)
     refused = run_here("convert", source, target, "--format", "bal", "--parts", "2")
     assert (refused.returncode, "parts have a format of their own" in refused.stderr) == (2, True)
 
