@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, InvalidArgument, Problem, Rigs
+from rig_cases import WAYS_TO_SOLVE, is_rigid, rigs_of
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem
 from sfmcpp.ba import explore_step
 from sfmcpp.geometry import so3
 
@@ -35,11 +36,6 @@ def scene(**options: Any) -> Problem:
     problem = moved(problem, turns, np.zeros((3, 6)))
     problem.pixels += noise - sfmcpp.residuals(problem)
     return problem
-
-
-def rigs_of(problem: Problem) -> Rigs:
-    assert problem.rigs is not None
-    return problem.rigs
 
 
 def moved(problem: Problem, frame_steps: Array, sensor_steps: Array) -> Problem:
@@ -67,27 +63,11 @@ def started(truth: Problem) -> Problem:
     return mounted_wrongly(moved_away)
 
 
-def is_rigid(problem: Problem) -> bool:
-    return bool(np.abs(problem.cameras - rigs_of(problem).rigid(problem.cameras)).max() < 1e-12)
-
-
 OPTIMUM = started(scene())
 SUMMARY = sfmcpp.solve(OPTIMUM, function_tolerance=1e-12)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        *({"linear_solver": name} for name in ("dense", "sparse", "iterative")),
-        *({"method": name} for name in ("lm", "dog-leg", "gauss-newton")),
-        *({"line_search": name} for name in ("g-als", "t-als", "exact", "soft", "backtracking")),
-        *({"acceleration": name} for name in ("none", "points", "geodesic")),
-        {"gauge": "fixed"},
-        {"precision": "single"},
-        {"damping_matrix": "identity"},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", WAYS_TO_SOLVE, ids=str)
 def test_every_way_to_solve_finds_the_same_optimum(options: dict[str, Any]) -> None:
     problem = started(scene())
     summary = sfmcpp.solve(problem, function_tolerance=1e-12, **options)

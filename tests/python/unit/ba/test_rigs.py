@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import sfmcpp
+from rig_cases import WAYS_TO_SOLVE, is_rigid, rigs_of
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem, Rigs
 from sfmcpp.ba import explore_step
 from sfmcpp.geometry import so3
@@ -30,21 +31,12 @@ def started(truth: Problem, seed: int = 1) -> Problem:
     return sfmcpp.perturb(truth, point_sigma_m=0.03, position_sigma_m=0.03, rotation_sigma_deg=0.3, seed=seed)
 
 
-def rigs_of(problem: Problem) -> Rigs:
-    assert problem.rigs is not None
-    return problem.rigs
-
-
 def moved_frames(problem: Problem, step: Array) -> Array:
     """Cameras whose frames moved by (F, 6)."""
     frames = rigs_of(problem).frames(problem.cameras)
     frames[:, :, :3] = frames[:, :, :3] @ so3.exp(step[:, :3])
     frames[:, :, 3] += step[:, 3:]
     return rigs_of(problem).cameras(frames)
-
-
-def is_rigid(problem: Problem) -> bool:
-    return bool(np.abs(problem.cameras - rigs_of(problem).rigid(problem.cameras)).max() < 1e-12)
 
 
 def with_gap(problem: Problem, camera: int) -> Problem:
@@ -63,19 +55,7 @@ SOLVED = started(scene())
 OPTIMUM = sfmcpp.solve(SOLVED, function_tolerance=1e-12)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        *({"linear_solver": name} for name in ("dense", "sparse", "iterative")),
-        *({"method": name} for name in ("lm", "dog-leg", "gauss-newton")),
-        *({"line_search": name} for name in ("g-als", "t-als", "exact", "soft", "backtracking")),
-        *({"acceleration": name} for name in ("none", "points", "geodesic")),
-        {"gauge": "fixed"},
-        {"precision": "single"},
-        {"damping_matrix": "identity"},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", WAYS_TO_SOLVE, ids=str)
 def test_every_way_to_solve_finds_the_same_optimum(options: dict[str, Any]) -> None:
     problem = started(scene())
     summary = sfmcpp.solve(problem, function_tolerance=1e-12, **options)

@@ -1,0 +1,29 @@
+"""What the tests of rigs share, whether their sensors are fixed or free."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sfmcpp import Problem, Rigs
+
+# One option each, with the others as they are.
+WAYS_TO_SOLVE: list[dict[str, Any]] = [
+    *({"linear_solver": name} for name in ("dense", "sparse", "iterative")),
+    *({"method": name} for name in ("lm", "dog-leg", "gauss-newton")),
+    *({"line_search": name} for name in ("g-als", "t-als", "exact", "soft", "backtracking")),
+    *({"acceleration": name} for name in ("none", "points", "geodesic")),
+    {"gauge": "fixed"},
+    {"precision": "single"},
+    {"damping_matrix": "identity"},
+]
+
+
+def rigs_of(problem: Problem) -> Rigs:
+    assert problem.rigs is not None
+    return problem.rigs
+
+
+def is_rigid(problem: Problem) -> bool:
+    return bool(np.abs(problem.cameras - rigs_of(problem).rigid(problem.cameras)).max() < 1e-12)
