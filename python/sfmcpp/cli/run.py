@@ -171,8 +171,12 @@ def _problem(job: Job) -> Problem:
 
 
 def _refined(job: Job, problem: Problem) -> Problem:
-    if problem.rigs is not None and job.rigs != "fixed":
-        problem.rigs = problem.rigs.freed() if job.rigs == "free" else None
+    if job.rigs == "free":
+        if problem.rigs is None:
+            raise DatasetError(job.source, "no rigs, so there are no sensors for --rigs free")
+        problem.rigs = problem.rigs.freed()
+    elif job.rigs == "ignore":
+        problem.rigs = None
     try:
         if job.refine is not None:
             problem.set_free_intrinsics(*job.refine)

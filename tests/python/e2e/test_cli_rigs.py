@@ -50,6 +50,15 @@ def test_sensors_of_a_rig_are_found_and_written(start: Path, tmp_path: Path) -> 
     np.testing.assert_allclose(found.cameras, found.rigs.rigid(found.cameras), atol=1e-9)
 
 
+def test_sensors_are_not_asked_for_where_there_are_no_rigs(start: Path, tmp_path: Path) -> None:
+    alone = sfmcpp.read(start)
+    alone.rigs = None
+    sfmcpp.write(alone, tmp_path / "alone.npz")
+    refused = run("solve", tmp_path / "alone.npz", "--rigs", "free")
+    told = "alone.npz: no rigs, so there are no sensors for --rigs free" in refused.stderr
+    assert (refused.returncode, told) == (2, True)
+
+
 def test_a_rig_can_be_let_go_of(start: Path, tmp_path: Path) -> None:
     done = run("solve", start, "-o", tmp_path / "alone", "--rigs", "ignore")
     assert done.returncode == 0, done.stderr
