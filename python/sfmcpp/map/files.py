@@ -59,7 +59,7 @@ def map_of_problem(problem: Problem) -> Map:
     result.add_points(problem.points, colors=metadata.point_colors, ids=extra.get("colmap_point_ids"))
     counts, keypoints, rows = all_keypoints(problem)
     result.add_images(
-        metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)],
+        metadata.names(problem.num_cameras),
         problem.intrinsics_index,
         counts,
         keypoints,

@@ -68,6 +68,10 @@ class Metadata:
         known += [f"extra: {', '.join(map(str, self.extra))}"] if self.extra else []
         return f"Metadata({'; '.join(known)})"
 
+    def names(self, count: int) -> list[str]:
+        """Names of `count` images: those that are known, or ``image_000001`` and so on where none are."""
+        return self.image_names or [f"image_{i:06d}" for i in range(1, count + 1)]
+
     def of_observations(self, chosen: NDArray[Any], camera_index: IndexArray, pixels: FloatArray) -> Metadata:
         """Those of some observations, numbers or a mask, of the M that have these cameras and `pixels`.
 

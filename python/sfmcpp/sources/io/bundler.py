@@ -24,7 +24,6 @@ from sfmcpp.sources.io.checks import (
     finite_rows,
     first_duplicate,
     point_colors,
-    require_metadata_length,
     require_valid,
 )
 from sfmcpp.sources.io.files import read_bytes
@@ -37,7 +36,7 @@ from sfmcpp.sources.io.rows import (
     by_point,
     format_ragged,
     format_rows,
-    keypoint_ranks,
+    observation_keys,
     tokens_of_items,
 )
 
@@ -215,11 +214,7 @@ def _camera_chunks(problem: Problem, intrinsics: FloatArray, registered: BoolArr
 def _point_chunks(problem: Problem, pixels: FloatArray, registered: BoolArray, path: Path) -> Iterator[bytes]:
     order, counts = by_point(problem)
     colors = point_colors(problem, (0, 0, 0), path)
-    keys = problem.metadata.extra.get(KEYS)
-    keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
-    require_metadata_length(KEYS, keys, problem.num_observations, path)
-    if ((keys < 0) | (keys > LARGEST_COUNT)).any():
-        raise DatasetError(path, f"metadata {KEYS}: every key number must be from 0 to {LARGEST_COUNT}")
+    keys = observation_keys(problem, KEYS, path)
     heads = Rows("%r %r %r\n%d %d %d\n%d", (*problem.points.T, *colors.T, counts))
     cameras = np.flatnonzero(registered)[problem.camera_index]
     views = Rows(" %d %d %r %r", (cameras, keys, *pixels.T))

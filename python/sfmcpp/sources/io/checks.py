@@ -87,6 +87,13 @@ def require_metadata_length(what: str, value: Any, length: int, path: Path) -> N
         raise DatasetError(path, f"metadata {what} has {len(value)} entries: must be {length}")
 
 
+def image_names(problem: Problem, path: Path) -> list[str]:
+    """Names of the images of all cameras from the metadata, or numbered from 1 where there are none."""
+    names = problem.metadata.names(problem.num_cameras)
+    require_metadata_length("image_names", names, problem.num_cameras, path)
+    return names
+
+
 def point_colors(problem: Problem, default: tuple[int, int, int], path: Path) -> NDArray[np.uint8]:
     """Colours (N, 3) of the points from the metadata, or `default` for all where there are none."""
     colors = problem.metadata.point_colors

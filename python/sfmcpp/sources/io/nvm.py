@@ -28,8 +28,8 @@ from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     finite_rows,
     first_duplicate,
+    image_names,
     point_colors,
-    require_metadata_length,
     require_valid,
 )
 from sfmcpp.sources.io.files import read_bytes
@@ -37,7 +37,14 @@ from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_pose
-from sfmcpp.sources.io.rows import Rows, by_point, format_ragged, format_rows, keypoint_ranks, tokens_of_items
+from sfmcpp.sources.io.rows import (
+    Rows,
+    by_point,
+    format_ragged,
+    format_rows,
+    observation_keys,
+    tokens_of_items,
+)
 
 DISTORTION, KEYS = "nvm_measurement_distortion", "nvm_keys"
 _MAGIC = re.compile(rb"NVM_V3[ \t\r]*\Z")
@@ -193,8 +200,7 @@ def write_nvm(problem: Problem, path: Path) -> None:
 
 
 def _camera_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
-    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
-    require_metadata_length("image_names", names, problem.num_cameras, path)
+    names = image_names(problem, path)
     for name in names:
         if len(name.splitlines()) != 1:
             raise DatasetError(path, f"image name {name!r}: must be one line")
@@ -205,9 +211,7 @@ def _camera_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
 
 def _point_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
     order, counts = by_point(problem)
-    keys = problem.metadata.extra.get(KEYS)
-    keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
-    require_metadata_length(KEYS, keys, problem.num_observations, path)
+    keys = observation_keys(problem, KEYS, path)
     heads = Rows(
         "%r %r %r %d %d %d %d",
         (*problem.points.T, *point_colors(problem, (0, 0, 0), path).T, counts),

@@ -6,16 +6,18 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, index_array
 from sfmcpp.model.metadata import require_entries
+from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length
 
 _CHUNK_ROWS = 1 << 17
 _FIELD = re.compile("%([drs])")
@@ -86,6 +88,16 @@ def by_point(problem: Problem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def keypoint_ranks(problem: Problem) -> NDArray[np.int64]:
     """Give each observation its number (M,) among those of its camera, from 0."""
     return _core.group_ranks(problem.camera_index, problem.num_cameras)
+
+
+def observation_keys(problem: Problem, name: str, path: Path) -> NDArray[Any]:
+    """Number (M,) of each observation in its image: of the metadata of that name, or else counted."""
+    keys = problem.metadata.extra.get(name)
+    keys = keypoint_ranks(problem) if keys is None else np.asarray(keys)
+    require_metadata_length(name, keys, problem.num_observations, path)
+    if ((keys < 0) | (keys > LARGEST_COUNT)).any():
+        raise DatasetError(path, f"metadata {name}: every key number must be from 0 to {LARGEST_COUNT}")
+    return keys
 
 
 def tokens_of_items(first: NDArray[np.int64], counts: NDArray[np.int64], width: int) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.checks import point_colors, require_metadata_length, require_valid
+from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import CornerLenses, lenses_from_corner, perspective_columns
 
@@ -66,8 +66,7 @@ def _log_points(problem: Problem, recording: RecordingStream, path: Path) -> Non
 def _log_cameras(problem: Problem, lenses: CornerLenses, recording: RecordingStream, path: Path) -> None:
     from rerun import Pinhole, Points2D, Transform3D, ViewCoordinates, new_entity_path
 
-    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
-    require_metadata_length("image_names", names, problem.num_cameras, path)
+    names = image_names(problem, path)
     distance = _IMAGE_DISTANCE * _extent(problem)
     columns = perspective_columns("f", "aspect", "cx", "cy")
     pixels = _pixels_of_cameras(problem)

@@ -20,7 +20,7 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.checks import require_metadata_length, require_valid
+from sfmcpp.sources.io.checks import image_names, require_valid
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,
@@ -139,8 +139,7 @@ def _camera(values: FloatArray, size: list[int]) -> dict[str, Any]:
 
 
 def _frames(problem: Problem, path: Path, image_folder: str) -> list[dict[str, Any]]:
-    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
-    require_metadata_length("image_names", names, problem.num_cameras, path)
+    names = image_names(problem, path)
     matrices = np.tile(np.eye(4), (problem.num_cameras, 1, 1))
     matrices[:, :3] = problem.cameras
     # Adding zero makes zeros of negative zeros.

@@ -16,6 +16,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     finite_rows,
+    image_names,
     point_colors,
     require_metadata_length,
     require_valid,
@@ -177,8 +178,7 @@ def _images(
 
 
 def _names(problem: Problem, folder: Path) -> list[str]:
-    names = problem.metadata.image_names or [f"image_{i:06d}" for i in range(1, problem.num_cameras + 1)]
-    require_metadata_length("image_names", names, problem.num_cameras, folder)
+    names = image_names(problem, folder)
     for name in names:
         if not name or name != name.strip() or any(c in name for c in "\0\r\n"):
             reason = "must not be empty, start or end with white space, or hold a line break or NUL"
