@@ -39,14 +39,6 @@ void ClusterBlocks::number_rows() {
       cluster.columns.push_back(column);
     }
   }
-  std::size_t rows = 0;
-  for (int k : shares_.order()) {
-    clusters_[k].first = rows;
-    rows += clusters_[k].columns.size();
-  }
-  for (int k = 0; k < shares_.num_own(); ++k)
-    num_own_rows_ += clusters_[shares_.own(k)].columns.size();
-  if (num_own_rows_ > 0) first_own_row_ = clusters_[shares_.own(0)].first;
 }
 
 void ClusterBlocks::factor(const std::vector<double>& diagonal) {
@@ -111,34 +103,35 @@ void ClusterBlocks::factor_cluster(int k,
 }
 
 void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {
-  std::vector<double> own(num_own_rows_);
-  normal_.pool().parallel_for(shares_.num_own(), [&](int k) {
-    const Cluster& cluster = clusters_[shares_.own(k)];
-    solve_cluster(cluster, in, out, own.data() + (cluster.first - first_own_row_));
-  });
-  const std::vector<double> all = normal_.exchange().gather(own);
-  normal_.pool().parallel_for(aggregates_.count(), [&](int k) {
-    const double* solved = all.data() + clusters_[k].first;
-    for (int column : clusters_[k].columns) out[column] = *solved++;
-  });
+  normal_.pool().parallel_for(shares_.num_own(),
+                              [&](int k) { solve_cluster(clusters_[shares_.own(k)], in, out); });
+  if (normal_.exchange().num_ranks() > 1) tell_others(out);
 }
 
-// Where it is not usable, what `out` has.
 void ClusterBlocks::solve_cluster(const Cluster& cluster,
                                   const std::vector<double>& in,
-                                  const std::vector<double>& out,
-                                  double* solved) {
+                                  std::vector<double>& out) {
+  if (!cluster.usable) return;
   const auto n = static_cast<Eigen::Index>(cluster.columns.size());
-  if (!cluster.usable) {
-    for (Eigen::Index r = 0; r < n; ++r) solved[r] = out[cluster.columns[r]];
-    return;
-  }
   const Eigen::Map<const Eigen::MatrixXf> lower(cluster.lower.data(), n, n);
   Eigen::VectorXf x(n);
   for (Eigen::Index r = 0; r < n; ++r) x[r] = static_cast<float>(in[cluster.columns[r]]);
   lower.triangularView<Eigen::Lower>().solveInPlace(x);
   lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
-  for (Eigen::Index r = 0; r < n; ++r) solved[r] = x[r];
+  for (Eigen::Index r = 0; r < n; ++r) out[cluster.columns[r]] = x[r];
+}
+
+// Each rank gets what the others have solved.
+void ClusterBlocks::tell_others(std::vector<double>& out) const {
+  std::vector<double> own;
+  for (int k = 0; k < shares_.num_own(); ++k) {
+    for (int column : clusters_[shares_.own(k)].columns) own.push_back(out[column]);
+  }
+  const std::vector<double> all = normal_.exchange().gather(own);
+  auto solved = all.begin();
+  for (int k : shares_.order()) {
+    for (int column : clusters_[k].columns) out[column] = *solved++;
+  }
 }
 
 }  // namespace sfmcpp::linear

@@ -25,7 +25,6 @@ class ClusterBlocks {
  private:
   struct Cluster {
     std::vector<int> columns;    // reduced
-    std::size_t first = 0;       // of its rows among those of all, in the order of the shares
     AlignedVector<float> lower;  // Cholesky factor, a column after the other
     bool usable = false;
   };
@@ -44,8 +43,8 @@ class ClusterBlocks {
                       const std::vector<double>& received);
   static void solve_cluster(const Cluster& cluster,
                             const std::vector<double>& in,
-                            const std::vector<double>& out,
-                            double* solved);
+                            std::vector<double>& out);
+  void tell_others(std::vector<double>& out) const;
 
   const NormalEquations& normal_;
   Aggregates aggregates_;
@@ -53,7 +52,6 @@ class ClusterBlocks {
   std::vector<int> place_;  // of an entry of a block, row after row, in its panels
   std::vector<int> row_;    // per camera and column of its block: row in its cluster, or −1
   std::vector<Cluster> clusters_;
-  std::size_t first_own_row_ = 0, num_own_rows_ = 0;  // of this rank
 };
 
 }  // namespace sfmcpp::linear
