@@ -14,7 +14,7 @@ namespace sfmcpp::ba {
 void LinearModel::require_sensors() {
   if (!has_free_sensors()) return;
   constexpr double kLargest = 1e10;  // inflation
-  const int first = camera_size() - kPoseTangent;
+  const int first = sensor_column(problem_, work_->space.intrinsics.size());
   const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->space.graph).cameras();
   for (std::size_t s = 0; s < cameras.size(); ++s) {
     for (int k = 0; k < kPoseTangent && !cameras[s].empty(); ++k) {
