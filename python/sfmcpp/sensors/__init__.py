@@ -13,7 +13,7 @@ from sfmcpp.sensors.prediction import (
     interpolate_vectors,
     predict_pose,
 )
-from sfmcpp.sensors.rate_bias import find_bias, without_bias
+from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
 from sfmcpp.sensors.registration import (
     Registration,
     register_by_distances,
@@ -24,6 +24,7 @@ from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, 
 from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
 
 __all__ = [
+    "MOST_TURNS",
     "Gap",
     "Mounting",
     "Registration",

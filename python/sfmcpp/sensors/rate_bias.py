@@ -20,7 +20,7 @@ from sfmcpp.sensors.rotation_check import Turn, turns_at_offsets
 from sfmcpp.sensors.stream import require_kind
 
 # Turns that are looked at: few tell nothing, and no more are needed.
-_FEWEST, _MOST = 6, 64
+_FEWEST, MOST_TURNS = 6, 64
 # A bias is one from so many standard deviations on, and from so much over the root of the number of turns on
 # [rad/s]: with both, in no window of the honest streams of 0001, 0027, 0036 and 0039 there was one.
 _SIGMAS = 5.0
@@ -66,7 +66,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
         If the stream is of another kind.
     """
     require_kind(stream, "angular_rate")
-    covered = [turn for turn in turns[-_MOST:] if stream.covers(turn.start_s, turn.end_s)]
+    covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s)]
     if len(covered) < _FEWEST:
         return None
     errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _lengths_s(covered)

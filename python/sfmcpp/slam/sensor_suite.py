@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
+    MOST_TURNS,
     RotationCheck,
     Turn,
     check_rotations,
@@ -53,7 +54,7 @@ class SensorSuite:
         self._moved_s: dict[str, float] = {}
         # What was taken from the rates of each gyroscope [rad/s].
         self._biases: dict[str, FloatArray] = {}
-        # Rotations that pairs of images have told, and the time up to which they were asked [s].
+        # The last rotations that pairs of images have told, and the time up to which they were asked [s].
         self._turns: list[Turn] = []
         self.turns_until_s = -np.inf
         # Whether no clock is in doubt any more.
@@ -194,10 +195,10 @@ class SensorSuite:
         bool
             Whether any rates have changed.
         """
-        self._turns, self.turns_until_s = [*self._turns, *turns], until_s
+        self._turns, self.turns_until_s = [*self._turns, *turns][-MOST_TURNS:], until_s
         known = dict(self._biases)
         for sensor in self._given:
-            if isinstance(sensor, Gyroscope) and _has_rates(sensor):
+            if _has_rates(sensor):
                 in_step = self._in_step(sensor.name, sensor.stream)
                 self._learn_bias(sensor.name, find_bias(in_step, sensor.mounting, self._turns))
         changed = any(bias is not known.get(name) for name, bias in self._biases.items())
@@ -302,7 +303,7 @@ class SensorSuite:
         return _first_known(answers)
 
 
-def _has_rates(sensor: MotionSensor) -> bool:
+def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
 
 
