@@ -16,7 +16,7 @@ from sfmcpp import _core
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, index_array
-from sfmcpp.model.metadata import require_entries
+from sfmcpp.model.metadata import KEYPOINTS, LOOSE, require_entries
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length
 
 _CHUNK_ROWS = 1 << 17
@@ -131,28 +131,26 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     extra = problem.metadata.extra
     require_entries(extra)
     loose = _loose_images(problem)
-    ranks = index_array(
-        "metadata colmap_keypoint_index", extra.get("colmap_keypoint_index", keypoint_ranks(problem))
-    )
+    ranks = index_array(f"metadata {KEYPOINTS}", extra.get(KEYPOINTS, keypoint_ranks(problem)))
     if len(ranks) != problem.num_observations:
         raise InvalidArgument(
-            f"metadata colmap_keypoint_index has {len(ranks)} entries: must be {problem.num_observations}"
+            f"metadata {KEYPOINTS} has {len(ranks)} entries: must be {problem.num_observations}"
         )
     image = np.concatenate([problem.camera_index, loose])
-    name = "colmap_loose_keypoint_index"
+    _, name, of_pixels = LOOSE
     index = np.concatenate([ranks, index_array(f"metadata {name}", extra.get(name, ()))])
     counts = np.bincount(image, minlength=problem.num_cameras)
     place = exclusive_sums(counts)[image] + index
     if ((index < 0) | (index >= counts[image])).any() or not _each_once(place):
-        raise InvalidArgument("metadata colmap_keypoint_index does not number each image's keypoints once")
+        raise InvalidArgument(f"metadata {KEYPOINTS} does not number each image's keypoints once")
     pixels = np.empty((len(place), 2))
-    pixels[place] = np.concatenate([problem.pixels, extra.get("colmap_loose_pixels", np.empty((0, 2)))])
+    pixels[place] = np.concatenate([problem.pixels, extra.get(of_pixels, np.empty((0, 2)))])
     return counts, pixels, place[: problem.num_observations]
 
 
 def _loose_images(problem: Problem) -> IndexArray:
     """The image of each keypoint that sees no point; room is made for every image that is named."""
-    name = "colmap_loose_image"
+    name = LOOSE[0]
     loose = index_array(f"metadata {name}", problem.metadata.extra.get(name, ()))
     if len(loose) and not 0 <= loose.min() <= loose.max() < problem.num_cameras:
         raise InvalidArgument(f"metadata {name}: must be from 0 to {problem.num_cameras - 1}")
