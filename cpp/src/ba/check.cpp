@@ -16,14 +16,10 @@
 namespace sfmcpp::ba {
 namespace {
 
-std::string number(double value) {
+std::string short_text(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.9g", value);
   return text;
-}
-
-std::string entry(const char* array, std::size_t k) {
-  return std::string(array) + "[" + std::to_string(k) + "]";
 }
 
 [[noreturn]] void refuse_size(const char* array, std::size_t size, const std::string& rule) {
@@ -71,7 +67,7 @@ void check_finite(const char* array, std::span<const double> values, std::size_t
   if (all_finite(values)) return;
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (!std::isfinite(values[k])) {
-      throw InvalidArgument(entry(array, k / width) + " = " + number(values[k]) +
+      throw InvalidArgument(entry(array, k / width) + " = " + short_text(values[k]) +
                             ": must be finite");
     }
   }
@@ -97,8 +93,8 @@ void check_rotations(const Problem& problem) {
     if (!is_rotation(r)) {
       const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
       throw InvalidArgument(entry("cameras", static_cast<std::size_t>(i)) +
-                            ": not a rotation: |R Rᵀ − I| = " + number(error) + ", determinant " +
-                            number(r.determinant()) +
+                            ": not a rotation: |R Rᵀ − I| = " + short_text(error) +
+                            ", determinant " + short_text(r.determinant()) +
                             "; must be orthonormal to 1e-6 with determinant 1");
     }
   }
@@ -107,7 +103,8 @@ void check_rotations(const Problem& problem) {
 void check_sigma(std::span<const double> sigma) {
   for (std::size_t k = 0; k < sigma.size(); ++k) {
     if (!(sigma[k] > 0.0)) {
-      throw InvalidArgument(entry("sigma_px", k) + " = " + number(sigma[k]) + ": must be positive");
+      throw InvalidArgument(entry("sigma_px", k) + " = " + short_text(sigma[k]) +
+                            ": must be positive");
     }
   }
 }
@@ -125,8 +122,8 @@ void check_frames(const Problem& problem) {
   const auto width = static_cast<std::size_t>(problem.num_intrinsics());
   for (std::size_t k = 0; k < problem.intrinsics.size(); k += width) {
     if (!(problem.intrinsics[k] > 0.0))
-      throw InvalidArgument(entry("intrinsics", k / width) +
-                            ": scale = " + number(problem.intrinsics[k]) + ": must be positive");
+      throw InvalidArgument(entry("intrinsics", k / width) + ": scale = " +
+                            short_text(problem.intrinsics[k]) + ": must be positive");
   }
 }
 

@@ -25,7 +25,7 @@ constexpr double kLeastScale = 1e-9;
 constexpr double kMostScale = 1e150;  // whose square is a number
 
 // Observations that agree on a point, and the least share of all that are on such points.
-constexpr int kSupport = 4;
+constexpr int kAgreeing = 4;
 constexpr double kLeastShare = 0.2;
 // The median of these, times this, is how far the scale falls.
 constexpr double kWidth = 2.0;
@@ -106,7 +106,7 @@ double radius_at(const ImageResiduals& images, double area, const State& state, 
   const std::vector<int> support = views_within(images.graph(), norms, scale);
   const AlignedVector<int>& point = images.graph().point;
   std::vector<double> kept;
-  for (int least = kSupport; least >= 0; --least) {
+  for (int least = kAgreeing; least >= 0; --least) {
     kept.clear();
     std::array<double, 2> near{};  // of such points, and of all
     for (std::size_t k = 0; k < norms.size(); ++k) {
@@ -125,7 +125,8 @@ double median_within(const ImageResiduals& images, const std::vector<double>& no
   const std::vector<int> support = views_within(images.graph(), norms, scale);
   std::vector<double> kept;
   for (std::size_t k = 0; k < norms.size(); ++k) {
-    if (norms[k] <= scale && support[images.graph().point[k]] >= kSupport) kept.push_back(norms[k]);
+    if (norms[k] <= scale && support[images.graph().point[k]] >= kAgreeing)
+      kept.push_back(norms[k]);
   }
   std::vector<double> of_all_ranks = images.exchange().gather(kept);
   return of_all_ranks.empty() ? scale : median(std::move(of_all_ranks));

@@ -5,16 +5,16 @@
 namespace sfmcpp::ba {
 namespace {
 
-constexpr int kNone = -1;
+constexpr int kNoSensor = -1;
 
 // Sensors that frames hold together by what they see.
 DisjointSets joined_sensors(const Problem& problem, const linear::ObservationGraph& graph) {
   DisjointSets rigs(problem.rigs.num_sensors());
-  std::vector<int> of_frame(problem.num_cameras(), kNone);
+  std::vector<int> of_frame(problem.num_cameras(), kNoSensor);
   for (int i = 0; i < problem.num_cameras(); ++i) {
     if (!graph.is_observed(i)) continue;
     int& first = of_frame[problem.rigs.frame_of_camera[i]];
-    if (first == kNone) first = problem.rigs.sensor_of_camera[i];
+    if (first == kNoSensor) first = problem.rigs.sensor_of_camera[i];
     rigs.join(problem.rigs.sensor_of_camera[i], first);
   }
   return rigs;
@@ -26,7 +26,7 @@ FreeSensors::FreeSensors(const Problem& problem, const linear::ObservationGraph&
     : problem_(problem),
       moves_(problem.rigs.num_sensors()),
       observed_(problem.rigs.num_sensors()),
-      anchor_(problem.rigs.num_sensors(), kNone) {
+      anchor_(problem.rigs.num_sensors(), kNoSensor) {
   if (problem.rigs.empty()) return;
   DisjointSets rigs = joined_sensors(problem, graph);
   std::vector<char> needs_anchor(moves_.size());
@@ -39,14 +39,14 @@ FreeSensors::FreeSensors(const Problem& problem, const linear::ObservationGraph&
   const auto wanted = [&](int s) {
     return observed_[s] && !problem.rigs.free_sensors.empty() && problem.rigs.free_sensors[s];
   };
-  std::vector<int> of_rig(moves_.size(), kNone);
+  std::vector<int> of_rig(moves_.size(), kNoSensor);
   for (int s = 0; s < problem.rigs.num_sensors(); ++s) {
     int& anchor = of_rig[rigs.root(s)];
-    if (anchor == kNone && !wanted(s)) anchor = s;
+    if (anchor == kNoSensor && !wanted(s)) anchor = s;
   }
   for (int s = 0; s < problem.rigs.num_sensors(); ++s) {
     int& anchor = of_rig[rigs.root(s)];
-    if (anchor == kNone && needs_anchor[rigs.root(s)]) anchor = s;
+    if (anchor == kNoSensor && needs_anchor[rigs.root(s)]) anchor = s;
     moves_[s] = static_cast<char>(wanted(s) && s != anchor);
     anchor_[s] = anchor;
   }
@@ -60,7 +60,7 @@ std::vector<std::vector<int>> FreeSensors::cameras() const {
 }
 
 Eigen::Vector3d FreeSensors::anchor_in_rig(const optim::State& state, int sensor) const {
-  if (anchor_[sensor] == kNone) return Eigen::Vector3d::Zero();
+  if (anchor_[sensor] == kNoSensor) return Eigen::Vector3d::Zero();
   return sensor_at(state.sensors, anchor_[sensor]).col(3);
 }
 

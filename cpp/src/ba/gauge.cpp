@@ -24,7 +24,7 @@ using CameraMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Size below which a response is rounding; what responds at all does so with a size of about one.
-constexpr double kNegligible = 1e-6;
+constexpr double kNegligibleResponse = 1e-6;
 
 class GaugeChooser {
  public:
@@ -114,7 +114,8 @@ class GaugeChooser {
     add_constraints(held);
     add_rigs(held);
     const Spectrum spectrum = symmetric_spectrum(held);
-    const double negligible = kNegligible * kNegligible * std::max(1.0, spectrum.values[6]);
+    const double negligible =
+        kNegligibleResponse * kNegligibleResponse * std::max(1.0, spectrum.values[6]);
     const auto dimension = (spectrum.values.array() <= negligible).count();
     free_ = spectrum.vectors.leftCols(dimension);
   }
@@ -204,7 +205,7 @@ class GaugeChooser {
   bool hold_if_it_moves(PoseParameter parameter) {
     if (free_.cols() == 0) return false;
     const Eigen::VectorXd response = free_response(parameter).transpose();
-    if (response.norm() <= kNegligible) return false;
+    if (response.norm() <= kNegligibleResponse) return false;
     held_.push_back(parameter);
     // The Householder reflection that takes the response to the first axis.
     Eigen::VectorXd essential(response.size() - 1);

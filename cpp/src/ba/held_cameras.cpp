@@ -17,7 +17,7 @@ using residuals::ConstraintMember;
 using residuals::kNoPrevious;
 
 // A pivot below this share of its column is rounding: the column follows from those before it.
-constexpr double kNegligible = 1e-12;
+constexpr double kNegligiblePivot = 1e-12;
 
 // JᵀJ of poses, by rows from their first entry on: constraints in the order of time tie neighbours.
 class Envelope {
@@ -48,7 +48,7 @@ class Envelope {
       for (int j = first(i); j <= i; ++j) at(i, j) *= scale[i] * scale[j];
       for (int j = first(i); j < i; ++j) at(i, j) = (at(i, j) - dot(i, j)) / at(j, j);
       const double pivot = 1.0 - dot(i, i);
-      if (pivot < kNegligible) return false;
+      if (pivot < kNegligiblePivot) return false;
       at(i, i) = std::sqrt(pivot);
     }
     return true;
@@ -78,9 +78,11 @@ struct Tie {
   const ConstraintMember& member() const { return group->members[position]; }
 };
 
-class Search {
+class HeldCameraSearch {
  public:
-  Search(const Problem& problem, const linear::ObservationGraph& graph, const optim::State& state)
+  HeldCameraSearch(const Problem& problem,
+                   const linear::ObservationGraph& graph,
+                   const optim::State& state)
       : problem_(problem),
         graph_(graph),
         cameras_(constrained_cameras(problem, state)),
@@ -186,7 +188,7 @@ std::vector<std::uint8_t> cameras_held_by_constraints(const Problem& problem,
                                                       const linear::ObservationGraph& graph,
                                                       const optim::State& state) {
   if (problem.constraints == nullptr) return {};
-  return Search(problem, graph, state).run();
+  return HeldCameraSearch(problem, graph, state).run();
 }
 
 }  // namespace sfmcpp::ba

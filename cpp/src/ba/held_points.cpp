@@ -14,9 +14,9 @@ using optim::State;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // An observation that grows by less than this share of all growth does not matter.
-constexpr double kShareThatMatters = 1e-4;
+constexpr double kLeastShareOfGrowth = 1e-4;
 constexpr int kHalvings = 6;
-constexpr int kPointsPerTask = 16;
+constexpr int kHeldPointsPerTask = 16;
 
 // By how much a cost grows; infinite where it is no number.
 double growth_from(double before, double after) {
@@ -40,10 +40,10 @@ long HeldPoints::hold_back(const State& start, State& candidate) const {
   const std::vector<int> points = suspects(start, candidate);
   const auto count = static_cast<int>(points.size());
   const double held =
-      images_.pool().sum((count + kPointsPerTask - 1) / kPointsPerTask, [&](int task) {
+      images_.pool().sum((count + kHeldPointsPerTask - 1) / kHeldPointsPerTask, [&](int task) {
         double drawn = 0.0;
-        const int end = std::min(count, (task + 1) * kPointsPerTask);
-        for (int k = task * kPointsPerTask; k < end; ++k)
+        const int end = std::min(count, (task + 1) * kHeldPointsPerTask);
+        for (int k = task * kHeldPointsPerTask; k < end; ++k)
           drawn += draw_back(start, points[k], candidate) ? 1.0 : 0.0;
         return drawn;
       });
@@ -51,7 +51,7 @@ long HeldPoints::hold_back(const State& start, State& candidate) const {
 }
 
 std::vector<int> HeldPoints::suspects(const State& start, const State& candidate) const {
-  const double least = kShareThatMatters * 2.0 * growth();
+  const double least = kLeastShareOfGrowth * 2.0 * growth();
   std::vector<char> suspected(static_cast<std::size_t>(images_.graph().num_points), 0);
   images_.pool().parallel_for(static_cast<int>(candidate_.size()), [&](int c) {
     if (growth_of(c) > 0.0) suspect(start, candidate, c, least, suspected);

@@ -17,11 +17,11 @@ using optim::State;
 using residuals::kReadAhead;
 
 // The second order of a point matters from this share of what a point costs in the mean on.
-constexpr double kShareThatMatters = 1e-4;
+constexpr double kLeastShareOfCost = 1e-4;
 constexpr int kMostPasses = 6;
 // Of the normal equations of a point; times the other for each step that has failed.
 constexpr double kDamping = 1e-4, kRaised = 100.0;
-constexpr int kPointsPerTask = 64;
+constexpr int kRefitsPerTask = 64;
 constexpr int kRecord = 8;  // numbers; see residuals::JacobianOutput
 constexpr int kRow = kRecord / 2;
 
@@ -218,7 +218,7 @@ long PointRefits::refit(const linear::NormalEquations& normal,
                         double cost,
                         State& candidate) const {
   const double least =
-      kShareThatMatters * 2.0 * cost / images_.exchange().sum(images_.graph().num_points);
+      kLeastShareOfCost * 2.0 * cost / images_.exchange().sum(images_.graph().num_points);
   std::vector<char> tries(static_cast<std::size_t>(images_.graph().num_points));
   mark_beyond_model(
       normal, step, least, inverse_variance_ * mean_squared_focal(candidate), tries.data());
@@ -226,7 +226,7 @@ long PointRefits::refit(const linear::NormalEquations& normal,
   const double count = images_.exchange().sum(static_cast<double>(points.size()));
   for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
     images_.pool().parallel_for_parts(
-        static_cast<long>(points.size()), kPointsPerTask, [&](long begin, long end) {
+        static_cast<long>(points.size()), kRefitsPerTask, [&](long begin, long end) {
           const std::span<const int> mine = std::span(points).subspan(begin, end - begin);
           Pass(kernel_, images_, mine, candidate).run(least, tries.data());
         });

@@ -12,10 +12,10 @@ namespace {
 // Relative decreases of the cost: below the first, rounding decides whether a step helps, and the
 // step is trusted; below the second, the pose does not change any more.
 constexpr double kRounding = 1e-11;
-constexpr double kNegligible = 1e-18;
+constexpr double kNegligibleDecrease = 1e-18;
 // A fold is done with a step of this decrease: what is left is smaller still by the square of the
 // rate of convergence, and moves a prediction by less than 1e-5 of itself.
-constexpr double kNegligibleForFold = 1e-9;
+constexpr double kNegligibleDecreaseOfFold = 1e-9;
 // A cost, in squared standard deviations, far below what any measurement can tell.
 constexpr double kNoCost = 1e-24;
 // Damping after the first step that fails: there is none before, as fits start near their minimum.
@@ -146,7 +146,7 @@ Vector6 PoseFit::gradient(const Fold& fold, const LinearizedPose& at) const {
 }
 
 PoseFit::Fold PoseFit::all_observations(double weight) const {
-  return {views_.inverse_sigma, 1.0 / count(), weight * weight, kNegligible};
+  return {views_.inverse_sigma, 1.0 / count(), weight * weight, kNegligibleDecrease};
 }
 
 bool PoseFit::minimize(double weight, int max_iterations, LinearizedPose& at) {
@@ -205,7 +205,8 @@ int PoseFit::inliers(double inlier_px, const LinearizedPose& at) {
 
 double PoseFit::leave_one_out(double weight, int fold_iterations, const LinearizedPose& minimum) {
   kernels_.rows(views_, intrinsics_, minimum.pose, rows_.data());
-  const Fold fold{inverse_sigma_.data(), 1.0 / (count() - 1), weight * weight, kNegligibleForFold};
+  const Fold fold{
+      inverse_sigma_.data(), 1.0 / (count() - 1), weight * weight, kNegligibleDecreaseOfFold};
   double sum = 0.0;
   for (int j = 0; j < count(); ++j) {
     // The linearisation at the optimum of all serves every fold.
@@ -228,7 +229,7 @@ void PoseFit::remove(int observation, PoseSums& sums) const {
 }
 
 double PoseFit::approximate_leave_one_out(double weight, const LinearizedPose& minimum) {
-  const Fold fold{views_.inverse_sigma, 1.0 / (count() - 1), weight * weight, kNegligible};
+  const Fold fold{views_.inverse_sigma, 1.0 / (count() - 1), weight * weight, kNegligibleDecrease};
   const Cholesky6 cholesky(normal(fold, minimum));
   if (!cholesky.positive()) return std::numeric_limits<double>::infinity();
   const Vector6 shift = cholesky.solve(gradient(fold, minimum));

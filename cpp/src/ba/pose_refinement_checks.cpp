@@ -11,14 +11,14 @@ namespace {
 
 constexpr int kFewestObservations = 4;  // three determine a pose; one more can be left out
 
-std::string entry(const char* name, std::size_t index, double value) {
-  return std::string(name) + "[" + std::to_string(index) + "] = " + std::to_string(value);
+std::string entry_and_value(const char* name, std::size_t index, double value) {
+  return entry(name, index) + " = " + std::to_string(value);
 }
 
 void require_finite(std::span<const double> values, const char* name) {
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (!std::isfinite(values[k]))
-      throw InvalidArgument(entry(name, k, values[k]) + ": must be finite");
+      throw InvalidArgument(entry_and_value(name, k, values[k]) + ": must be finite");
   }
 }
 
@@ -32,7 +32,8 @@ void require_size(std::span<const double> values, const char* name, std::size_t 
 void require_positive(std::span<const double> values, const char* name) {
   require_finite(values, name);
   for (std::size_t k = 0; k < values.size(); ++k) {
-    if (values[k] <= 0.0) throw InvalidArgument(entry(name, k, values[k]) + ": must be positive");
+    if (values[k] <= 0.0)
+      throw InvalidArgument(entry_and_value(name, k, values[k]) + ": must be positive");
   }
 }
 
@@ -50,7 +51,8 @@ void PoseSweepOptions::validate() const {
 
 void require_weight(double weight, const char* name, std::size_t index) {
   if (!(std::isfinite(weight) && weight >= 0.0))
-    throw InvalidArgument(entry(name, index, weight) + ": must be finite and not negative");
+    throw InvalidArgument(entry_and_value(name, index, weight) +
+                          ": must be finite and not negative");
 }
 
 void check_pose(const double* pose, const char* name) {

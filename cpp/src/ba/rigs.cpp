@@ -36,12 +36,8 @@ PoseMatrix frame_of(const PoseMatrix& camera, const PoseMatrix& sensor) {
   return frame;
 }
 
-[[noreturn]] void refuse(const std::string& what, const std::string& rule) {
-  throw InvalidArgument("rigs." + what + ": " + rule);
-}
-
-std::string entry(const char* array, long k) {
-  return std::string(array) + "[" + std::to_string(k) + "]";
+[[noreturn]] void refuse_rigs(const std::string& what, const std::string& rule) {
+  refuse("rigs." + what, rule);
 }
 
 std::size_t sensor_offset(int s) { return kCameraStorage * static_cast<std::size_t>(s); }
@@ -55,18 +51,19 @@ void check_lengths(const Problem& problem) {
   const auto cameras = static_cast<std::size_t>(problem.num_cameras());
   const auto check = [&](const char* array, std::size_t size) {
     if (size != cameras)
-      refuse(array,
-             std::to_string(size) + " values for " + std::to_string(cameras) +
-                 " cameras, must be one for each");
+      refuse_rigs(array,
+                  std::to_string(size) + " values for " + std::to_string(cameras) +
+                      " cameras, must be one for each");
   };
   check("frame_of_camera", rigs.frame_of_camera.size());
   check("sensor_of_camera", rigs.sensor_of_camera.size());
   if (!rigs.free_sensors.empty() && std::ssize(rigs.free_sensors) != rigs.num_sensors())
-    refuse("free_sensors",
-           std::to_string(rigs.free_sensors.size()) + " values for " +
-               std::to_string(rigs.num_sensors()) + " sensors, must be one for each or none");
+    refuse_rigs("free_sensors",
+                std::to_string(rigs.free_sensors.size()) + " values for " +
+                    std::to_string(rigs.num_sensors()) + " sensors, must be one for each or none");
   if (!is_metric(problem.camera_model))
-    refuse("frame_of_camera", "camera_model 'projective' has no poses, its cameras form no rig");
+    refuse_rigs("frame_of_camera",
+                "camera_model 'projective' has no poses, its cameras form no rig");
 }
 
 void check_numbers(const Problem& problem) {
@@ -74,8 +71,8 @@ void check_numbers(const Problem& problem) {
   const auto check = [](const char* array, std::span<const int> values, long end) {
     for (std::size_t k = 0; k < values.size(); ++k) {
       if (values[k] < 0 || values[k] >= end)
-        refuse(entry(array, static_cast<long>(k)) + " = " + std::to_string(values[k]),
-               "must be in [0, " + std::to_string(end) + ")");
+        refuse_rigs(entry(array, k) + " = " + std::to_string(values[k]),
+                    "must be in [0, " + std::to_string(end) + ")");
     }
   };
   check("frame_of_camera", rigs.frame_of_camera, problem.num_cameras());
@@ -84,17 +81,18 @@ void check_numbers(const Problem& problem) {
   for (int i = 0; i < problem.num_cameras(); ++i) {
     const int frame = rigs.frame_of_camera[i], sensor = rigs.sensor_of_camera[i];
     if (!seen.emplace(frame, sensor).second)
-      refuse(entry("sensor_of_camera", i) + " = " + std::to_string(sensor),
-             "frame " + std::to_string(frame) + " has a camera of this sensor already");
+      refuse_rigs(entry("sensor_of_camera", i) + " = " + std::to_string(sensor),
+                  "frame " + std::to_string(frame) + " has a camera of this sensor already");
   }
 }
 
 void check_sensors(const Rigs& rigs) {
   for (int s = 0; s < rigs.num_sensors(); ++s) {
     const PoseMatrixView sensor = sensor_at(rigs.sensors, s);
-    if (!sensor.allFinite()) refuse(entry("sensors", s), "must be finite");
+    if (!sensor.allFinite()) refuse_rigs(entry("sensors", s), "must be finite");
     if (!is_rotation(sensor.leftCols<3>()))
-      refuse(entry("sensors", s), "not a rotation: must be orthonormal to 1e-6 with determinant 1");
+      refuse_rigs(entry("sensors", s),
+                  "not a rotation: must be orthonormal to 1e-6 with determinant 1");
   }
 }
 

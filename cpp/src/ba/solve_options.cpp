@@ -71,7 +71,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
 
 // The number an option holds, if it is one and set.
 template <class T>
-std::optional<double> number(const T& value) {
+std::optional<double> numeric_value(const T& value) {
   if constexpr (std::is_enum_v<T>) {
     return std::nullopt;
   } else {
@@ -95,7 +95,7 @@ void SolveOptions::validate() const {
   OptionsCheck check;
   for_each_option([&](const OptionFacts& facts, const auto& get) {
     check_enumerator(facts.name, get(*this));
-    const std::optional<double> value = number(get(*this));
+    const std::optional<double> value = numeric_value(get(*this));
     if (value) check.require(facts.rule.holds(*value), facts.name, *value, facts.rule.text);
   });
   check.done();

@@ -209,8 +209,8 @@ double held_bytes(const linear::ObservationGraph& graph,
   const double of_point = kNumber * (9 + 9 + 3 + 3 * 3 + 3 * states) + kIndex;
   const double of_camera = kNumber * (kCameraStorage * states + 8.0 * map.camera_size);
   // Small arrays besides, and large ones that end within a huge page, as measured.
-  constexpr double kMore = 1.05, kRounding = 2e6;
-  return kRounding + kMore * (graph.num_observations() * of_observation +
+  constexpr double kMore = 1.05, kHugePage = 2e6;
+  return kHugePage + kMore * (graph.num_observations() * of_observation +
                               graph.num_points * of_point + graph.num_cameras * of_camera);
 }
 

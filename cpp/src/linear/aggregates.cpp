@@ -7,7 +7,7 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kNone = -1;
+constexpr int kNoAggregate = -1;
 
 std::vector<double> common_points(const ObservationGraph& graph,
                                   const CameraPattern& pattern,
@@ -32,12 +32,12 @@ class Grower {
   Grower(const CameraNeighbours& neighbours, int target)
       : neighbours_(neighbours),
         target_(target),
-        of_camera_(neighbours.begin.size() - 1, kNone),
+        of_camera_(neighbours.begin.size() - 1, kNoAggregate),
         pull_(of_camera_.size(), 0.0F) {}
 
   std::vector<int> grow() {
     for (int seed = 0; seed < num_cameras(); ++seed) {
-      if (of_camera_[seed] == kNone) grow_from(seed);
+      if (of_camera_[seed] == kNoAggregate) grow_from(seed);
     }
     return std::move(of_camera_);
   }
@@ -57,15 +57,15 @@ class Grower {
       members.push_back(camera);
       of_camera_[camera] = count_;
       for_each_neighbour(camera, [&](int other, float common) {
-        if (of_camera_[other] != kNone || common == 0.0F) return;
+        if (of_camera_[other] != kNoAggregate || common == 0.0F) return;
         if (pull_[other] == 0.0F) candidates.push_back(other);
         pull_[other] += common;
       });
     }
     for (int camera : candidates) pull_[camera] = 0.0F;
     const bool small = 3 * static_cast<int>(members.size()) < target_;
-    const int neighbour = small ? strongest(members) : kNone;
-    if (neighbour == kNone) {
+    const int neighbour = small ? strongest(members) : kNoAggregate;
+    if (neighbour == kNoAggregate) {
       ++count_;
     } else {
       for (int camera : members) of_camera_[camera] = neighbour;
@@ -77,12 +77,13 @@ class Grower {
     std::vector<float> common(count_, 0.0F);
     for (int camera : members) {
       for_each_neighbour(camera, [&](int other, float points) {
-        if (of_camera_[other] != kNone && of_camera_[other] < count_)
+        if (of_camera_[other] != kNoAggregate && of_camera_[other] < count_)
           common[of_camera_[other]] += points;
       });
     }
     const auto best = std::max_element(common.begin(), common.end());
-    return best == common.end() || *best == 0.0F ? kNone : static_cast<int>(best - common.begin());
+    return best == common.end() || *best == 0.0F ? kNoAggregate
+                                                 : static_cast<int>(best - common.begin());
   }
 
   template <class F>

@@ -11,8 +11,6 @@ namespace {
 
 constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
 
-int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
-
 }  // namespace
 
 CholeskyKernels cholesky_kernels() { return SFMCPP_FOR_ACTIVE_ISA(cholesky_kernels_of()); }

@@ -13,7 +13,6 @@ namespace {
 
 constexpr int kLeaf = 150;             // blocks that are not cut further
 constexpr double kLargestShare = 0.4;  // of the nodes that a separator may take
-constexpr int kNone = -1;
 
 // A symmetric pattern by columns, under construction.
 class Pattern {

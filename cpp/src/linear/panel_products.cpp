@@ -10,8 +10,6 @@ constexpr int kWide = 128;    // columns of a panel that are factored before the
 constexpr int kLarge = 1024;  // rows from which on tasks are several strips
 constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
 
-int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
-
 // Columns of one panel that are factored together, by tiles.
 class NarrowPanel {
  public:

@@ -8,8 +8,8 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr long kEntriesPerTask = 1L << 16;  // set to zero
-constexpr int kColumnsPerTask = 32;         // that get what subtrees take from them
+constexpr long kEntriesPerTask = 1L << 16;     // set to zero
+constexpr int kSupernodalColumnsPerTask = 32;  // that get what subtrees take from them
 constexpr int kProductStride = kTileRows + kPanel;
 
 // Tiles of the lower triangle of an update.
@@ -139,7 +139,7 @@ bool SupernodalCholesky::factor_top(int s, ThreadPool& pool) {
 // Subtree after subtree, in fixed order, for some columns of the panel.
 void SupernodalCholesky::add_triangles(int s, ThreadPool& pool) {
   const SupernodePanel& shape = s_.panel[s];
-  pool.parallel_for_parts(shape.columns, kColumnsPerTask, [&](long begin, long end) {
+  pool.parallel_for_parts(shape.columns, kSupernodalColumnsPerTask, [&](long begin, long end) {
     for (std::size_t k = 0; k < triangles_.size(); ++k) {
       const UpdateMap& map = triangle_maps_[k];
       const auto found = std::ranges::lower_bound(map.targets, s, {}, &UpdateTarget::supernode);

@@ -5,13 +5,10 @@
 
 #include "sfmcpp/linear/cholesky_kernels.hpp"
 #include "sfmcpp/linear/elimination_tree.hpp"
+#include "sfmcpp/linear/panel_products.hpp"
 
 namespace sfmcpp::linear {
 namespace {
-
-std::int64_t round_up(std::int64_t n, int multiple) {
-  return (n + multiple - 1) / multiple * multiple;
-}
 
 double flops_of(double columns, double height) {
   return columns * columns * (columns / 3 + height) + columns * height * height;

@@ -14,7 +14,6 @@ constexpr int kRegions = 8;           // grown on the coarsest graph
 // Shares of the weight that the larger side may have. Each makes a separator of its own: now one,
 // now the other is far better.
 constexpr double kLargestSides[] = {0.52, 0.55, 0.6};
-constexpr int kNone = -1;
 
 // Light nodes of low degree first: they have the fewest partners. The coarse node of each node.
 std::vector<int> match_pairs(const WeightedGraph& graph, int& num_pairs) {

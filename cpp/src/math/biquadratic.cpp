@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
-#include <limits>
 #include <optional>
 #include <utility>
 
@@ -14,7 +13,6 @@ namespace {
 
 using Pair = std::array<double, 2>;
 
-constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 // What counts as a vanishing gradient or denominator, relative to the terms of which it is the sum.
 constexpr double kVanishing = 1e-8;
 // Stationary points nearer to each other than this, relatively, are one.
@@ -26,7 +24,7 @@ struct Sum {
   double size = 0.0;  // Σ |term|: what its rounding is relative to
 
   double relative() const { return size == 0.0 ? 0.0 : std::abs(value) / size; }
-  bool is_rounding() const { return std::abs(value) <= 8.0 * kEpsilon * size; }
+  bool is_rounding() const { return std::abs(value) <= 8.0 * kMachineEpsilon * size; }
 };
 
 Sum sum(std::initializer_list<double> terms) {

@@ -9,7 +9,6 @@ namespace {
 
 using Polynomial = std::vector<double>;
 
-constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 // Roots beyond 2¹⁶⁰ (1e48) are none: with them the others would not fit into the range of a double.
 constexpr double kFarthestExponent = 160.0;
 // Halving an interval of doubles comes to its end sooner.
@@ -34,7 +33,7 @@ Evaluation evaluate(const Polynomial& c, double x) {
 double rounding_of_value(const Polynomial& c, double x) {
   double size = 0.0;
   for (auto k = c.rbegin(); k != c.rend(); ++k) size = size * std::abs(x) + std::abs(*k);
-  return 4.0 * static_cast<double>(c.size()) * kEpsilon * size;
+  return 4.0 * static_cast<double>(c.size()) * kMachineEpsilon * size;
 }
 
 // 0 where rounding hides it.
@@ -65,7 +64,7 @@ double root_between(const Polynomial& c, double low, double high) {
         x + newton > low && x + newton < high && std::abs(newton) < 0.5 * std::abs(step);
     step = trusted ? newton : 0.5 * (low + high) - x;
     x += step;
-    if (std::abs(step) <= kEpsilon * std::abs(x)) break;
+    if (std::abs(step) <= kMachineEpsilon * std::abs(x)) break;
   }
   return x;
 }

@@ -6,8 +6,6 @@
 namespace sfmcpp::optim {
 namespace {
 
-// ω₁ of the first Wolfe condition (thesis eq. 2.37).
-constexpr double kSufficientDecrease = 1e-4;
 // Lengths that differ by less are not worth another evaluation of the cost.
 constexpr double kSameLength = 1e-6;
 

@@ -7,8 +7,7 @@ namespace sfmcpp::optim {
 namespace {
 
 constexpr int kMaxEvaluations = 20;
-// ω₁ and ω₂ of the Wolfe conditions (thesis eqs 2.37 and 2.39), c of Goldstein's (eq. 2.40).
-constexpr double kSufficientDecrease = 1e-4;
+// ω₂ of the Wolfe conditions (thesis eq. 2.39), c of Goldstein's (eq. 2.40).
 constexpr double kSlopeFraction = 0.9;
 constexpr double kGoldstein = 0.25;
 // A new length lies between these fractions of the bracket.

@@ -21,7 +21,7 @@ constexpr double kRadius = 1.0;
 constexpr double kRadiusOverCauchyStep = 10.0;
 
 // A radius below this share of the Gauss–Newton step moves nothing any more.
-constexpr double kMinShare = 1e-14;
+constexpr double kMinRadius = 1e-14;
 
 // The path from the origin by the Cauchy step to the Gauss–Newton step (thesis eq. 2.43), of which
 // the step is what lies within the radius. Both are kept until the state changes: a rejection costs
@@ -61,7 +61,9 @@ class DogLeg final : public StepStrategy {
     if (has_path_) radius_ = 0.5 * std::min(*radius_, step_norm_);
   }
   void moved() override { has_path_ = false; }
-  bool can_retry() const override { return has_path_ && *radius_ > kMinShare * gauss_newton_norm_; }
+  bool can_retry() const override {
+    return has_path_ && *radius_ > kMinRadius * gauss_newton_norm_;
+  }
 
   // The path too, which a rejection leaves: to solve for it again would be at another μ.
   void keep(Memory& memory) override {

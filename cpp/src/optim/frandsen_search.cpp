@@ -14,7 +14,7 @@ namespace sfmcpp::optim {
 namespace {
 
 constexpr double kMaxLength = 10.0;
-constexpr int kMaxEvaluations = 10;
+constexpr int kMaxTrials = 10;
 // ϱ: of the tangent below which the cost has to come, λ(α) = φ(0) + ϱ φ′(0) α.
 constexpr double kTangentFraction = 1e-3;
 // Of a bracket, next to its ends: no new length lies there.
@@ -58,7 +58,7 @@ class Bracketing {
            slope_fraction(length) >= precision_.steepest_ascent;
   }
 
-  bool can_evaluate() const { return line_.evaluations() < kMaxEvaluations; }
+  bool can_evaluate() const { return line_.evaluations() < kMaxTrials; }
 
   void expand() {
     while (falls_steeply(high_) && high_ < kMaxLength && can_evaluate()) {

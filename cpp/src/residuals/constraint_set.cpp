@@ -17,10 +17,6 @@ double group_cost(const ConstraintGroup& group, const ConstrainedCameras& camera
   return 0.5 * sum;
 }
 
-[[noreturn]] void refuse(const std::string& name, const std::string& rule) {
-  throw InvalidArgument(name + ": " + rule);
-}
-
 std::string kind_text(const ConstraintGroup& group) {
   return "kind '" + std::string(enum_name(group.kind)) + "'";
 }

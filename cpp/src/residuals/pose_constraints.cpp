@@ -145,10 +145,6 @@ void put_images(const PoseConstraint& c,
   }
 }
 
-[[noreturn]] void refuse(const std::string& name, const std::string& rule) {
-  throw InvalidArgument(name + ": " + rule);
-}
-
 void require_points(std::span<const double> points, const std::string& name) {
   if (points.empty() || points.size() % 3 != 0)
     refuse(name, "must have three numbers for each of at least one point");

@@ -2,6 +2,7 @@
 // exceptions.
 #pragma once
 
+#include <cstddef>
 #include <stdexcept>
 #include <string>
 
@@ -17,5 +18,15 @@ class InvalidArgument : public Error {
  public:
   using Error::Error;
 };
+
+// Throws it, of an argument with its value.
+[[noreturn]] inline void refuse(const std::string& argument, const std::string& rule) {
+  throw InvalidArgument(argument + ": " + rule);
+}
+
+// "array[k]"
+inline std::string entry(const char* array, std::size_t k) {
+  return std::string(array) + "[" + std::to_string(k) + "]";
+}
 
 }  // namespace sfmcpp

@@ -9,6 +9,11 @@
 
 namespace sfmcpp::linear {
 
+template <class Integer>
+constexpr Integer round_up(Integer n, int multiple) {
+  return (n + multiple - 1) / multiple * multiple;
+}
+
 // Calls f(task, worker) for every task: by a pool, or one after the other where that is null.
 template <class F>
 void for_each_task(ThreadPool* pool, int count, const F& f) {

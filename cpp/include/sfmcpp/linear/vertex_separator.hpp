@@ -7,6 +7,8 @@
 
 namespace sfmcpp::linear {
 
+inline constexpr int kNone = -1;  // of a node: no place, no partner
+
 // Symmetric, without loops.
 struct WeightedGraph {
   std::vector<std::int64_t> begin{0};

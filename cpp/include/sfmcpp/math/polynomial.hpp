@@ -1,10 +1,13 @@
 // Real roots of polynomials of small degree.
 #pragma once
 
+#include <limits>
 #include <span>
 #include <vector>
 
 namespace sfmcpp {
+
+inline constexpr double kMachineEpsilon = std::numeric_limits<double>::epsilon();
 
 // Value at x of c₀ + c₁ x + … + cₙ xⁿ (Horner).
 double evaluate_polynomial(std::span<const double> coefficients, double x);

@@ -10,6 +10,9 @@
 
 namespace sfmcpp::optim {
 
+// ω₁ of the Wolfe conditions (thesis eq. 2.37): the share of the tangent's decrease that is enough.
+inline constexpr double kSufficientDecrease = 1e-4;
+
 // The cost along one step from one state: all that a line search sees.
 class StepLine {
  public:
