@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sfmcpp.model import Problem
+from sfmcpp.model.metadata import LOOSE
 from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.to_tables import changed_models
@@ -50,7 +51,7 @@ def amounts_in(problem: Problem) -> dict[str, int]:
     return {
         "points": problem.num_points,
         "observations": problem.num_observations,
-        "keypoints without a point": _extras(problem, "colmap_loose_pixels"),
+        "keypoints without a point": _extras(problem, LOOSE[0]),
         "rotations and intrinsics": problem.num_cameras > 0,
         "image names": bool(metadata.image_names),
         "image sizes": metadata.image_sizes is not None,
