@@ -99,8 +99,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
     """Write a problem; the file appears complete or not at all.
 
-    Masks are kept by ``.npz`` alone, standard deviations and covariances by ``.npz`` and sba's format, rigs
-    by ``.npz`` and COLMAP's formats: in others each camera is by itself.
+    Masks of cameras and points are kept by ``.npz`` and ``.g2o``, standard deviations and covariances by
+    these and sba's format, rigs by ``.npz`` and COLMAP's formats: in others each camera is by itself.
 
     Parameters
     ----------
