@@ -211,11 +211,11 @@ def _unknown(
         * np.sqrt(np.maximum(np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2), 0))
     )
     reach = _largest_slopes(trial.problem, model)[cameras] * case.sigma_px
-    share = sigmas * reach / _radii_px(trial.problem)[cameras, None]
+    share = sigmas * reach / radii_px(trial.problem)[cameras, None]
     return {
         name: (float(share[:, column].max()), cameras[share[:, column] > _HALF])
         for column, name in enumerate(model.parameter_names)
-        if column >= 6 and (share[:, column] > _HALF).any()
+        if name in trial.problem.intrinsic_names and (share[:, column] > _HALF).any()
     }
 
 
@@ -237,7 +237,7 @@ def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
     return largest
 
 
-def _radii_px(problem: Problem) -> FloatArray:
+def radii_px(problem: Problem) -> FloatArray:
     """(C,) distance of the farthest observation of each camera from the principal point [px]."""
     centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
     radii = np.ones(problem.num_cameras)

@@ -17,6 +17,7 @@ from sfmcpp.doctor.conventions import behind, conventions
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates, second_observations
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
+from sfmcpp.doctor.mounting import mounting
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
@@ -36,6 +37,7 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     solution,
     calibration,
     undetermined,
+    mounting,
     sigmas,
     outliers,
     angles,

@@ -130,12 +130,9 @@ def _moving_poses(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _levers(rigs: Rigs) -> FloatArray:
-    """(S, 3) places of sensors from the origin of their rig: the first sensor that stays, if one does."""
-    numbers = rigs.rig_of_sensor()
-    staying_first = np.argsort(rigs.free_sensors, kind="stable")
-    origins = staying_first[np.unique(numbers[staying_first], return_index=True)[1]]
+    """(S, 3) places of sensors from the origin of their rig."""
     places: FloatArray = rigs.sensors[:, :, 3]
-    return np.asarray(places - places[origins[numbers]])
+    return np.asarray(places - places[rigs.origin_of_sensor()])
 
 
 def _held_by_rigs(problem: Problem) -> FloatArray:
