@@ -191,7 +191,10 @@ def undetermined(case: Case) -> Iterator[Finding]:
     if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or fits_poorly(case, trial):
         return
     try:
-        model = LinearModel(trial.problem, case.constraints, SolveOptions(gauge="fixed"), _RIDGE)
+        # Sensors are looked at by themselves.
+        model = LinearModel(
+            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), _RIDGE
+        )
         cameras = _chosen_cameras(trial.problem)
         unknown = _unknown(case, trial, model, cameras)
     except InvalidArgument as error:
@@ -199,6 +202,14 @@ def undetermined(case: Case) -> Iterator[Finding]:
         return
     if unknown:
         yield _undetermined(case, trial, unknown, len(cameras))
+
+
+def with_free_sensors(problem: Problem, *free: int) -> Problem:
+    """The problem with these sensors of its rigs free and no others."""
+    if problem.rigs is None:
+        return problem
+    mask = np.isin(np.arange(problem.rigs.num_sensors), free)
+    return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
 
 
 def _unknown(
@@ -215,7 +226,7 @@ def _unknown(
     return {
         name: (float(share[:, column].max()), cameras[share[:, column] > _HALF])
         for column, name in enumerate(model.parameter_names)
-        if name in trial.problem.intrinsic_names and (share[:, column] > _HALF).any()
+        if column >= 6 and (share[:, column] > _HALF).any()
     }
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.calibration import radii_px
+from sfmcpp.doctor.calibration import radii_px, with_free_sensors
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, named, numbers
 from sfmcpp.doctor.outliers import fits_poorly
@@ -74,7 +73,7 @@ def _with_free(case: Case, trial: Trial, free: NDArray[np.int64], wanted: NDArra
     """Shares (n,) of the wanted sensors if these are free and no others."""
     problem, rigs = trial.problem, trial.problem.rigs
     assert rigs is not None
-    held = replace(problem, rigs=replace(rigs, free_sensors=np.isin(np.arange(rigs.num_sensors), free)))
+    held = with_free_sensors(problem, *free)
     model = LinearModel(held, case.constraints, SolveOptions(gauge="fixed"), _RIDGE)
     sensors = rigs.sensor_of_camera[problem.camera_index]
     cameras = problem.camera_index[[int(np.argmax(sensors == k)) for k in wanted]]
