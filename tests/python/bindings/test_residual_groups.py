@@ -169,8 +169,6 @@ def test_what_a_group_cannot_be_is_refused_by_name() -> None:
     own = copied_positions(problem.centres.copy(), with_jacobian=True)
     with pytest.raises(sfmcpp.InvalidArgument, match=r"'gps'\].cameras: must be from 0 to 5"):
         sfmcpp.solve(problem, constraints=[ResidualGroup(own.function, [0, 6], name="gps")])
-    with pytest.raises(sfmcpp.InvalidArgument, match="ConstraintGroup where weights are chosen"):
-        sfmcpp.solve(problem, constraints=[own], weight="auto")
     with pytest.raises(sfmcpp.InvalidArgument, match="must be callable"):
         ResidualGroup(3, CAMERAS)  # type: ignore[arg-type]
     with pytest.raises(sfmcpp.InvalidArgument, match="camera_model = 'projective'"):
