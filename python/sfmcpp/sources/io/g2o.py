@@ -11,6 +11,7 @@ its upper triangle by rows. ``FIX id …`` holds vertices.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.pinhole import PINHOLE, undistorted_pixels
 from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
@@ -26,8 +28,10 @@ from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, require_val
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
+    PERSPECTIVE,
     as_perspective,
     fixed_but,
+    has_distortion,
     perspective_columns,
     perspective_rows,
     require_defaults_except,
@@ -280,18 +284,21 @@ def write_g2o(problem: Problem, path: Path) -> None:
     """Write points, cameras, what of them is held, and observations with their information.
 
     Intrinsics are named where all aspect ratios are 1, else each camera has its own; neither has a place for
-    distortion. Images whose names are identifiers keep them, and so do points that were read; otherwise
-    cameras are numbered from 0, and points behind them.
+    distortion: pixels are where cameras without it would have seen them. Images whose names are identifiers
+    keep them, and so do points that were read; otherwise cameras are numbered from 0, and points behind them.
 
     Raises
     ------
     DatasetError
-        If there is distortion or skew, a focal length is not positive, or the file cannot be written.
+        If there is skew, a focal length is not positive, or the file cannot be written.
     """
     require_valid(problem, path)
     values, _ = as_perspective(problem)
-    require_defaults_except(values, _LENS_NAMES, "g2o's files", path)
+    require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
     _require_positive(values, path)
+    if has_distortion(problem):
+        of_view = problem.intrinsics_index[problem.camera_index]
+        problem = replace(problem, pixels=undistorted_pixels(problem.pixels, values, of_view))
     with atomic_files(path) as (stream,):
         stream.writelines(_chunks(problem, values[:, perspective_columns(*_LENS_NAMES)]))
 
@@ -361,6 +368,7 @@ FORMAT = Format(
     (".g2o",),
     read_g2o,
     write_g2o,
+    undistorts=True,
     lacks=(
         "origin of the world",
         "keypoints without a point",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.problem import Problem
@@ -111,6 +112,11 @@ def no_model(row: int, models: Collection[str], values: FloatArray, path: Path) 
     return DatasetError(
         path, f"intrinsics[{row}]: no supported camera model ({', '.join(models)}) has {given}"
     )
+
+
+def has_distortion(problem: Problem) -> bool:
+    """Whether any lens of a pinhole model bends rays."""
+    return bool(as_perspective(problem)[0][:, PINHOLE:].any())
 
 
 class CornerLenses(NamedTuple):
