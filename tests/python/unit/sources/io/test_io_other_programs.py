@@ -1,4 +1,4 @@
-"""OpenMVG, AliceVision and VisualSFM: files of a scene, written here by their rules and seen by pycolmap."""
+"""OpenMVG, AliceVision and VisualSFM: files of a scene are read, and what is damaged in them is named."""
 
 from __future__ import annotations
 
@@ -13,161 +13,26 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from io_helpers import assert_same_problem, residuals
-from sfmcpp import DatasetError, Problem
+from io_helpers import residuals
+from other_programs import (
+    CENTRE,
+    FILES,
+    FOCAL,
+    MEASURED,
+    NAMES,
+    POINTS,
+    RADIAL,
+    SEEN,
+    SIZE,
+    TANGENTIAL,
+    TRUTH,
+    alicevision,
+    nvm,
+    openmvg,
+    problem_of,
+)
+from sfmcpp import DatasetError
 from sfmcpp.sources.io import read, write
-
-FOCAL, CENTRE, SIZE = 800.0, (321.5, 238.0), (640, 480)
-RADIAL, TANGENTIAL = [-0.1, 0.02, -0.003], [1e-3, -2e-3]
-NAMES = ["a.jpg", "b c.jpg", "d.jpg", "lost.jpg"]
-POINTS = 20
-FIRST = 2**31
-
-
-class Truth:
-    """Three cameras that see some points; a fourth photo has no pose. Poses are camera_from_world."""
-
-    def __init__(self) -> None:
-        rng = np.random.default_rng(7)
-        rotation = pytest.importorskip("scipy.spatial.transform").Rotation
-        self.rotations = rotation.from_rotvec(0.2 * rng.normal(size=(3, 3))).as_matrix()
-        self.quaternions = np.roll(rotation.from_matrix(self.rotations).as_quat(), 1, axis=1)
-        self.centres = rng.normal(size=(3, 3))
-        self.points = rng.normal(size=(POINTS, 3)) + np.array([0, 0, 8])
-
-    def in_camera(self, camera: int, point: int) -> np.ndarray:
-        x, y, z = self.rotations[camera] @ (self.points[point] - self.centres[camera])
-        return np.array([x / z, y / z])
-
-    def pixel(self, camera: int, point: int, radial: list[float], tangential: list[float]) -> list[float]:
-        """Where COLMAP's own camera sees a point."""
-        pycolmap = pytest.importorskip("pycolmap")
-        k1, k2, k3 = radial
-        lens = [FOCAL, FOCAL, *CENTRE, k1, k2, *tangential, k3, 0, 0, 0]
-        camera_of_colmap = pycolmap.Camera(model="FULL_OPENCV", width=SIZE[0], height=SIZE[1], params=lens)
-        seen = np.append(self.in_camera(camera, point), 1.0)
-        found: list[float] = camera_of_colmap.img_from_cam(seen[None])[0].tolist()
-        return found
-
-
-TRUTH = Truth()
-SEEN = [(camera, point) for point in range(POINTS) for camera in range(3) if (camera + point) % 4]
-
-
-def openmvg() -> dict[str, Any]:
-    """As OpenMVG's exporter packs a scene, its identifiers without order."""
-
-    def packed(number: int, data: dict[str, Any]) -> dict[str, Any]:
-        return {"polymorphic_id": 2**30, "ptr_wrapper": {"id": FIRST + number, "data": data}}
-
-    views = [
-        {"key": 10 + i, "value": packed(i, {
-            "local_path": "", "filename": name, "width": SIZE[0], "height": SIZE[1],
-            "id_view": 10 + i, "id_intrinsic": 5, "id_pose": 20 + i})}
-        for i, name in enumerate(NAMES)
-    ]  # fmt: skip
-    base = {"width": SIZE[0], "height": SIZE[1], "focal_length": FOCAL, "principal_point": list(CENTRE)}
-    lens = packed(9, {"value0": base, "disto_t2": [*RADIAL, *TANGENTIAL]})
-    lens |= {"polymorphic_id": FIRST + 1, "polymorphic_name": "pinhole_brown_t2"}
-    poses = [
-        {
-            "key": 20 + i,
-            "value": {"rotation": TRUTH.rotations[i].tolist(), "center": TRUTH.centres[i].tolist()},
-        }
-        for i in (2, 0, 1)
-    ]
-    structure = [
-        {"key": 70 + point, "value": {"X": TRUTH.points[point].tolist(), "observations": [
-            {"key": 10 + camera, "value": {"id_feat": 1, "x": TRUTH.pixel(camera, point, RADIAL, TANGENTIAL)}}
-            for camera, other in SEEN if other == point]}}
-        for point in range(POINTS)
-    ]  # fmt: skip
-    return {"sfm_data_version": "0.3", "root_path": "/photos", "views": views,
-            "intrinsics": [{"key": 5, "value": lens}], "extrinsics": poses, "structure": structure,
-            "control_points": []}  # fmt: skip
-
-
-def quoted(value: Any) -> Any:
-    """All numbers as texts."""
-    if isinstance(value, dict):
-        return {name: quoted(part) for name, part in value.items()}
-    return [quoted(part) for part in value] if isinstance(value, list) else str(value)
-
-
-def alicevision() -> dict[str, Any]:
-    """As AliceVision 2.4 writes it: millimetres, the principal point from the middle, all in quotes."""
-    sensor = 7.5
-    intrinsic = {
-        "intrinsicId": 5, "width": SIZE[0], "height": SIZE[1], "sensorWidth": sensor, "type": "brown",
-        "focalLength": FOCAL * sensor / SIZE[0], "pixelRatio": 1, "locked": 0,
-        "principalPoint": [CENTRE[0] - SIZE[0] / 2, CENTRE[1] - SIZE[1] / 2],
-        "distortionParams": [*RADIAL, *TANGENTIAL],
-    }  # fmt: skip
-    return quoted({
-        "version": [1, 2, 6],
-        "featuresFolders": [],
-        "views": [
-            {"viewId": 10 + i, "poseId": 20 + i, "intrinsicId": 5, "path": name, "width": SIZE[0],
-             "height": SIZE[1]}
-            for i, name in enumerate(NAMES)
-        ],
-        "intrinsics": [intrinsic],
-        "poses": [
-            {"poseId": 20 + i, "pose": {"transform": {"rotation": TRUTH.rotations[i].T.ravel().tolist(),
-                                                      "center": TRUTH.centres[i].tolist()}, "locked": 0}}
-            for i in (2, 0, 1)
-        ],
-        "structure": [
-            {"landmarkId": point, "descType": "sift", "color": [point, 1, 2],
-             "X": TRUTH.points[point].tolist(), "observations": [
-                {"observationId": 10 + camera, "featureId": 3,
-                 "x": TRUTH.pixel(camera, point, RADIAL, TANGENTIAL)}
-                for camera, other in SEEN if other == point]}
-            for point in range(POINTS)
-        ],
-    })  # fmt: skip
-
-
-MEASURED = 0.05
-
-
-def distorted_measurement(camera: int, point: int) -> np.ndarray:
-    """The m for which ``(1 + r |m|²) m`` is where a camera without distortion sees the point."""
-    seen = TRUTH.in_camera(camera, point)
-    m = seen.copy()
-    for _ in range(100):
-        m = seen / (1 + MEASURED * (m @ m))
-    return FOCAL * m
-
-
-def nvm(r: float = MEASURED) -> str:
-    def measured(camera: int, point: int) -> np.ndarray:
-        return distorted_measurement(camera, point) if r else FOCAL * TRUTH.in_camera(camera, point)
-
-    def row(*numbers: float) -> str:
-        return " ".join(repr(float(number)) for number in numbers)
-
-    lines = ["NVM_V3 ", "", "3"]
-    for name, quaternion, centre in zip(NAMES, TRUTH.quaternions, TRUTH.centres, strict=False):
-        lines.append(f"{name} {row(FOCAL, *quaternion, *centre, r, 0)}")
-    lines += ["", str(POINTS)]
-    for point in range(POINTS):
-        cameras = [camera for camera, other in SEEN if other == point]
-        views = [f"{camera} {4 + camera} {row(*measured(camera, point))}" for camera in cameras]
-        lines.append(" ".join([row(*TRUTH.points[point]), f"{point} 1 2 {len(cameras)}", *views]))
-    return "\n".join([*lines, "", "0", "", "#the last part tells of PLY files", "0", ""])
-
-
-FILES: dict[str, Callable[[], str]] = {
-    "sfm_data.json": lambda: json.dumps(openmvg(), indent=1),
-    "cameras.sfm": lambda: json.dumps(alicevision()),
-    "model.nvm": nvm,
-}
-
-
-def problem_of(folder: Path, name: str, text: str | None = None) -> Problem:
-    (folder / name).write_text(FILES[name]() if text is None else text)
-    return read(folder / name)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -204,121 +69,6 @@ def test_a_scene_is_adjusted_and_handed_on_to_colmap(tmp_path: Path, name: str) 
     problem.intrinsics[:, columns] = 0  # which no supported model of COLMAP holds together
     write(problem, tmp_path / "model")
     assert read(tmp_path / "model").metadata.image_names == NAMES[:3]
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_what_is_written_for_visualsfm_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
-    problem = problem_of(tmp_path, name)
-    write(problem, tmp_path / "written.nvm")
-    again = read(tmp_path / "written.nvm")
-    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(again.points, problem.points)
-    by_track = np.lexsort((problem.camera_index, problem.point_index))
-    np.testing.assert_array_equal(again.camera_index, problem.camera_index[by_track])
-    np.testing.assert_array_equal(again.point_index, problem.point_index[by_track])
-    np.testing.assert_allclose(sfmcpp.residuals(again), 0, atol=1e-8)
-    assert again.metadata.image_names == problem.metadata.image_names
-    if problem.metadata.point_colors is not None:
-        np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
-
-
-@pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
-@pytest.mark.parametrize("target", ["again_sfm_data.json", "again.sfm"])
-def test_a_scene_is_handed_on_with_lenses_names_and_sizes(tmp_path: Path, name: str, target: str) -> None:
-    problem = problem_of(tmp_path, name)
-    write(problem, tmp_path / target)
-    again = read(tmp_path / target)
-    assert_same_problem(again, problem, intrinsics_rtol=1e-15)
-    assert again.metadata.image_names == problem.metadata.image_names
-    np.testing.assert_array_equal(again.metadata.image_sizes, [SIZE] * 3)
-    if name == "cameras.sfm" and target == "again.sfm":
-        np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
-
-
-@pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
-def test_what_is_written_for_g2o_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
-    problem = problem_of(tmp_path, name)
-    write(problem, tmp_path / "written.g2o")
-    again = read(tmp_path / "written.g2o")
-    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(again.points, problem.points)
-    np.testing.assert_allclose(sfmcpp.residuals(again), 0, atol=1e-8)
-    lens = dict(zip(again.intrinsic_names, again.intrinsics[0], strict=True))
-    assert (lens["f"], lens["cx"], lens["cy"], lens["k1"]) == (FOCAL, *CENTRE, 0)
-
-
-def test_what_is_written_for_openmvg_is_packed_as_its_reader_unpacks(tmp_path: Path) -> None:
-    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
-    problem.intrinsics[2, problem.intrinsic_names.index("k1")] = 0.1
-    write(problem, tmp_path / "sfm_data.json")
-    content = json.loads((tmp_path / "sfm_data.json").read_text())
-    assert list(content) == list(openmvg())
-    packed = [entry["value"] for part in ("views", "intrinsics") for entry in content[part]]
-    pointers = [value["ptr_wrapper"]["id"] for value in packed]
-    assert pointers == list(range(FIRST + 1, FIRST + 7))
-    assert [value["polymorphic_id"] for value in packed] == [*[2**30] * 3, FIRST + 1, 1, FIRST + 2]
-    models = [value.get("polymorphic_name") for value in packed[3:]]
-    assert models == ["pinhole", None, "pinhole_radial_k1"]
-    assert (
-        packed[0]["ptr_wrapper"]["data"].keys()
-        == openmvg()["views"][0]["value"]["ptr_wrapper"]["data"].keys()
-    )
-
-
-def test_what_is_written_for_alicevision_has_all_that_its_reader_asks_for(tmp_path: Path) -> None:
-    problem = problem_of(tmp_path, "cameras.sfm")
-    problem.set_free_intrinsics()
-    write(problem, tmp_path / "again.sfm")
-    (lens,) = json.loads((tmp_path / "again.sfm").read_text())["intrinsics"]
-    assert {
-        "serialNumber",
-        "sensorWidth",
-        "sensorHeight",
-        "type",
-        "locked",
-        *alicevision()["intrinsics"][0],
-    } <= {*lens}
-    assert (lens["type"], lens["locked"]) == ("brown", "1")
-    assert read(tmp_path / "again.sfm").fixed_intrinsics.all()
-
-
-@pytest.mark.parametrize(
-    ("target", "names", "told"),
-    [
-        (
-            "sfm_data.json",
-            ("aspect",),
-            r"intrinsics\[0\]: no supported camera model \(pinhole, .* has .*aspect",
-        ),
-        ("a.sfm", ("skew",), r"no supported camera model \(pinhole, radial1, .*skew = 0\.5"),
-        ("a.sfm", ("k4",), r"k4 = 0\.5"),
-        ("a.g2o", ("skew",), r"intrinsics\[0\]: skew = 0\.5 cannot be kept in g2o's files"),
-    ],
-)
-def test_lenses_that_a_file_cannot_hold_are_named_and_nothing_is_left(
-    tmp_path: Path, target: str, names: tuple[str, ...], told: str
-) -> None:
-    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
-    problem.intrinsics[0, [problem.intrinsic_names.index(name) for name in names]] = 0.5
-    with pytest.raises(DatasetError, match=told):
-        write(problem, tmp_path / target)
-    assert not (tmp_path / target).exists()
-
-
-@pytest.mark.parametrize("target", ["a.sfm", "a.g2o"])
-def test_focal_lengths_that_no_reader_takes_are_not_written(tmp_path: Path, target: str) -> None:
-    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
-    problem.intrinsics[1, 0] = -700
-    with pytest.raises(DatasetError, match=r"intrinsics\[1\]: f = -700\.0.*: must be positive"):
-        write(problem, tmp_path / target)
-
-
-def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
-    problem = problem_of(tmp_path, "model.nvm")
-    problem.metadata.image_names = ["one", "two\nlines", "three"]
-    with pytest.raises(sfmcpp.DatasetError, match=r"image name 'two\\nlines': must be one line"):
-        write(problem, tmp_path / "written.nvm")
-    assert not (tmp_path / "written.nvm").exists()
 
 
 def test_measurements_of_visualsfm_keep_their_distortion_in_the_metadata(tmp_path: Path) -> None:
