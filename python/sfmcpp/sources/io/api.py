@@ -37,15 +37,16 @@ from sfmcpp.sources.io.shares import Share, part_of_share
 
 AnyPath = str | PathLike[str]
 
-# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, .json by contents, folders last.
+# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, .json by contents before OpenMVG's
+# name, which AliceVision had, folders last.
 FORMATS: tuple[Format, ...] = (
     sba.FORMAT,
     bal.FORMAT,
     bundler.FORMAT,
     nvm.FORMAT,
     g2o.FORMAT,
-    openmvg.FORMAT,
     alicevision.FORMAT,
+    openmvg.FORMAT,
     npz.FORMAT,
     parts.FORMAT,
     ply.FORMAT,

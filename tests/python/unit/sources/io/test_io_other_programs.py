@@ -107,6 +107,8 @@ def test_json_is_told_by_its_contents(tmp_path: Path) -> None:
         other = tmp_path / f"{source}.json"
         other.write_text(FILES[name]())
         assert read(other).metadata.source_format == source
+    (tmp_path / "alicevision.json").rename(tmp_path / "sfm_data.json")  # as older versions called it
+    assert read(tmp_path / "sfm_data.json").metadata.source_format == "alicevision"
 
 
 def test_a_pipe_named_like_a_document_is_refused_without_waiting(tmp_path: Path) -> None:
