@@ -427,6 +427,8 @@ class JacobianCheck:
     """
     Analytic against numeric derivatives; see sfmcpp.check_jacobians.
     """
+    def __repr__(self) -> str:
+        ...
     @property
     def entries(self) -> int:
         """

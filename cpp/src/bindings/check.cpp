@@ -79,7 +79,12 @@ void bind_check(py::module_& m) {
       .def_readonly("worst_error", &J::worst_error, "Largest difference, relative to its block.")
       .def_readonly(
           "worst_observation", &J::worst_observation, "Observation of the largest difference.")
-      .def_readonly("worst_parameter", &J::worst_parameter, "Parameter of the largest difference.");
+      .def_readonly("worst_parameter", &J::worst_parameter, "Parameter of the largest difference.")
+      .def("__repr__", [](const J& j) {
+        return py::str(
+                   "JacobianCheck({} derivatives, the worst off by {:.1e}: {} of observation {})")
+            .format(j.entries, j.worst_error, j.worst_parameter, j.worst_observation);
+      });
   m.def("check",
         &check,
         py::arg("arrays"),

@@ -65,10 +65,12 @@ def adjust(
     """
     report = None if callback is None else lambda core: callback(_iteration(core))
     if checkpoint is not None or resume is not None:
-        _require_names(constraints, options, "in a run that is saved")
+        _require_names_of_losses(constraints, options, "in a run that is saved")
         require_named(problem.camera_model, "in a run that is saved")
     arrays = _arrays(problem, constraints)
-    checkpoints = RunCheckpoints(checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays))
+    checkpoints = RunCheckpoints(
+        checkpoint, resume, lambda: _facts(problem, constraints, arrays, options), _least_bytes(arrays)
+    )
     doubts = list(_doubts(problem, constraints))
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
@@ -114,7 +116,8 @@ def adjust_on_ranks(
     DatasetError
         As :func:`adjust`, on all ranks; also if `resume` is of another number of ranks.
     """
-    ranks.agreed(lambda: _require_names(constraints, options, "on several ranks"))
+    ranks.agreed(lambda: require_kinds(constraints, "on several ranks"))
+    ranks.agreed(lambda: _require_names_of_losses(constraints, options, "on several ranks"))
     arrays = ranks.agreed(lambda: _arrays(parts.mine, constraints))
     alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
     require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
@@ -122,7 +125,11 @@ def adjust_on_ranks(
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
     checkpoints = RankCheckpoints(
-        checkpoint, resume, lambda: _facts(arrays, options), _least_bytes(arrays), ranks
+        checkpoint,
+        resume,
+        lambda: _facts(parts.mine, constraints, arrays, options),
+        _least_bytes(arrays),
+        ranks,
     )
     with interrupts_held(exchange.interrupt) as waiting:
         core = _core.solve(arrays, own, listener, *_saved_and_taken(checkpoints), exchange)
@@ -154,9 +161,9 @@ def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
             )
 
 
-def _require_names(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
-    """Of groups and losses that are functions nothing tells another run or process whether they are alike."""
-    for loss in (options.loss, *(group.loss for group in require_kinds(constraints, what))):
+def _require_names_of_losses(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
+    """Of losses that are functions nothing tells another run or process whether they are alike."""
+    for loss in (options.loss, *(group.loss for group in constraints)):
         if isinstance(loss, LossFunction):
             raise InvalidArgument(f"loss = {loss!r}: must be the name of a loss {what}")
 
@@ -220,11 +227,19 @@ def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
     return {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
 
 
-def _facts(arrays: dict[str, Any], options: SolveOptions) -> dict[str, Any]:
+def _facts(
+    problem: Problem, constraints: Sequence[Group], arrays: dict[str, Any], options: SolveOptions
+) -> dict[str, Any]:
     """What is solved: a digest of each array of the problem and of each group of constraints."""
     digests = {name: digest(value) for name, value in arrays.items() if name != "constraints"}
-    digests |= {f"constraints {group['name']!r}": digest(group) for group in arrays["constraints"]}
+    for group, known in zip(constraints, arrays["constraints"], strict=True):
+        digests[f"constraints {group.name!r}"] = digest(known | _told_at(problem, group))
     return facts_of_run("solve", problem=digests, options=options.to_dict())
+
+
+def _told_at(problem: Problem, group: Group) -> dict[str, Any]:
+    """What a function is known by in another process: what it says of the start."""
+    return {"function": group.residuals_at(problem)} if isinstance(group, ResidualGroup) else {}
 
 
 def _fields_of(core: object, cls: type) -> dict[str, Any]:

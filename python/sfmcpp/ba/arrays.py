@@ -77,7 +77,7 @@ def _core_constraint(group: Group, problem: Problem) -> dict[str, Any]:
     }
     if isinstance(group, ResidualGroup):
         points = np.zeros(0, np.int32) if group.points is None else group.points
-        rows = group.rows_at(problem)
+        rows = group.residuals_at(problem).shape[1]
         return common | {"function": group.evaluate, "rows": rows, "point_index": points}
     return common | _measured(group)
 

@@ -8,7 +8,7 @@ from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.launched import launched_ranks, together
-from sfmcpp.cli.reading import read_and_tell
+from sfmcpp.cli.reading import read_and_tell, tell_changed
 from sfmcpp.cli.targets import require_writable_problem
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
@@ -83,6 +83,7 @@ def _tell_written(problem: Problem, target: Path, chosen: Format) -> None:
     say(f"{target}: {', '.join(written)} ({chosen.name})")
     if left_out := left_out_on_writing(problem, chosen):
         say(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
+    tell_changed(problem, target, chosen)
 
 
 def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:

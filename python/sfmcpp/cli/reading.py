@@ -7,6 +7,7 @@ from pathlib import Path
 from sfmcpp.cli.exit_codes import tell
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
+from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.left_out import changed_on_writing, left_out_on_reading
 
 
@@ -24,9 +25,9 @@ def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
     return problem
 
 
-def tell_changed(problem: Problem, target: Path) -> None:
+def tell_changed(problem: Problem, target: Path, format: Format | None = None) -> None:
     """Tell what a file that was written has in another form."""
-    for line in changed_on_writing(problem, target, format_of(target)):
+    for line in changed_on_writing(problem, target, format or format_of(target)):
         tell(f"note: {target}: {line}")
 
 

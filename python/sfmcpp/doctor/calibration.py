@@ -191,7 +191,10 @@ def undetermined(case: Case) -> Iterator[Finding]:
     if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or fits_poorly(case, trial):
         return
     try:
-        model = LinearModel(trial.problem, case.constraints, SolveOptions(gauge="fixed"), _RIDGE)
+        # Sensors are looked at by themselves.
+        model = LinearModel(
+            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), _RIDGE
+        )
         cameras = _chosen_cameras(trial.problem)
         unknown = _unknown(case, trial, model, cameras)
     except InvalidArgument as error:
@@ -199,6 +202,14 @@ def undetermined(case: Case) -> Iterator[Finding]:
         return
     if unknown:
         yield _undetermined(case, trial, unknown, len(cameras))
+
+
+def with_free_sensors(problem: Problem, *free: int) -> Problem:
+    """The problem with these sensors of its rigs free and no others."""
+    if problem.rigs is None:
+        return problem
+    mask = np.isin(np.arange(problem.rigs.num_sensors), free)
+    return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
 
 
 def _unknown(
@@ -211,7 +222,7 @@ def _unknown(
         * np.sqrt(np.maximum(np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2), 0))
     )
     reach = _largest_slopes(trial.problem, model)[cameras] * case.sigma_px
-    share = sigmas * reach / _radii_px(trial.problem)[cameras, None]
+    share = sigmas * reach / radii_px(trial.problem)[cameras, None]
     return {
         name: (float(share[:, column].max()), cameras[share[:, column] > _HALF])
         for column, name in enumerate(model.parameter_names)
@@ -237,7 +248,7 @@ def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
     return largest
 
 
-def _radii_px(problem: Problem) -> FloatArray:
+def radii_px(problem: Problem) -> FloatArray:
     """(C,) distance of the farthest observation of each camera from the principal point [px]."""
     centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
     radii = np.ones(problem.num_cameras)

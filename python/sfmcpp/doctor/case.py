@@ -14,8 +14,9 @@ from sfmcpp.doctor.finding import named
 from sfmcpp.doctor.trial import Trial, robust_trial
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.residual_group import Group
 from sfmcpp.model.uncertainty import Whitener
 
 if TYPE_CHECKING:
@@ -30,9 +31,7 @@ TRIAL_OBSERVATIONS, TRIAL_CAMERAS = 100_000, 200
 class Case:
     """A problem whose arrays keep the rules, without its second observations of a point by a camera."""
 
-    def __init__(
-        self, problem: Problem, constraints: Sequence[ConstraintGroup], summary: Summary | None
-    ) -> None:
+    def __init__(self, problem: Problem, constraints: Sequence[Group], summary: Summary | None) -> None:
         self.problem = problem
         self.constraints = list(constraints)
         self.summary = summary

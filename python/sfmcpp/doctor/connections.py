@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.model import Problem, ResidualGroup, Rigs
+from sfmcpp.model.arrays import IndexArray
 
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
@@ -27,7 +29,8 @@ def connections(case: Case) -> Iterator[Finding]:
 def parts(case: Case) -> NDArray[np.int64]:
     """(C,) part of each camera, the one of most observations first; −1 for cameras that see nothing.
 
-    Cameras that are fixed, or tied by a constraint to the world or to each other, are of one part.
+    Cameras that are fixed, tied by a constraint to the world or to each other, or of one rigid frame are of
+    one part.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -44,14 +47,33 @@ def _ties(case: Case) -> list[tuple[int, int]]:
     absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
     pairs: list[tuple[int, int]] = []
     for group in case.constraints:
-        if group.weight <= 0:
+        if group.weight <= 0 or group.cameras is None:
             continue
-        if group.cameras.ndim == 1:
+        if group.cameras.ndim == 1 and isinstance(group, ResidualGroup) and group.points is not None:
+            pairs += _to_observers(case.problem, group.cameras, group.points)
+        elif group.cameras.ndim == 1:
             absolute.append(group.cameras)
         else:
             pairs += [(int(a), int(b)) for a, b in group.cameras]
     held = np.concatenate(absolute)
-    return pairs + [(int(held[0]), int(k)) for k in held[1:]]
+    return pairs + _of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
+
+
+def _to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> list[tuple[int, int]]:
+    """Each camera with the first that observes the point; with itself where none does."""
+    seen, rows = np.unique(problem.point_index, return_index=True)
+    observers = np.full(problem.num_points, -1)
+    observers[seen] = problem.camera_index[rows]
+    others = np.where(observers[points] < 0, cameras, observers[points])
+    return list(zip(cameras.tolist(), others.tolist(), strict=True))
+
+
+def _of_frames(rigs: Rigs | None) -> list[tuple[int, int]]:
+    """Each camera with the first one of its frame."""
+    if rigs is None:
+        return []
+    _, first, frames = np.unique(rigs.frame_of_camera, return_index=True, return_inverse=True)
+    return [(int(first[frame]), camera) for camera, frame in enumerate(frames)]
 
 
 def _by_size(labels: NDArray[np.int64], weights: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -17,12 +17,13 @@ from sfmcpp.doctor.conventions import behind, conventions
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates, second_observations
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
+from sfmcpp.doctor.mounting import mounting
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import require_pinhole
-from sfmcpp.model.residual_group import checked_groups, require_kinds
+from sfmcpp.model.residual_group import Group, checked_groups
 
 # Causes before what follows from them: of one severity, findings stay in this order.
 _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
@@ -36,6 +37,7 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     solution,
     calibration,
     undetermined,
+    mounting,
     sigmas,
     outliers,
     angles,
@@ -46,7 +48,7 @@ _OF_PROJECTIVE_CAMERAS = (duplicates, connections, gauge)
 
 
 def diagnose(
-    problem: Problem, *, constraints: Iterable[ConstraintGroup] = (), summary: Summary | None = None
+    problem: Problem, *, constraints: Iterable[Group] = (), summary: Summary | None = None
 ) -> Diagnosis:
     """Find everything about a problem that explains a bad result of a solve.
 
@@ -57,7 +59,7 @@ def diagnose(
     ----------
     problem : Problem
         Left untouched; its state is the start of a solve, or with `summary` the end of one.
-    constraints : iterable of ConstraintGroup
+    constraints : iterable of ConstraintGroup or ResidualGroup
         Those of the solve.
     summary : Summary, optional
         What the solve that ended here returned: then variances, the worst parameters and other basins
@@ -71,12 +73,12 @@ def diagnose(
     Raises
     ------
     InvalidArgument
-        If a constraint is no valid group, or rays of the camera model are not known. What is wrong with the
-        problem is a finding.
+        If a constraint is no valid group, its function returns what are no residuals, or rays of the camera
+        model are not known. What is wrong with the problem is a finding.
     KeyboardInterrupt
         On Ctrl-C, during adjustments too.
     """
-    groups = require_kinds(checked_groups(constraints), "where a problem is diagnosed")
+    groups = checked_groups(constraints)
     if problem.is_metric:
         require_pinhole(problem.camera_model)
     refused = _refused(problem)

@@ -11,7 +11,7 @@ from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
-from sfmcpp.model import Problem, Rigs
+from sfmcpp.model import ConstraintGroup, Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.world_origin import WorldOrigin
 
@@ -66,7 +66,11 @@ def _of_an_origin() -> Finding:
 
 
 def _left(case: Case, motions: FloatArray) -> Finding:
-    expected = any(group.kind.startswith(_OF_THE_WORLD) for group in case.constraints if group.weight > 0)
+    expected = any(
+        group.kind.startswith(_OF_THE_WORLD)
+        for group in case.constraints
+        if isinstance(group, ConstraintGroup) and group.weight > 0
+    )
     expected = expected or int(case.problem.fixed_cameras.sum()) > 1
     names = [FREEDOMS[k] for k in np.flatnonzero((motions**2).sum(axis=0) > _NEGLIGIBLE)]
     return Finding(
@@ -107,11 +111,13 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     of_points = extent * motions_of_positions((problem.points - middle) / extent)
     held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
     columns = model.camera_columns
-    of_columns = np.zeros((model.num_camera_columns, 7))
+    of_columns = np.zeros((model.num_columns, 7))
     of_columns[columns[columns >= 0]] = of_cameras[columns >= 0]
+    free = model.point_columns >= 0
+    of_columns[model.point_columns[free, None] + np.arange(3)] = of_points[free]
     for rows in (rows for rows in model.groups if rows.weight > 0):
-        jacobian = rows.jacobian()
-        held += _normalised(jacobian @ of_columns, np.asarray(abs(jacobian) @ abs(of_columns)))
+        jacobian, answers = rows.jacobian(), of_columns[: rows.columns]
+        held += _normalised(jacobian @ answers, np.asarray(abs(jacobian) @ abs(answers)))
     values, vectors = np.linalg.eigh(held)
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
 
@@ -130,12 +136,9 @@ def _moving_poses(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _levers(rigs: Rigs) -> FloatArray:
-    """(S, 3) places of sensors from the origin of their rig: the first sensor that stays, if one does."""
-    numbers = rigs.rig_of_sensor()
-    staying_first = np.argsort(rigs.free_sensors, kind="stable")
-    origins = staying_first[np.unique(numbers[staying_first], return_index=True)[1]]
+    """(S, 3) places of sensors from the origin of their rig."""
     places: FloatArray = rigs.sensors[:, :, 3]
-    return np.asarray(places - places[origins[numbers]])
+    return np.asarray(places - places[rigs.origin_of_sensor()])
 
 
 def _held_by_rigs(problem: Problem) -> FloatArray:

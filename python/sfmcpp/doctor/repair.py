@@ -14,7 +14,8 @@ from sfmcpp.doctor.conventions import mirrored_y
 from sfmcpp.doctor.diagnose import diagnose
 from sfmcpp.doctor.duplicates import second_observations
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
+from sfmcpp.model.residual_group import Group
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Repair:
     done: list[str]
 
 
-def repair(problem: Problem, *, constraints: Iterable[ConstraintGroup] = ()) -> Repair:
+def repair(problem: Problem, *, constraints: Iterable[Group] = ()) -> Repair:
     """Mend what can be mended safely: duplicates, a mirrored y, parts cut off, gross errors.
 
     One fault after the other, each found anew once the one before is mended. Cameras and points keep their
@@ -43,7 +44,7 @@ def repair(problem: Problem, *, constraints: Iterable[ConstraintGroup] = ()) -> 
     ----------
     problem : Problem
         Left untouched.
-    constraints : iterable of ConstraintGroup
+    constraints : iterable of ConstraintGroup or ResidualGroup
         Those of the solve.
 
     Returns
@@ -75,31 +76,31 @@ def repair(problem: Problem, *, constraints: Iterable[ConstraintGroup] = ()) -> 
         done.append(f"{chosen.code}: {change}")
 
 
-_Mend = Callable[[Problem, Finding, list[ConstraintGroup]], Problem]
+_Mend = Callable[[Problem, Finding, list[Group]], Problem]
 
 
-def _without_repeats(problem: Problem, _: Finding, __: list[ConstraintGroup]) -> Problem:
+def _without_repeats(problem: Problem, _: Finding, __: list[Group]) -> Problem:
     return _without(problem, second_observations(problem))
 
 
-def _without_copied_cameras(problem: Problem, finding: Finding, _: list[ConstraintGroup]) -> Problem:
+def _without_copied_cameras(problem: Problem, finding: Finding, _: list[Group]) -> Problem:
     return _without(problem, np.flatnonzero(np.isin(problem.camera_index, finding.cameras)))
 
 
-def _without_copied_points(problem: Problem, finding: Finding, _: list[ConstraintGroup]) -> Problem:
+def _without_copied_points(problem: Problem, finding: Finding, _: list[Group]) -> Problem:
     return _without(problem, np.flatnonzero(np.isin(problem.point_index, finding.points)))
 
 
-def _mirrored(problem: Problem, _: Finding, __: list[ConstraintGroup]) -> Problem:
+def _mirrored(problem: Problem, _: Finding, __: list[Group]) -> Problem:
     return mirrored_y(problem)
 
 
-def _largest_part(problem: Problem, _: Finding, groups: list[ConstraintGroup]) -> Problem:
+def _largest_part(problem: Problem, _: Finding, groups: list[Group]) -> Problem:
     labels = parts(Case(problem, groups, None))
     return _without(problem, np.flatnonzero(labels[problem.camera_index] != 0))
 
 
-def _without_gross_errors(problem: Problem, _: Finding, groups: list[ConstraintGroup]) -> Problem:
+def _without_gross_errors(problem: Problem, _: Finding, groups: list[Group]) -> Problem:
     """Judged by the trial where it took the whole problem; of a large one, only the part it took."""
     case = Case(problem, groups, None)
     if case.trial is None:

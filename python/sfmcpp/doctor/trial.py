@@ -10,9 +10,10 @@ import numpy as np
 from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.point_tests import reprojection_errors_px
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.names import Loss
+from sfmcpp.model.residual_group import Group
 
 MAX_ITERATIONS = 30
 # Errors are told long before the digits of the cost that send badly determined intrinsics on their way.
@@ -57,9 +58,7 @@ class Trial:
         return np.asarray(self.errors_px > GROSS * max(self.sigma_px, sigma_px))
 
 
-def adjust_or_stop(
-    problem: Problem, constraints: Sequence[ConstraintGroup], options: SolveOptions
-) -> Summary:
+def adjust_or_stop(problem: Problem, constraints: Sequence[Group], options: SolveOptions) -> Summary:
     """Adjust in place; Ctrl-C ends more than this one adjustment of many."""
     summary = adjust(problem, list(constraints), options)
     if summary.termination == "interrupted":
@@ -67,9 +66,7 @@ def adjust_or_stop(
     return summary
 
 
-def adjusted(
-    problem: Problem, constraints: Sequence[ConstraintGroup] = (), loss: Loss = "cauchy"
-) -> Trial | str:
+def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
     """Adjust a copy of `problem`, or say why that cannot be done."""
     moved = problem.copy()
     options = SolveOptions(
@@ -90,7 +87,7 @@ def _kept(problem: Problem, summary: Summary) -> BoolArray:
     return kept if kept.mean() >= _LEAST_SHARE else np.ones_like(kept)
 
 
-def robust_trial(problem: Problem, constraints: Sequence[ConstraintGroup], sigma_px: float) -> Trial | str:
+def robust_trial(problem: Problem, constraints: Sequence[Group], sigma_px: float) -> Trial | str:
     """Adjust a copy by the loss that gross errors lead away least.
 
     That is Cauchy's where they are few, and 'auto' where it shows that Cauchy's was led away: a good part of

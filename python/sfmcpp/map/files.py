@@ -13,7 +13,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.camera_models import require_pinhole
-from sfmcpp.model.metadata import require_entries
+from sfmcpp.model.metadata import keypoint_entries, require_entries
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -114,10 +114,9 @@ def problem_of_map(world: Map) -> Problem:
         "colmap_camera_models": list(world.camera_names),
         "colmap_image_ids": world.image_ids[images],
         "colmap_point_ids": world.point_ids[local.points],
-        "colmap_keypoint_index": rank_of_row[local.rows[tracks]],
-        "colmap_loose_image": image[loose],
-        "colmap_loose_keypoint_index": rank[loose],
-        "colmap_loose_pixels": world.keypoints[rows[loose]],
+        **keypoint_entries(
+            rank_of_row[local.rows[tracks]], image[loose], rank[loose], world.keypoints[rows[loose]]
+        ),
     }
     if world.camera_sizes.all():
         problem.metadata.extra["colmap_camera_sizes"] = world.camera_sizes.copy()

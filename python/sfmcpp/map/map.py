@@ -55,6 +55,13 @@ class Map(Store):
 
     made_into: ClassVar[dict[str, str]] = {"Problem": "sfmcpp.map.problem_of_map"}
 
+    def __repr__(self) -> str:
+        posed, known = int(self.registered.sum()), int(self.known.sum())
+        return (
+            f"{type(self).__name__}({self.camera_model!r}: {self.num_images} images, {posed} with a pose, "
+            f"{known} points)"
+        )
+
     def observe(self, rows: ArrayLike, points: ArrayLike) -> None:
         """Say which points some keypoints see.
 

@@ -95,6 +95,14 @@ class Metadata:
         return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
 
 
+def keypoint_entries(
+    observed: NDArray[Any], loose_image: NDArray[Any], loose_number: NDArray[Any], loose_pixels: FloatArray
+) -> dict[str, Any]:
+    """Entries of `Metadata.extra`: keypoint numbers of the observations, and keypoints that see no point."""
+    loose = (loose_image, loose_number, loose_pixels)
+    return {KEYPOINTS: observed, **dict(zip(LOOSE, loose, strict=True))}
+
+
 def require_entries(extra: dict[str, Any]) -> None:
     """Raise InvalidArgument at the first known entry that is not of the kind that it is known for."""
     for name in _ARRAYS.keys() & extra.keys():

@@ -166,15 +166,15 @@ class ResidualGroup(MemberGroup):
             return self._differences(residuals, poses, points)
         return self._given(residuals, derivatives)
 
-    def rows_at(self, problem: Problem) -> int:
-        """How many residuals a member has, k, as a call with the state of a problem tells.
+    def residuals_at(self, problem: Problem) -> FloatArray:
+        """Residuals (n, k) at the state of a problem.
 
         Raises
         ------
         InvalidArgument
             If a camera or a point is none of the problem, or the function returns another shape than (n, k).
         """
-        return len(self.evaluate(*self._arguments_of(problem), jacobian=False).residuals.T)
+        return self.evaluate(*self._arguments_of(problem), jacobian=False).residuals
 
     def derivative_error(self, problem: Problem) -> float:
         """How far the derivatives that the function gives are from differences, at the state of a problem.

@@ -228,6 +228,13 @@ class Rigs:
         ).tocsr()
         return np.asarray(connected_components(seen.T @ seen, directed=False)[1], np.int64)
 
+    def origin_of_sensor(self) -> NDArray[np.int64]:
+        """(S,) the sensor that is the origin of each one's rig: its first that stays, or else its first."""
+        rigs = self.rig_of_sensor()
+        staying_first = np.argsort(self.free_sensors, kind="stable")
+        origins = staying_first[np.unique(rigs[staying_first], return_index=True)[1]]
+        return np.asarray(origins[rigs])
+
     def freed(self) -> Rigs:
         """The same rigs with all sensors free but the first of each: where it is, is the rig's origin."""
         first = np.unique(self.rig_of_sensor(), return_index=True)[1]

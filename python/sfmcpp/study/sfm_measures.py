@@ -14,7 +14,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import Map
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.colmap.camera_models import needed_parameters, smallest_model
+from sfmcpp.sources.io.colmap.camera_models import HELD
+from sfmcpp.sources.io.intrinsics import smallest_model
 
 # Above these, σ of intrinsics would take longer than all the rest of a report.
 _MOST_IMAGES_FOR_SIGMA = 150
@@ -163,9 +164,8 @@ class ModelMeasures:
         """What COLMAP calls the model of a camera: its own name, or the smallest that holds it."""
         if self.world.camera_names[camera] or self.world.camera_model != "perspective":
             return self.world.camera_names[camera] or self.world.camera_model
-        needed = needed_parameters(self.world.intrinsics[camera])
-        name = smallest_model(needed | set(self.refined(camera))) or smallest_model(needed)
-        return name or self.world.camera_model
+        values, fixed = self.world.intrinsics[camera], self.world.fixed_intrinsics[camera]
+        return smallest_model(HELD, values, fixed) or self.world.camera_model
 
     @cached_property
     def sigmas(self) -> dict[int, dict[str, float]]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.ba.linearize import linearize
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
+from sfmcpp.model.residual_group import Group
 from sfmcpp.weighting.conflict import chi_square_median
 from sfmcpp.weighting.units import ConstraintUnit
 
@@ -15,13 +16,13 @@ LIE_SIGMAS = 4.6
 
 
 def agreeing_members(
-    group: ConstraintGroup, unit: ConstraintUnit, problem: Problem, sigma: float | None = None
+    group: Group, unit: ConstraintUnit, problem: Problem, sigma: float | None = None
 ) -> BoolArray:
     """Find the members that chance explains.
 
     Parameters
     ----------
-    group : ConstraintGroup
+    group : ConstraintGroup or ResidualGroup
         All members; of those without weight none is judged, and all agree.
     unit : ConstraintUnit
         Unit, spread and freedom of its kind.

@@ -15,9 +15,10 @@ from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Summary
-from sfmcpp.model import CONSTRAINT_KINDS, ConstraintGroup, Problem
-from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.weighting.units import unit_of
+from sfmcpp.model import CONSTRAINT_KINDS, Problem, ResidualGroup
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.residual_group import Group
+from sfmcpp.weighting.units import unit_of_group
 
 # Steps of a fit that starts at a neighbour's optimum; with hardly any damping, which would hold back just
 # the weak directions that a sensor decides.
@@ -74,14 +75,14 @@ class WeightFits:
     ----------
     problem : Problem
         The start; left untouched.
-    groups : sequence of ConstraintGroup
+    groups : sequence of ConstraintGroup or ResidualGroup
         All groups; left untouched.
     options : SolveOptions
         Those of the solve; its loss, linear solver, threads, gauge and time limit hold for each fit.
 
     Attributes
     ----------
-    groups : list of ConstraintGroup
+    groups : list of ConstraintGroup or ResidualGroup
         The groups, members without a say at weight zero.
     units : list of ConstraintUnit
         Unit, spread and freedom of each.
@@ -96,9 +97,9 @@ class WeightFits:
         If the problem, a group or an option breaks a rule.
     """
 
-    def __init__(self, problem: Problem, groups: Sequence[ConstraintGroup], options: SolveOptions) -> None:
+    def __init__(self, problem: Problem, groups: Sequence[Group], options: SolveOptions) -> None:
         self.groups = [_without_unmoved(group, problem) for group in groups]
-        self.units = [unit_of(group.kind, group.points) for group in groups]
+        self.units = [unit_of_group(group, problem) for group in groups]
         kept = ("linear_solver", "loss", "loss_scale_px", "max_iterations", "max_seconds", "threads", "gauge")
         self.options = SolveOptions(**{name: getattr(options, name) for name in kept})
         tolerance = max(options.function_tolerance, _ALONE_TOLERANCE)
@@ -198,7 +199,7 @@ class WeightFits:
     def _changed(self, **values: float) -> SolveOptions:
         return SolveOptions.from_dict({**self.options.to_dict(), **values})
 
-    def _weighted(self, weights: FloatArray) -> list[ConstraintGroup]:
+    def _weighted(self, weights: FloatArray) -> list[Group]:
         return [replace(g, weight=float(w)) for g, w in zip(self.groups, weights, strict=True)]
 
     def _adjust(self, state: Problem, weights: FloatArray, options: SolveOptions) -> Summary:
@@ -221,18 +222,28 @@ def squared_residuals(problem: Problem) -> FloatArray:
     return np.asarray((np.asarray(_core.residuals(core_arrays(problem))) ** 2).sum(axis=1))
 
 
-def _without_unmoved(group: ConstraintGroup, problem: Problem) -> ConstraintGroup:
-    """Members on cameras that all are fixed or unseen have no say and must not count as wrong."""
-    pairs = group.cameras if group.cameras.ndim == 2 else group.cameras[:, None]
-    if not ((pairs >= 0) & (pairs < problem.num_cameras)).all():
-        return group  # the core says which
-    seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
-    poses_matter = CONSTRAINT_KINDS[group.kind].on_poses
-    moved = np.asarray((seen & ~(problem.fixed_cameras & poses_matter))[pairs].any(axis=1))
+def _without_unmoved(group: Group, problem: Problem) -> Group:
+    """Members on cameras and points that all are fixed or unseen have no say and must not count as wrong."""
+    moved = np.zeros(group.num_members, dtype=np.bool_)
+    if group.cameras is not None:
+        poses_matter = isinstance(group, ResidualGroup) or CONSTRAINT_KINDS[group.kind].on_poses
+        held = problem.fixed_cameras & poses_matter
+        moved |= _any_moves(group.cameras, problem.camera_index, held)
+    if isinstance(group, ResidualGroup) and group.points is not None:
+        moved |= _any_moves(group.points, problem.point_index, problem.fixed_points)
     return _among(group, moved)
 
 
-def _among(group: ConstraintGroup, members: BoolArray) -> ConstraintGroup:
+def _any_moves(members: IndexArray, seen: IndexArray, held: BoolArray) -> BoolArray:
+    """(n,) whether one at least of each member (n,) or (n, p) is observed and not held."""
+    listed = members if members.ndim == 2 else members[:, None]
+    if not ((listed >= 0) & (listed < len(held))).all():
+        return np.ones(len(members), dtype=np.bool_)  # the core says which
+    observed = np.bincount(seen, minlength=len(held)) > 0
+    return np.asarray((observed & ~held)[listed].any(axis=1))
+
+
+def _among(group: Group, members: BoolArray) -> Group:
     """A group whose other members have no weight."""
     member_weights = group.member_weights.copy()
     member_weights[~members] = 0.0

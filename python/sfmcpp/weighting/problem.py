@@ -9,9 +9,9 @@ import numpy as np
 
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.residual_group import Group, require_kinds
+from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.agreeing import agreeing_members
 from sfmcpp.weighting.conflict import member_conflict
@@ -36,7 +36,7 @@ _ROUNDS_OF_MEMBERS = 8
 
 def select_group_weights(
     problem: Problem,
-    given: Sequence[Group],
+    groups: Sequence[Group],
     weight: str | Mapping[str, str],
     options: SolveOptions,
 ) -> list[WeightSelection]:
@@ -51,8 +51,8 @@ def select_group_weights(
     ----------
     problem : Problem
         The start; left untouched.
-    given : sequence of ConstraintGroup or ResidualGroup
-        All groups, all of them constraints; the attribute `weight` of those named is set to the choice, if
+    groups : sequence of ConstraintGroup or ResidualGroup
+        All groups; the attribute `weight` of those named is set to the choice, if
         nothing raises.
     weight : str or mapping
         A method for all groups, or the method of some by name; the others keep their weights.
@@ -72,7 +72,6 @@ def select_group_weights(
     KeyboardInterrupt
         On Ctrl-C; nothing is changed then.
     """
-    groups = require_kinds(given, "where weights are chosen")
     methods = _methods(groups, weight)
     for k in methods:
         apart = frame_conflict(problem, groups[k])
@@ -110,14 +109,14 @@ def _selected_among(
     return list(found.values())
 
 
-def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
+def frame_conflict(problem: Problem, group: Group) -> str | None:
     """Whether the positions of a group are in another frame than the cameras, and what to do about it.
 
     Parameters
     ----------
     problem : Problem
         The cameras.
-    group : ConstraintGroup
+    group : ConstraintGroup or ResidualGroup
         A group; only positions and poses can be anywhere.
 
     Returns
@@ -125,6 +124,8 @@ def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
     str or None
         A message, if they are farther apart than a hundred times the extent of either.
     """
+    if isinstance(group, ResidualGroup):
+        return None
     if group.kind not in ("position", "pose") or group.values is None or group.num_members < 2:
         return None
     if not ((group.cameras >= 0) & (group.cameras < problem.num_cameras)).all():
@@ -149,7 +150,7 @@ def frame_conflict(problem: Problem, group: ConstraintGroup) -> str | None:
     )
 
 
-def _methods(groups: Sequence[ConstraintGroup], weight: str | Mapping[str, str]) -> dict[int, str]:
+def _methods(groups: Sequence[Group], weight: str | Mapping[str, str]) -> dict[int, str]:
     """Method of each group to weigh, by its number."""
     names = [group.name for group in groups]
     if not groups:

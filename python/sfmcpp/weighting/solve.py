@@ -16,7 +16,7 @@ from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import require_named
-from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
+from sfmcpp.model.residual_group import Group, checked_groups
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
 
@@ -74,6 +74,7 @@ def solve(
         weight at all; trade-off criteria 1 to 330 %. A sensor that is wrong where the images drift as far
         bends the result, and its equivalent standard deviation grows less than it should.
 
+        Residuals by a function have a standard deviation in their own unit: 1 where they are over their σ.
         Of a group with a robust loss, members beyond 4.6 standard deviations have no say in its weight.
 
         Every weight keeps 90 % of the inliers of the images alone, if any does. All fits use the loss,
@@ -163,8 +164,7 @@ def _weigh(
     settings: SolveOptions,
 ) -> _Weights:
     chosen = [] if weight is None else select_group_weights(problem, groups, weight, settings)
-    measured = [group for group in groups if not isinstance(group, ResidualGroup)]
-    apart = [message for group in measured if (message := frame_conflict(problem, group)) is not None]
+    apart = [message for group in groups if (message := frame_conflict(problem, group)) is not None]
     return _Weights([group.weight for group in groups], chosen, apart)
 
 

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sfmcpp.model import constraint_kind
+from sfmcpp.model import Problem, ResidualGroup, constraint_kind
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.residual_group import Group
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,13 @@ def unit_of(kind: str, points: Sequence[FloatArray] = ()) -> ConstraintUnit:
     if spread is None:
         spread = sum(len(x) for x in points) / max(len(points), 1)
     return ConstraintUnit(facts.unit, spread, facts.freedom)
+
+
+def unit_of_group(group: Group, problem: Problem) -> ConstraintUnit:
+    """Unit, spread and freedom of a group's kind; of residuals by a function, whatever these are in."""
+    if isinstance(group, ResidualGroup):
+        return ConstraintUnit("units of r", 1.0, group.residuals_at(problem).shape[1])
+    return unit_of(group.kind, group.points)
 
 
 def sigma_of_weight(unit: ConstraintUnit, weight: float, image_sigma: float) -> float:

@@ -164,6 +164,8 @@ def test_check_jacobians_tells_wrong_derivatives_from_right_ones() -> None:
     )
     assert bad.worst_parameter == "k1"
     assert bad.worst_error == pytest.approx(0.01, rel=0.1)
+    assert repr(bad).startswith("JacobianCheck(")
+    assert f"k1 of observation {bad.worst_observation}" in repr(bad)
 
 
 def test_derivatives_that_are_not_those_of_the_function_are_told() -> None:

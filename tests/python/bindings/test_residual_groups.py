@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -166,17 +164,11 @@ def test_an_answer_that_cannot_be_used_is_named(answer: object, message: str) ->
         sfmcpp.solve(scene(), constraints=[group])
 
 
-def test_what_a_group_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
+def test_what_a_group_cannot_be_is_refused_by_name() -> None:
     problem = scene()
     own = copied_positions(problem.centres.copy(), with_jacobian=True)
     with pytest.raises(sfmcpp.InvalidArgument, match=r"'gps'\].cameras: must be from 0 to 5"):
         sfmcpp.solve(problem, constraints=[ResidualGroup(own.function, [0, 6], name="gps")])
-    with pytest.raises(sfmcpp.InvalidArgument, match="ConstraintGroup where weights are chosen"):
-        sfmcpp.solve(problem, constraints=[own], weight="auto")
-    with pytest.raises(sfmcpp.InvalidArgument, match="ConstraintGroup in a run that is saved"):
-        sfmcpp.solve(problem, constraints=[own], checkpoint=sfmcpp.CheckpointFolder(tmp_path))
-    with pytest.raises(sfmcpp.InvalidArgument, match="where a problem is diagnosed"):
-        sfmcpp.diagnose(problem, constraints=[own])
     with pytest.raises(sfmcpp.InvalidArgument, match="must be callable"):
         ResidualGroup(3, CAMERAS)  # type: ignore[arg-type]
     with pytest.raises(sfmcpp.InvalidArgument, match="camera_model = 'projective'"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -290,7 +289,7 @@ def test_derivatives_by_points_are_checked() -> None:
     np.testing.assert_allclose(found.by_poses, given.by_poses, rtol=1e-6, atol=1e-4)
 
 
-def test_what_a_group_of_points_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
+def test_what_a_group_of_points_cannot_be_is_refused_by_name() -> None:
     def own(*state: Array) -> Array:
         return np.zeros((len(state[0]), 1))
 
@@ -308,6 +307,3 @@ def test_what_a_group_of_points_cannot_be_is_refused_by_name(tmp_path: Path) -> 
         sfmcpp.solve(scene(), constraints=[half])
     with pytest.raises(sfmcpp.InvalidArgument, match="camera_model = 'projective'"):
         sfmcpp.solve(sfmcpp.as_projective(scene()), constraints=[ResidualGroup(own, points=[0])])
-    group, folder = ResidualGroup(own, points=[0]), sfmcpp.CheckpointFolder(tmp_path)
-    with pytest.raises(sfmcpp.InvalidArgument, match="in a run that is saved"):
-        sfmcpp.solve(scene(), constraints=[group], checkpoint=folder)

@@ -19,7 +19,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, noisy_circle, run_here, write_noisy_circle
-from sfmcpp import CheckpointFolder, ConstraintGroup, DatasetError, Problem, Summary
+from sfmcpp import CheckpointFolder, ConstraintGroup, DatasetError, Problem, ResidualGroup, Summary
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 TIMES = ("seconds", "seconds_setup", "seconds_total")
@@ -100,6 +100,30 @@ def test_constraints_and_chosen_weights_go_on(tmp_path: Path) -> None:
     options["constraints"][0].values[0] += 1
     with pytest.raises(DatasetError, match="another problem: constraints 'gps'"):
         sfmcpp.solve(problem, resume=kept, **options)
+
+
+def own_residuals(problem: Problem, offset_m: float = 0.0) -> ResidualGroup:
+    """Heights of cameras and of points by a function."""
+    heights = problem.cameras[:6, 2, 3].copy() + offset_m
+
+    def barometer(poses: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return np.stack([poses[:, 2, 3] - heights, points[:, 2] - 1.0], axis=1) / 0.2
+
+    return ResidualGroup(barometer, np.arange(6), points=np.arange(6))
+
+
+def test_own_residuals_go_on_and_are_known_by_what_they_say_of_the_start(tmp_path: Path) -> None:
+    whole, problem, kept = noisy_circle(), noisy_circle(), CheckpointFolder(tmp_path / "kept")
+    options: dict[str, Any] = {"function_tolerance": 1e-12, "max_iterations": 12}
+    expected = sfmcpp.solve(whole, constraints=[own_residuals(whole)], **options)
+    group = own_residuals(problem)
+    sfmcpp.solve(noisy_circle(), constraints=[group], checkpoint=kept, callback=stop_after(2), **options)
+    group = own_residuals(problem)
+    summary = sfmcpp.solve(problem, constraints=[group], resume=kept, **options)
+    assert_same_end(problem, whole)
+    assert summary.constraint_costs == expected.constraint_costs
+    with pytest.raises(DatasetError, match="another problem: constraints 'barometer'"):
+        sfmcpp.solve(noisy_circle(), constraints=[own_residuals(whole, 0.1)], resume=kept, **options)
 
 
 def test_limits_count_the_whole_run_and_may_be_raised(tmp_path: Path) -> None:

@@ -102,6 +102,17 @@ def test_convert_tells_what_the_format_has_no_place_for(
     assert lines[1].endswith(f"has no place for it: {left_out}")
 
 
+@pytest.mark.parametrize("name", ["a.g2o", "a.nvm"])
+def test_convert_tells_of_pixels_that_lose_their_distortion(tmp_path: Path, name: str) -> None:
+    scene = noisy_circle(camera_model="perspective")
+    for k1, told in ((0.0, ""), (0.1, f"note: {name}: pixels are as cameras without distortion")):
+        scene.intrinsics[:, scene.intrinsic_names.index("k1")] = k1
+        sfmcpp.write(scene, tmp_path / "a.npz")
+        result = run_here("convert", "a.npz", name, cwd=tmp_path)
+        assert result.returncode == 0
+        assert told in result.stderr if told else result.stderr == ""
+
+
 def test_convert_points_to_the_images(tmp_path: Path) -> None:
     scene = noisy_circle()
     scene.metadata.image_names = [f"{i}.jpg" for i in range(6)]
@@ -129,8 +140,8 @@ def test_convert_writes_the_format_that_is_named(tmp_path: Path) -> None:
     source, target = write_noisy_circle(tmp_path), tmp_path / "model"
     assert run_here("convert", source, target, "--format", "colmap-text").returncode == 0
     assert sorted(path.name for path in target.iterdir()) == ["cameras.txt", "images.txt", "points3D.txt"]
-    refused = run_here("convert", source, target, "--format", "openmvg")
-    assert (refused.returncode, "'openmvg' is unknown" in refused.stderr) == (2, True)
+    refused = run_here("convert", source, target, "--format", "strecha")
+    assert (refused.returncode, "'strecha' is unknown" in refused.stderr) == (2, True)
     refused = run_here("convert", source, target, "--format", "bal", "--parts", "2")
     assert (refused.returncode, "parts have a format of their own" in refused.stderr) == (2, True)
 

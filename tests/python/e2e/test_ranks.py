@@ -59,16 +59,17 @@ SOLVING = (
     "bindings/test_covariances.py",
     "bindings/test_options.py",
     "bindings/test_solve.py",
-    "unit/ba/test_free_sensors.py",
     "unit/ba/test_point_steps.py",
-    "unit/ba/test_rigs.py",
     "unit/weighting/test_weight_selection.py",
 )
 METHODS = ("bindings/test_methods.py", "bindings/test_projective.py")
+RIGS = ("unit/ba/test_rigs.py", "unit/ba/test_free_sensors.py")
 LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds"
 
 
-@pytest.mark.parametrize(("count", "files", "least"), [(2, SOLVING + METHODS, 250), (3, METHODS, 80)])
+@pytest.mark.parametrize(
+    ("count", "files", "least"), [(2, SOLVING + METHODS + RIGS, 250), (3, METHODS + RIGS, 150)]
+)
 def test_the_tests_that_solve_pass_on_several_ranks(
     count: int, files: tuple[str, ...], least: int, tmp_path: Path
 ) -> None:

@@ -9,17 +9,25 @@ before 1.2.5 and fy / fx since. Numbers may be texts. Distortion is OpenCV's.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
+from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.json_text import Part, begins_with, read_json
+from sfmcpp.sources.io.json_text import Part, begins_with, document_chunks, read_json
 from sfmcpp.sources.io.views import (
     LARGEST_ID,
     Lens,
     Tracks,
     View,
+    WrittenLens,
+    WrittenPoint,
+    WrittenViews,
     add_once,
     identifier,
     image_size,
@@ -40,6 +48,10 @@ _DISTORTIONS: dict[str, tuple[str, ...]] = {
     "radialk3": ("k1", "k2", "k3"),
     "brown": ("k1", "k2", "k3", "p1", "p2"),
 }
+# What is written: the types that all versions since know.
+_VERSION = (1, 2, 6)
+_WRITTEN_TYPES = ("pinhole", "radial1", "radial3", "brown")
+_HELD = {name: ("f", "aspect", "cx", "cy", *_DISTORTIONS[name]) for name in _WRITTEN_TYPES}
 _SENSOR_MM = 36.0
 
 
@@ -169,11 +181,113 @@ def _color(part: Part) -> list[int]:
     return [number.integer(0, 255) for number in part.items()]
 
 
+def write_alicevision(problem: Problem, path: Path) -> None:
+    """Write version 1.2.6, with views, intrinsics, poses and structure, pixels among the observations.
+
+    Identifiers are rows of the problem. Focal lengths are told for a sensor of 36 mm; cameras without free
+    intrinsics are locked. Without known image sizes they are what just covers the observations.
+
+    Raises
+    ------
+    DatasetError
+        If intrinsics have no place in a camera of AliceVision (skew, k4, k5, focal lengths that are not
+        positive), metadata do not fit the problem, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    views = WrittenViews(problem, _HELD, path)
+    content = {
+        "version": _texts(_VERSION),
+        "featuresFolders": [],
+        "matchesFolders": [],
+        "views": _view_entries(views),
+        "intrinsics": (_lens_entry(row, lens, path) for row, lens in enumerate(views.lenses)),
+        "poses": _pose_entries(problem),
+        "structure": (_landmark(row, point) for row, point in enumerate(views.points())),
+    }
+    with atomic_files(path) as (stream,):
+        stream.writelines(document_chunks(content))
+
+
+def _texts(numbers: Iterable[float]) -> list[str]:
+    """As Boost writes numbers, which these programs read and write with: as texts."""
+    return [str(number) for number in numbers]
+
+
+def _view_entries(views: WrittenViews) -> Iterator[dict[str, Any]]:
+    for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
+        numbers = {"viewId": row, "poseId": row, "frameId": row, "intrinsicId": lens}
+        yield {**_quoted(numbers), "path": name, **_quoted(_size(views.lenses[lens]))}
+
+
+def _quoted(numbers: Mapping[str, float]) -> dict[str, str]:
+    return dict(zip(numbers, _texts(numbers.values()), strict=True))
+
+
+def _size(lens: WrittenLens) -> dict[str, float]:
+    return dict(zip(("width", "height"), lens.size, strict=True))
+
+
+def _lens_entry(row: int, lens: WrittenLens, path: Path) -> dict[str, Any]:
+    f, aspect, cx, cy = (lens.values[name] for name in ("f", "aspect", "cx", "cy"))
+    if not (f > 0 and aspect > 0):
+        raise DatasetError(path, f"intrinsics[{row}]: f = {f}, aspect = {aspect}: must be positive")
+    width, height = lens.size
+    focal_mm = f * _SENSOR_MM / width
+    sensor = {"sensorWidth": _SENSOR_MM, "sensorHeight": _SENSOR_MM * height / width}
+    focal = {"initialFocalLength": focal_mm, "focalLength": focal_mm, "pixelRatio": aspect}
+    return {
+        **_quoted({"intrinsicId": row, **_size(lens), **sensor}),
+        "serialNumber": str(row),
+        "type": lens.model,
+        "initializationMode": "estimated",
+        **_quoted(focal),
+        "pixelRatioLocked": str(int(aspect == 1)),
+        "principalPoint": _texts((cx - width / 2, cy - height / 2)),
+        "distortionInitializationMode": "estimated",
+        "distortionParams": _texts(lens.values[name] for name in _DISTORTIONS[lens.model]),
+        "undistortionOffset": _texts((0, 0)),
+        "undistortionParams": [],
+        "locked": str(int(lens.is_fixed)),
+    }
+
+
+def _pose_entries(problem: Problem) -> Iterator[dict[str, Any]]:
+    for row, pose in enumerate(problem.cameras):
+        rotation, center = _texts(pose[:, :3].ravel().tolist()), _texts(pose[:, 3].tolist())
+        transform = {"rotation": rotation, "center": center}
+        yield {"poseId": str(row), "pose": {"transform": transform, "locked": "0"}}
+
+
+def _landmark(row: int, point: WrittenPoint) -> dict[str, Any]:
+    return {
+        "landmarkId": str(row),
+        "descType": "sift",
+        "color": _texts(point.color),
+        "X": _texts(point.position),
+        "observations": [
+            {"observationId": str(image), "featureId": str(number), "x": _texts(pixel), "scale": "0"}
+            for image, number, pixel in point.observations
+        ],
+    }
+
+
 def _claims(path: Path) -> bool:
     name = path.name.lower()
     return name.endswith(_SUFFIX) or (name.endswith(".json") and begins_with(path, b'"featuresFolders"'))
 
 
 FORMAT = Format(
-    "alicevision", "AliceVision and Meshroom, .sfm as JSON", (_SUFFIX,), read_alicevision, claim=_claims
+    "alicevision",
+    "AliceVision and Meshroom, .sfm as JSON",
+    (_SUFFIX,),
+    read_alicevision,
+    write_alicevision,
+    _claims,
+    lacks=(
+        "origin of the world",
+        "keypoints without a point",
+        "masks",
+        "rigid frames",
+        "uncertainties of observations",
+    ),
 )

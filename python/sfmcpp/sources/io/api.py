@@ -37,15 +37,16 @@ from sfmcpp.sources.io.shares import Share, part_of_share
 
 AnyPath = str | PathLike[str]
 
-# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, .json by contents, folders last.
+# The first that claims a name gets it: sba's …cams….txt before BAL's .txt, .json by contents before OpenMVG's
+# name, which AliceVision had, folders last.
 FORMATS: tuple[Format, ...] = (
     sba.FORMAT,
     bal.FORMAT,
     bundler.FORMAT,
     nvm.FORMAT,
     g2o.FORMAT,
-    openmvg.FORMAT,
     alicevision.FORMAT,
+    openmvg.FORMAT,
     npz.FORMAT,
     parts.FORMAT,
     ply.FORMAT,
@@ -99,8 +100,8 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
     """Write a problem; the file appears complete or not at all.
 
-    Masks are kept by ``.npz`` alone, standard deviations and covariances by ``.npz`` and sba's format, rigs
-    by ``.npz`` and COLMAP's formats: in others each camera is by itself.
+    Masks of cameras and points are kept by ``.npz`` and ``.g2o``, standard deviations and covariances by
+    these and sba's format, rigs by ``.npz`` and COLMAP's formats: in others each camera is by itself.
 
     Parameters
     ----------

@@ -67,6 +67,9 @@ class CheckpointFolder:
         self._newest = _Slot(number=1, sequence=0)
         self._of_rank: CheckpointFolder | None = None
 
+    def __repr__(self) -> str:
+        return f"CheckpointFolder({str(self.path)!r}, every_s={self._every_s})"
+
     @property
     def failure(self) -> DatasetError | None:
         """The last checkpoint that could not be saved."""

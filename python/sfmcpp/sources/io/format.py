@@ -48,6 +48,8 @@ class Format:
         Whether it can keep projection matrices and homogeneous points, and camera models that were built in.
     target_check : callable or None
         Raises a DatasetError if what is at a path must not be written over.
+    undistorts : bool
+        Whether pixels are written as cameras without distortion would have seen them.
     lacks : tuple of str
         What of a problem its files do not have, by the names of :mod:`sfmcpp.sources.io.left_out`.
     """
@@ -63,6 +65,7 @@ class Format:
     part_writer: Callable[[Part, Path, Ranks], None] | None = field(default=None, repr=False)
     holds_every_model: bool = False
     target_check: Callable[[Path], None] | None = field(default=None, repr=False)
+    undistorts: bool = False
     lacks: tuple[str, ...] = ()
 
     @property

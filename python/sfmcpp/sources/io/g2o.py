@@ -10,20 +10,34 @@ its upper triangle by rows. ``FIX id …`` holds vertices.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.geometry.pinhole import PINHOLE, undistorted_pixels
+from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, require_valid
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
+from sfmcpp.sources.io.intrinsics import (
+    PERSPECTIVE,
+    as_perspective,
+    fixed_but,
+    has_distortion,
+    perspective_columns,
+    perspective_rows,
+    require_defaults_except,
+)
 from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.rows import format_rows
 
 Int64Array = NDArray[np.int64]
 
@@ -43,6 +57,8 @@ _NUMBERS = {
     _OF_NAMED_LENS: 8,
 }
 _WORDS = [*_NUMBERS, _FIX]
+_LENS_NAMES = ("f", "aspect", "cx", "cy")
+_DIGITS = len(str(LARGEST_COUNT))
 
 
 def read_g2o(path: Path) -> Problem:
@@ -264,4 +280,101 @@ def _covariances(text: NumberText, edges: Int64Array, information: FloatArray) -
     return np.asarray(covariances)
 
 
-FORMAT = Format("g2o", "bundle adjustments of g2o, .g2o", (".g2o",), read_g2o)
+def write_g2o(problem: Problem, path: Path) -> None:
+    """Write points, cameras, what of them is held, and observations with their information.
+
+    Intrinsics are named where all aspect ratios are 1, else each camera has its own; neither has a place for
+    distortion: pixels are where cameras without it would have seen them. Images whose names are identifiers
+    keep them, and so do points that were read; otherwise cameras are numbered from 0, and points behind them.
+
+    Raises
+    ------
+    DatasetError
+        If there is skew, a focal length is not positive, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    values, _ = as_perspective(problem)
+    require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
+    _require_positive(values, path)
+    if has_distortion(problem):
+        of_view = problem.intrinsics_index[problem.camera_index]
+        problem = replace(problem, pixels=undistorted_pixels(problem.pixels, values, of_view))
+    with atomic_files(path) as (stream,):
+        stream.writelines(_chunks(problem, values[:, perspective_columns(*_LENS_NAMES)]))
+
+
+def _require_positive(values: FloatArray, path: Path) -> None:
+    names = ("f", "aspect")
+    lengths = values[:, perspective_columns(*names)]
+    if (lengths > 0).all():
+        return
+    row, column = np.argwhere(~(lengths > 0))[0]
+    raise DatasetError(path, f"intrinsics[{row}]: {names[column]} = {lengths[row, column]}: must be positive")
+
+
+def _written_ids(problem: Problem) -> tuple[Int64Array, Int64Array]:
+    """Identifiers of cameras and points: those that are known if all differ, else counted."""
+    count, total = problem.num_cameras, problem.num_cameras + problem.num_points
+    names = problem.metadata.image_names
+    cameras = [int(name) if name.isdecimal() and len(name) <= _DIGITS else -1 for name in names]
+    points = np.asarray(problem.metadata.extra.get(IDS, ()), dtype=np.int64)
+    known = np.concatenate([np.array(cameras, dtype=np.int64), points])
+    good = len(cameras) == count and len(points) == problem.num_points and len(np.unique(known)) == total
+    if not (good and ((known >= 0) & (known <= LARGEST_COUNT)).all()):
+        known = np.arange(total)
+    return known[:count], known[count:]
+
+
+def _chunks(problem: Problem, lenses: FloatArray) -> Iterator[bytes]:
+    f, aspect, cx, cy = lenses.T
+    named, rows = bool((aspect == 1).all()), problem.intrinsics_index
+    cameras, points = _written_ids(problem)
+    seen_points, seen_cameras = points[problem.point_index], cameras[problem.camera_index]
+    poses = (cameras, *problem.centres.T, *quaternion_from_rotation(problem.rotations)[:, [1, 2, 3, 0]].T)
+    if named:
+        yield from _lines(_LENS, np.arange(len(f)), f, cx, cy, np.zeros(len(f)))
+        yield from _lines(_NAMED_LENS, *poses)
+    else:
+        own = np.stack([f, f * aspect, cx, cy, np.zeros(len(f))])
+        yield from _lines(_OWN_LENS, *poses, *own[:, rows])
+    yield from _lines(_POINTS[1], points, *problem.points.T)
+    yield from _lines(_FIX, np.concatenate([cameras[problem.fixed_cameras], points[problem.fixed_points]]))
+    measured = (*problem.pixels.T, *_information(problem))
+    if named:
+        yield from _lines(_OF_NAMED_LENS, seen_points, seen_cameras, rows[problem.camera_index], *measured)
+    else:
+        yield from _lines(_OF_OWN_LENS, seen_points, seen_cameras, *measured)
+
+
+def _lines(word: bytes, *columns: NDArray[Any]) -> Iterator[bytes]:
+    numbers = " ".join("%r" if column.dtype.kind == "f" else "%d" for column in columns)
+    return format_rows(f"{word.decode()} {numbers}\n", *columns)
+
+
+def _information(problem: Problem) -> tuple[FloatArray, ...]:
+    """The upper triangle of Σ⁻¹ of each observation, by rows."""
+    a = c = np.ones(problem.num_observations)
+    b = np.zeros(problem.num_observations)
+    if problem.sigma_px is not None:
+        a = c = problem.sigma_px**-2
+    if problem.covariance_px2 is not None:
+        a, b, c = np.linalg.inv(problem.covariance_px2).reshape(-1, 4)[:, [0, 1, 3]].T
+    return a, b, c
+
+
+FORMAT = Format(
+    "g2o",
+    "bundle adjustments of g2o, .g2o",
+    (".g2o",),
+    read_g2o,
+    write_g2o,
+    undistorts=True,
+    lacks=(
+        "origin of the world",
+        "keypoints without a point",
+        "image names",
+        "image sizes",
+        "colours",
+        "rigid frames",
+    ),
+)

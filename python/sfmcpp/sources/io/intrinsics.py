@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.problem import Problem
@@ -59,6 +61,62 @@ def as_perspective(problem: Problem) -> tuple[FloatArray, BoolArray]:
     values[:, columns] = problem.intrinsics
     fixed[:, columns] = problem.fixed_intrinsics
     return values, fixed
+
+
+def needed_parameters(values: FloatArray) -> set[str]:
+    """Names of the perspective parameters of one row that differ from their defaults."""
+    return {name for name, is_set in zip(PERSPECTIVE, values != _DEFAULTS, strict=True) if is_set}
+
+
+def smallest_model(models: Mapping[str, Collection[str]], values: FloatArray, fixed: BoolArray) -> str | None:
+    """Choose a camera model for one row of perspective intrinsics.
+
+    Parameters
+    ----------
+    models : mapping
+        Names of models, the smallest first, and the perspective parameters that each can hold.
+    values, fixed : (K,) float64, bool
+        The row.
+
+    Returns
+    -------
+    str or None
+        The first model that holds what is set and what is free, else the first that holds what is set.
+    """
+    needed = needed_parameters(values)
+    free = {name for name, is_fixed in zip(PERSPECTIVE, fixed, strict=True) if not is_fixed}
+    fitting = (
+        name for wanted in (needed | free, needed) for name, held in models.items() if wanted <= {*held}
+    )
+    return next(fitting, None)
+
+
+def model_of_row(
+    row: int,
+    models: Mapping[str, Collection[str]],
+    values: FloatArray,
+    fixed: BoolArray,
+    path: Path,
+) -> str:
+    """:func:`smallest_model` of a problem's row of intrinsics, or a DatasetError with what none can hold."""
+    name = smallest_model(models, values, fixed)
+    if name is None:
+        raise no_model(row, models, values, path)
+    return name
+
+
+def no_model(row: int, models: Collection[str], values: FloatArray, path: Path) -> DatasetError:
+    """Make the error of a row of intrinsics that none of these camera models holds."""
+    needed = needed_parameters(values)
+    given = ", ".join(f"{p} = {v}" for p, v in zip(PERSPECTIVE, values, strict=True) if p in needed)
+    return DatasetError(
+        path, f"intrinsics[{row}]: no supported camera model ({', '.join(models)}) has {given}"
+    )
+
+
+def has_distortion(problem: Problem) -> bool:
+    """Whether any lens of a pinhole model bends rays."""
+    return bool(as_perspective(problem)[0][:, PINHOLE:].any())
 
 
 class CornerLenses(NamedTuple):

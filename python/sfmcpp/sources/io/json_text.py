@@ -142,6 +142,31 @@ def begins_with(path: Path, word: bytes) -> bool:
         return word in file.read(_HEAD_BYTES)
 
 
+def document_chunks(fields: dict[str, Any]) -> Iterator[bytes]:
+    """An object as text, a field or an entry a line.
+
+    Values are what JSON has, with finite numbers, or iterators of the entries of a list.
+    """
+    before = b"{\n"
+    for name, value in fields.items():
+        yield before + _text(name) + b": "
+        yield from _list_chunks(value) if isinstance(value, Iterator) else (_text(value),)
+        before = b",\n"
+    yield b"\n}\n"
+
+
+def _list_chunks(entries: Iterator[Any]) -> Iterator[bytes]:
+    before = b"[\n"
+    for entry in entries:
+        yield before + _text(entry)
+        before = b",\n"
+    yield b"[]" if before == b"[\n" else b"\n]"
+
+
+def _text(value: Any) -> bytes:
+    return json.dumps(value, allow_nan=False).encode("ascii")
+
+
 def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no finite number")
 

@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sfmcpp.model import Problem
+from sfmcpp.model.metadata import LOOSE
 from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.intrinsics import has_distortion
 from sfmcpp.sources.io.views import UNREGISTERED
 
 _MOST_NAMES = 3
@@ -41,6 +43,8 @@ def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator
     if format.name in ("colmap-text", "colmap-binary"):
         for old, new in changed_models(problem, path):
             yield f"cameras of model {old} have become {new}, the smallest one with all that they need"
+    if format.undistorts and has_distortion(problem):
+        yield f"pixels are as cameras without distortion would have seen them: {format.name} has no other"
 
 
 def amounts_in(problem: Problem) -> dict[str, int]:
@@ -50,7 +54,7 @@ def amounts_in(problem: Problem) -> dict[str, int]:
     return {
         "points": problem.num_points,
         "observations": problem.num_observations,
-        "keypoints without a point": _extras(problem, "colmap_loose_pixels"),
+        "keypoints without a point": _extras(problem, LOOSE[0]),
         "rotations and intrinsics": problem.num_cameras > 0,
         "image names": bool(metadata.image_names),
         "image sizes": metadata.image_sizes is not None,

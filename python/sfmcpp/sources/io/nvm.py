@@ -234,6 +234,7 @@ FORMAT = Format(
     (".nvm",),
     read_nvm,
     write_nvm,
+    undistorts=True,
     lacks=(
         "origin of the world",
         "keypoints without a point",

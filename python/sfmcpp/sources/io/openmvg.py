@@ -9,18 +9,26 @@ a base class may lie in ``value0``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.json_text import Part, begins_with, read_json
+from sfmcpp.sources.io.json_text import Part, begins_with, document_chunks, read_json
+from sfmcpp.sources.io.poses import pose_from_cameras
 from sfmcpp.sources.io.views import (
     Lens,
     Tracks,
     View,
+    WrittenLens,
+    WrittenPoint,
+    WrittenViews,
     add_once,
     identifier,
     image_size,
@@ -36,8 +44,11 @@ _DISTORTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "pinhole_radial_k3": ("disto_k3", ("k1", "k2", "k3")),
     "pinhole_brown_t2": ("disto_t2", ("k1", "k2", "k3", "p1", "p2")),
 }
-# The highest bit of a number of cereal's marks what is there for the first time.
-_FIRST = 1 << 31
+_HELD = {model: ("f", "cx", "cy", *names) for model, (_, names) in _DISTORTIONS.items()}
+# The highest bit of a number of cereal's marks what is there for the first time, the next one an object of
+# the very class that its list is of.
+_FIRST, _SAME_CLASS = 1 << 31, 1 << 30
+_SUFFIX = "sfm_data.json"
 
 
 def read_openmvg(path: Path) -> Problem:
@@ -130,8 +141,96 @@ def _data(item: Part) -> Part:
     return data if base is None else data.with_fields_of(base)
 
 
+def write_openmvg(problem: Problem, path: Path) -> None:
+    """Write version 0.3, with views, intrinsics, poses and structure.
+
+    Identifiers are rows of the problem; without known image sizes they are what just covers the observations.
+
+    Raises
+    ------
+    DatasetError
+        If intrinsics have no place in a camera model of OpenMVG (aspect ratio, skew, k4, k5), metadata do not
+        fit the problem, or the file cannot be written.
+    """
+    require_valid(problem, path)
+    views = WrittenViews(problem, _HELD, path)
+    content = {
+        VERSION: "0.3",
+        "root_path": "",
+        "views": _view_entries(views),
+        "intrinsics": _lens_entries(views.lenses, len(views.names)),
+        "extrinsics": _pose_entries(problem),
+        "structure": (_entry(row, _landmark(point)) for row, point in enumerate(views.points())),
+        "control_points": [],
+    }
+    with atomic_files(path) as (stream,):
+        stream.writelines(document_chunks(content))
+
+
+def _entry(key: int, value: dict[str, Any]) -> dict[str, Any]:
+    return {"key": key, "value": value}
+
+
+def _packed(number: int, data: dict[str, Any]) -> dict[str, Any]:
+    """An object behind a pointer; all are numbered from 1."""
+    return {"ptr_wrapper": {"id": _FIRST + number, "data": data}}
+
+
+def _view_entries(views: WrittenViews) -> Iterator[dict[str, Any]]:
+    for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
+        data = {"local_path": "", "filename": name, **_size(views.lenses[lens])}
+        data |= {"id_view": row, "id_intrinsic": lens, "id_pose": row}
+        yield _entry(row, {"polymorphic_id": _SAME_CLASS, **_packed(1 + row, data)})
+
+
+def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[dict[str, Any]]:
+    classes: dict[str, int] = {}
+    for row, lens in enumerate(lenses):
+        where, names = _DISTORTIONS[lens.model]
+        data = {**_size(lens), "focal_length": lens.values["f"]}
+        data["principal_point"] = [lens.values["cx"], lens.values["cy"]]
+        if names:
+            data[where] = [lens.values[name] for name in names]
+        known = lens.model in classes
+        number = classes.setdefault(lens.model, len(classes) + 1)
+        named = {} if known else {"polymorphic_name": lens.model}
+        class_id = {"polymorphic_id": number if known else _FIRST + number}
+        yield _entry(row, {**class_id, **named, **_packed(1 + objects_before + row, data)})
+
+
+def _size(lens: WrittenLens) -> dict[str, Any]:
+    return dict(zip(("width", "height"), lens.size, strict=True))
+
+
+def _pose_entries(problem: Problem) -> Iterator[dict[str, Any]]:
+    rotations, _ = pose_from_cameras(problem.cameras)
+    for row, (rotation, centre) in enumerate(zip(rotations, problem.centres, strict=True)):
+        yield _entry(row, {"rotation": rotation.tolist(), "center": centre.tolist()})
+
+
+def _landmark(point: WrittenPoint) -> dict[str, Any]:
+    seen = [_entry(image, {"id_feat": number, "x": pixel}) for image, number, pixel in point.observations]
+    return {"X": point.position, "observations": seen}
+
+
 def _claims(path: Path) -> bool:
-    return path.name.lower().endswith(".json") and begins_with(path, VERSION.encode())
+    name = path.name.lower()
+    return name.endswith(_SUFFIX) or (name.endswith(".json") and begins_with(path, VERSION.encode()))
 
 
-FORMAT = Format("openmvg", "OpenMVG's sfm_data.json", ("sfm_data.json",), read_openmvg, claim=_claims)
+FORMAT = Format(
+    "openmvg",
+    "OpenMVG's sfm_data.json",
+    (_SUFFIX,),
+    read_openmvg,
+    write_openmvg,
+    _claims,
+    lacks=(
+        "origin of the world",
+        "keypoints without a point",
+        "colours",
+        "masks",
+        "rigid frames",
+        "uncertainties of observations",
+    ),
+)

@@ -1,12 +1,15 @@
 """Models of photos as several programs write them: views, poses, intrinsics, and points with observations.
 
-Each has identifiers of its own; a view says which pose and intrinsics are its. Here they become a problem.
+Each has identifiers of its own; a view says which pose and intrinsics are its. Here they become a problem,
+and a problem what writers need.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +18,17 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate
-from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
+from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, image_names, point_colors
+from sfmcpp.sources.io.intrinsics import (
+    PERSPECTIVE,
+    fixed_but,
+    lenses_from_corner,
+    model_of_row,
+    perspective_columns,
+    perspective_rows,
+)
 from sfmcpp.sources.io.json_text import Part
+from sfmcpp.sources.io.rows import by_point, keypoint_ranks
 
 LARGEST_ID = 2**32 - 1
 UNREGISTERED = "unregistered_images"
@@ -158,3 +169,82 @@ def _cameras_of(tracks: Tracks, rows: dict[int, int]) -> IndexArray:
         bad = next(i for i, key in enumerate(tracks.view_ids) if key not in rows)
         reason = f"is of view {tracks.view_ids[bad]}, which has no pose and intrinsics"
         raise tracks.places[bad].error(reason) from None
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenLens:
+    """A row of intrinsics for a file.
+
+    Attributes
+    ----------
+    model : str
+        Name of the camera model.
+    size : tuple of int
+        Width and height of its images [px].
+    values : dict of str to float
+        All perspective intrinsics by name, for pixels that count from the corner of the image.
+    is_fixed : bool
+        Whether none of them is free.
+    """
+
+    model: str
+    size: tuple[int, int]
+    values: dict[str, float]
+    is_fixed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPoint:
+    """A point for a file: position, colour, and the image, number in it and pixel of each observation."""
+
+    position: list[float]
+    color: list[int]
+    observations: list[tuple[int, int, list[float]]]
+
+
+class WrittenViews:
+    """What files of views say of a problem, each thing numbered by its row.
+
+    Parameters
+    ----------
+    problem : Problem
+        A valid one.
+    models : mapping
+        Names of camera models, the smallest first, and the perspective parameters that each can hold.
+    path : Path
+        What is written.
+
+    Raises
+    ------
+    DatasetError
+        If metadata do not fit, or no camera model holds a row of intrinsics.
+    """
+
+    def __init__(self, problem: Problem, models: Mapping[str, Collection[str]], path: Path) -> None:
+        self._problem, corner = problem, lenses_from_corner(problem, path)
+        rows = zip(corner.values, corner.fixed, corner.sizes.tolist(), strict=True)
+        self.lenses = [
+            WrittenLens(
+                model_of_row(row, models, values, fixed, path),
+                tuple(size),
+                dict(zip(PERSPECTIVE, values.tolist(), strict=True)),
+                bool(fixed.all()),
+            )
+            for row, (values, fixed, size) in enumerate(rows)
+        ]
+        self.names = image_names(problem, path)
+        self.lens_rows: list[int] = problem.intrinsics_index.tolist()
+        self._colors = point_colors(problem, (0, 0, 0), path)
+        self._origin = corner.origin[problem.intrinsics_index]
+
+    def points(self) -> Iterator[WrittenPoint]:
+        """All points, with their observations in the order of the problem."""
+        problem, (order, counts) = self._problem, by_point(self._problem)
+        cameras = problem.camera_index[order]
+        numbers = keypoint_ranks(problem)[order]
+        pixels = problem.pixels[order] + self._origin[cameras]
+        ends = np.concatenate([[0], np.cumsum(counts)]).tolist()
+        for position, color, (begin, end) in zip(problem.points, self._colors, pairwise(ends), strict=True):
+            seen = slice(begin, end)
+            rows = (cameras[seen].tolist(), numbers[seen].tolist(), pixels[seen].tolist())
+            yield WrittenPoint(position.tolist(), color.tolist(), list(zip(*rows, strict=True)))

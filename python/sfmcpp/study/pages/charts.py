@@ -24,7 +24,7 @@ def nice_ticks(highest: float, count: int = 4) -> list[float]:
     raw = highest / count
     power = 10.0 ** np.floor(np.log10(raw))
     step = float(power * next(s for s in (1, 2, 2.5, 5, 10) if s * power >= raw * (1 - 1e-9)))
-    return [round(i * step, 12) for i in range(int(np.ceil(highest / step - 1e-9)) + 1)]
+    return [float(f"{i * step:.12g}") for i in range(int(np.ceil(highest / step - 1e-9)) + 1)]
 
 
 def bars(

@@ -19,6 +19,8 @@ _LONGEST_TO_WIDEST = 3.0
 _LONG_SIDE_IN = 8.0
 _SHORT_SIDE_IN = 5.0
 _TEXT_IN = 1.2
+# Width of the errors of an evaluation over the height of its ways, and limits of that of the ways.
+_WIDTH_OF_ERRORS, _WIDTHS_BESIDE_ERRORS = 1.2, (0.45, 1.6)
 # The axis shows at least this much beside 1.
 _LEAST_DEVIATION = 0.05
 
@@ -36,25 +38,35 @@ def plot_evaluation(evaluation: Evaluation) -> Figure:
     matplotlib.figure.Figure
         Not shown, not registered with pyplot.
     """
+    truth, estimate = evaluation.truth.centres, evaluation.estimate.centres
+    seen = sorted(np.argsort(np.ptp(truth, axis=0), kind="stable")[-2:].tolist())
+    low, high = _bounds(np.concatenate([truth, estimate])[:, seen])
+    share = np.clip((high - low)[0] / (high - low)[1], *_WIDTHS_BESIDE_ERRORS)
     figure = new_figure(10, 4.5)
-    paths, errors = figure.subplots(1, 2)
-    _draw_paths(paths, evaluation)
+    paths, errors = figure.subplots(1, 2, width_ratios=[share, _WIDTH_OF_ERRORS])
+    _draw_ways(paths, truth[:, seen], estimate[:, seen], "estimate")
+    _show(paths, low, high)
+    paths.set_xlabel(f"{'xyz'[seen[0]]} [m]")
+    paths.set_ylabel(f"{'xyz'[seen[1]]} [m]")
+    figure.legend(fontsize=9, frameon=False, loc="outside lower left", ncols=3)
     _draw_errors(errors, evaluation)
     for axes in (paths, errors):
         style_axes(axes)
     return figure
 
 
-def _draw_paths(axes: Axes, evaluation: Evaluation) -> None:
-    truth, estimate = evaluation.truth.centres, evaluation.estimate.centres
-    across, up = sorted(np.argsort(np.ptp(truth, axis=0), kind="stable")[-2:].tolist())
-    axes.plot(truth[:, across], truth[:, up], color=MUTED, linewidth=1.6, linestyle="--", label="truth")
-    axes.plot(estimate[:, across], estimate[:, up], color=COLORS[0], linewidth=1.6, label="estimate")
-    axes.plot(*truth[0, [across, up]], "o", color=MUTED, markersize=5, label="start")
-    axes.set_xlabel(f"{'xyz'[across]} [m]")
-    axes.set_ylabel(f"{'xyz'[up]} [m]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(fontsize=9, frameon=False)
+def _draw_ways(axes: Axes, truth: FloatArray | None, estimate: FloatArray, label: str) -> None:
+    """Both ways (n, 2), the true one wider, so that it shows on both sides of an estimate that lies on it."""
+    if truth is not None:
+        axes.plot(*truth.T, color=COLORS[4], linewidth=5.0, alpha=0.6, label="truth")
+    axes.plot(*estimate.T, color=COLORS[0], linewidth=1.6, label=label)
+    axes.plot(*estimate[0], "o", color=COLORS[1], markersize=6, label="start")
+
+
+def _show(axes: Axes, low: FloatArray, high: FloatArray) -> None:
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal", adjustable="box")
 
 
 def _draw_errors(axes: Axes, evaluation: Evaluation) -> None:
@@ -103,19 +115,14 @@ def plot_top_view(
         Not shown, not registered with pyplot.
     """
     shown = path if truth is None else np.concatenate([path, truth])
-    low, high = _bounds(shown)
+    low, high = _bounds(shown[:, [0, 2]])
     figure = new_figure(*_size_of(high - low))
     axes = figure.subplots()
     axes.plot(points[:, 0], points[:, 2], ".", color="#8fa1af", markersize=2, label="points", zorder=1)
-    if truth is not None:  # wider, so that it shows on both sides of an estimate that lies on it
-        axes.plot(truth[:, 0], truth[:, 2], color=COLORS[4], linewidth=5.0, alpha=0.6, label="truth")
     label = f"estimate, {alignment}" if alignment else "estimate"
-    axes.plot(path[:, 0], path[:, 2], color=COLORS[0], linewidth=1.6, label=label)
+    _draw_ways(axes, None if truth is None else truth[:, [0, 2]], path[:, [0, 2]], label)
     axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
-    axes.plot(path[0, 0], path[0, 2], "o", color=COLORS[1], markersize=6, label="start")
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal", adjustable="box")
+    _show(axes, low, high)
     axes.set_title("Way of the camera from above", fontsize=11)
     axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (scale unknown)")
     axes.set_ylabel(f"z, ahead [{unit}]" if unit else "z, ahead (scale unknown)")
@@ -125,8 +132,8 @@ def plot_top_view(
 
 
 def _bounds(paths: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and largest x and z around the paths, with room for points; a straight way has room beside it."""
-    low, high = paths[:, [0, 2]].min(axis=0), paths[:, [0, 2]].max(axis=0)
+    """Least and largest coordinates around paths (n, 2), with room for points, beside a straight way too."""
+    low, high = paths.min(axis=0), paths.max(axis=0)
     longest = float((high - low).max()) or 1.0
     half = np.maximum((high - low) / 2 + _MARGIN * longest, longest / (2 * _LONGEST_TO_WIDEST))
     return (low + high) / 2 - half, (low + high) / 2 + half
@@ -168,7 +175,7 @@ def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
     axes.set_ylabel(f"estimated over true length{mean}")
     axes.set_xlabel("seconds" if pairs.truth.stamped else "frame")
     axes.set_ylim(*_limits(ratios))
-    axes.legend(fontsize=9, frameon=False, loc="lower left")
+    axes.legend(fontsize=9, frameon=False, loc="best")
     style_axes(axes)
     return figure
 

@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, Problem, circle_scene, diagnose, linearize, perturb
+from faults import halves
+from sfmcpp import ConstraintGroup, Problem, ResidualGroup, circle_scene, diagnose, linearize, perturb
 from sfmcpp.doctor import SEVERITIES, repair
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.connections import parts
+from sfmcpp.model.residual_group import Group
 
 
 def scene(**options: object) -> Problem:
     return circle_scene(8, 60, seed=3, **options)
 
 
-def freedoms(problem: Problem, constraints: list[ConstraintGroup] | None = None) -> float:
+def freedoms(problem: Problem, constraints: list[Group] | None = None) -> float:
     found = [
         f for f in diagnose(problem, constraints=constraints or []).findings if f.code == "gauge-freedoms"
     ]
@@ -214,3 +218,34 @@ def test_a_solve_cut_short_is_named() -> None:
     problem = perturb(scene(), point_sigma_m=0.5, position_sigma_m=0.5, seed=1)
     summary = sfmcpp.solve(problem, max_iterations=1)
     assert "not-converged" in diagnose(problem, summary=summary).codes
+
+
+def own_positions(problem: Problem) -> ResidualGroup:
+    places = problem.centres.copy()
+    return ResidualGroup(lambda poses: (poses[:, :, 3] - places) / 0.1, np.arange(problem.num_cameras))
+
+
+def test_own_residuals_leave_the_freedoms_that_a_constraint_leaves() -> None:
+    problem = circle_scene(8, 60, seed=0)
+    gps = ConstraintGroup("position", np.arange(8), problem.centres.copy(), weight=100.0)
+    found = [diagnose(problem, constraints=[group]).codes for group in (own_positions(problem), gps)]
+    assert found[0] == found[1]
+    assert "gauge-freedoms" not in found[0]
+
+
+@pytest.mark.parametrize(("known", "left"), [([0], 4), ([0, 1], 1), ([0, 1, 2], 0)])
+def test_known_points_hold_the_world(known: list[int], left: int) -> None:
+    problem = circle_scene(8, 60, seed=0)
+    places = problem.points[known].copy()
+    group = ResidualGroup(lambda points: (points - places) / 0.1, points=known)
+    assert freedoms(problem, [group]) == left
+
+
+def test_a_residual_of_a_camera_and_a_point_ties_the_camera_to_those_that_see_it() -> None:
+    problem = halves(circle_scene(20, 300, seed=0), 0)
+    assert "disconnected-parts" in diagnose(problem).codes
+    apart = parts(Case(problem, [], None))
+    camera = int(np.flatnonzero(apart == 1)[0])
+    point = int(problem.point_index[apart[problem.camera_index] == 0][0])
+    depth = ResidualGroup(lambda poses, x: x[:, 2:] - poses[:, 2:, 3], [camera], points=[point])
+    assert "disconnected-parts" not in diagnose(problem, constraints=[depth]).codes

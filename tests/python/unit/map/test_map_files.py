@@ -189,3 +189,11 @@ def test_colmap_reads_what_a_map_wrote(tmp_path: Path) -> None:
     ours = dict(zip(world.point_ids[seen].tolist(), world.point_errors[seen].tolist(), strict=True))
     for number, error in ours.items():
         assert theirs[number] == pytest.approx(error, rel=1e-9)
+
+
+def test_a_map_tells_its_size() -> None:
+    world = map_of_problem(circle_scene(5, 40, seed=0))
+    assert repr(world) == "Map('calibrated': 5 images, 5 with a pose, 40 points)"
+    world.poses[0] = np.nan
+    world.remove_points([3])
+    assert repr(world) == "Map('calibrated': 5 images, 4 with a pose, 39 points)"

@@ -20,19 +20,13 @@ from sfmcpp.weighting import (
     statistics,
 )
 from sfmcpp.weighting import problem as weighting_problem
-from weight_helpers import Array, gps, odometer, street
+from weight_helpers import Array, gps, is_recovered, odometer, street
 
 
 def choose(
     problem: Problem, *groups: ConstraintGroup, weight: str = "auto", **options: object
 ) -> list[WeightSelection]:
     return sfmcpp.solve(problem.copy(), constraints=groups, weight=weight, **options).group_weights
-
-
-def is_recovered(chosen: WeightSelection, sigma: float) -> bool:
-    """Within three standard errors of a standard deviation from that many numbers, and at most half off."""
-    assert chosen.redundancy is not None
-    return abs(np.log(chosen.sensor_sigma / sigma)) < min(3 / np.sqrt(2 * chosen.redundancy), np.log(2))
 
 
 @pytest.fixture(scope="module")

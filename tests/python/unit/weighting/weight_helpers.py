@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import sfmcpp
 from sfmcpp import ConstraintGroup, Problem
 from sfmcpp.ba.options import SolveOptions
+from sfmcpp.weighting import WeightSelection
 from sfmcpp.weighting.fits import WeightFit, WeightFits
 
 Array = NDArray[np.float64]
@@ -68,3 +69,9 @@ def dense_rows(group: ConstraintGroup, problem: Problem) -> tuple[Array, Array]:
     (rows,) = model.groups
     missing = model.num_columns - model.num_camera_columns
     return rows.errors, np.pad(rows.jacobian().toarray(), ((0, 0), (0, missing)))
+
+
+def is_recovered(chosen: WeightSelection, sigma: float) -> bool:
+    """Within three standard errors of a standard deviation from that many numbers, and at most half off."""
+    assert chosen.redundancy is not None
+    return abs(np.log(chosen.sensor_sigma / sigma)) < min(3 / np.sqrt(2 * chosen.redundancy), np.log(2))

@@ -42,6 +42,7 @@ MODELS = {
     "OPENCV": ColmapModel(4, ("f", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2")),
 }
 NAME_OF_NUMBER = {model.number: name for name, model in MODELS.items()}
+HELD = {name: model.kept for name, model in MODELS.items()}
 SUPPORTED = ", ".join(MODELS)
 _UNSUPPORTED_NAMES = {
     5: "OPENCV_FISHEYE",
@@ -77,14 +78,3 @@ def params_from_intrinsics(name: str, values: FloatArray) -> list[float]:
     named = dict(zip(PERSPECTIVE, values.tolist(), strict=True))
     named["fy"] = named["f"] * named["aspect"]
     return [named[param] for param in MODELS[name].params]
-
-
-def smallest_model(needed: set[str]) -> str | None:
-    """Name of the first model that holds all the needed perspective parameters, if any does."""
-    return next((name for name, model in MODELS.items() if needed <= set(model.kept)), None)
-
-
-def needed_parameters(values: FloatArray) -> set[str]:
-    """Names of the perspective parameters of one row that differ from their defaults."""
-    defaults = perspective_rows(1)[0]
-    return {name for name, set_ in zip(PERSPECTIVE, values != defaults, strict=True) if set_}

@@ -7,6 +7,7 @@ import numpy as np
 from sfmcpp.geometry.quaternions import rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.metadata import keypoint_entries
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
 from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
 from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
@@ -136,12 +137,8 @@ def _keypoints(images: ImageTable, keypoint: Int64Array) -> dict[str, object]:
     is_loose = np.ones(len(number), dtype=np.bool_)
     is_loose[keypoint] = False
     loose = np.flatnonzero(is_loose)
-    return {
-        "colmap_keypoint_index": number[keypoint],
-        "colmap_loose_image": np.searchsorted(np.cumsum(counts), loose, side="right"),
-        "colmap_loose_keypoint_index": number[loose],
-        "colmap_loose_pixels": images.keypoints[loose],
-    }
+    image = np.searchsorted(np.cumsum(counts), loose, side="right")
+    return keypoint_entries(number[keypoint], image, number[loose], images.keypoints[loose])
 
 
 def _metadata(cameras: CameraTable, images: ImageTable, points: PointTable, source_format: str) -> Metadata:

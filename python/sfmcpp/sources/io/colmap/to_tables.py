@@ -22,11 +22,9 @@ from sfmcpp.sources.io.checks import (
     require_valid,
 )
 from sfmcpp.sources.io.colmap.camera_models import (
+    HELD,
     MODELS,
-    SUPPORTED,
-    needed_parameters,
     params_from_intrinsics,
-    smallest_model,
 )
 from sfmcpp.sources.io.colmap.second_sightings import with_second_sightings
 from sfmcpp.sources.io.colmap.tables import (
@@ -39,7 +37,15 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.intrinsics import PERSPECTIVE, CornerLenses, as_perspective, lenses_from_corner
+from sfmcpp.sources.io.intrinsics import (
+    PERSPECTIVE,
+    CornerLenses,
+    as_perspective,
+    lenses_from_corner,
+    model_of_row,
+    needed_parameters,
+    no_model,
+)
 from sfmcpp.sources.io.poses import pose_from_cameras
 from sfmcpp.sources.io.rows import all_keypoints, by_point, exclusive_sums
 
@@ -137,16 +143,11 @@ def _models(problem: Problem, values: FloatArray, fixed: BoolArray, folder: Path
 
 def _model(row: int, known: str, values: FloatArray, fixed: BoolArray, folder: Path) -> str:
     """Choose the model the row came with if it still holds its values, else the smallest that does."""
-    needed = needed_parameters(values)
-    if known in MODELS and needed <= set(MODELS[known].kept):
+    if known in MODELS and needed_parameters(values) <= set(HELD[known]):
         return known
-    free = {name for name, is_fixed in zip(PERSPECTIVE, fixed, strict=True) if not is_fixed}
-    name = smallest_model(needed | free) or smallest_model(needed)
-    if name is None or (MODELS[name].has_aspect and values[PERSPECTIVE.index("f")] == 0):
-        values_set = ", ".join(f"{p} = {v}" for p, v in zip(PERSPECTIVE, values, strict=True) if p in needed)
-        raise DatasetError(
-            folder, f"intrinsics[{row}]: no supported camera model ({SUPPORTED}) has {values_set}"
-        )
+    name = model_of_row(row, HELD, values, fixed, folder)
+    if MODELS[name].has_aspect and values[PERSPECTIVE.index("f")] == 0:
+        raise no_model(row, HELD, values, folder)
     return name
 
 

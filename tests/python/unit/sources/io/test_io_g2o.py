@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import sfmcpp
-from io_helpers import residuals
+from io_helpers import assert_same_metadata, assert_same_problem, residuals
 from sfmcpp import DatasetError, Problem
 
 Array = NDArray[np.float64]
@@ -87,6 +87,40 @@ def test_both_dialects_have_poses_points_and_no_residuals(tmp_path: Path, lines:
     assert problem.fixed_intrinsics.all()
     assert problem.metadata.image_names == ["30", "2"]
     assert problem.metadata.extra["g2o_point_ids"].tolist() == list(POINT_IDS)
+
+
+@pytest.mark.parametrize("lines", [own_lenses(), named_lenses()], ids=["own", "named"])
+def test_both_dialects_are_written_as_they_were_read(tmp_path: Path, lines: list[str]) -> None:
+    problem = problem_of(tmp_path, lines)
+    sfmcpp.write(problem, tmp_path / "again.g2o")
+    again = sfmcpp.read(tmp_path / "again.g2o")
+    assert_same_problem(again, problem)
+    assert again.covariance_px2 is not None
+    np.testing.assert_allclose(again.covariance_px2, problem.covariance_px2, rtol=1e-15)
+    for name in ("fixed_cameras", "fixed_points"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(problem, name))
+    assert_same_metadata(again, problem)
+    words = {line.split()[0] for line in (tmp_path / "again.g2o").read_text().splitlines()}
+    assert words == {line.split()[0].replace("VERTEX_XYZ", "VERTEX_TRACKXYZ") for line in lines}
+
+
+def test_standard_deviations_are_written_as_information(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(3, 8, camera_model="perspective", seed=0)
+    problem.sigma_px = np.linspace(0.5, 2.0, problem.num_observations)
+    sfmcpp.write(problem, tmp_path / "a.g2o")
+    again = sfmcpp.read(tmp_path / "a.g2o")
+    expected = problem.sigma_px[:, None, None] ** 2 * np.eye(2)
+    np.testing.assert_allclose(again.covariance_px2, expected, rtol=1e-14)
+    assert again.metadata.image_names == ["0", "1", "2"]
+    assert again.metadata.extra["g2o_point_ids"].tolist() == list(range(3, 11))
+
+
+@pytest.mark.parametrize("names", [["7", "8"], ["7", "07"], ["7", "a"], ["7", "9" * 12]])
+def test_names_that_cannot_be_identifiers_are_counted(tmp_path: Path, names: list[str]) -> None:
+    problem = problem_of(tmp_path, named_lenses())
+    problem.metadata.image_names = names
+    sfmcpp.write(problem, tmp_path / "again.g2o")
+    assert sfmcpp.read(tmp_path / "again.g2o").metadata.image_names == ["0", "1"]
 
 
 def test_a_disturbed_file_is_solved(tmp_path: Path) -> None:

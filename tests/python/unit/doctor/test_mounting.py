@@ -1,0 +1,132 @@
+"""Rigs under examination: two cameras that look to the left and to the right of where the rig goes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import sfmcpp
+from sfmcpp import Problem, Rigs
+from sfmcpp.doctor import repair
+from sfmcpp.model.rigs import composed
+
+FRAMES, POINTS, FOCAL, SIZE = 12, 400, 600.0, (640, 480)
+
+
+def turned(axis: int, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotations (n, 3, 3) about one axis of the world."""
+    i, j = ((1, 2), (2, 0), (0, 1))[axis]
+    turns = np.tile(np.eye(3), (len(angles_rad), 1, 1))
+    turns[:, i, i] = turns[:, j, j] = np.cos(angles_rad)
+    turns[:, j, i] = np.sin(angles_rad)
+    turns[:, i, j] = -turns[:, j, i]
+    return turns
+
+
+def rig(*, turns: bool, looks_apart: bool = True, free: bool = True) -> Problem:
+    """A rig that goes along z, straight ahead or turning about two axes."""
+    rng = np.random.default_rng(0)
+    frames, steps = np.tile(np.eye(3, 4), (FRAMES, 1, 1)), np.arange(FRAMES)
+    frames[:, 2, 3] = 0.5 * steps
+    if turns:
+        frames[:, :, :3] = turned(1, 0.2 * np.sin(steps)) @ turned(0, 0.1 * steps)
+    sensors = np.tile(np.eye(3, 4), (2, 1, 1))
+    sensors[:, :, :3] = turned(1, np.pi / 2 * np.array([1.0, -1.0 if looks_apart else 1.0]))
+    sensors[1, :, 3] = [-0.3, 0.0, 0.05]
+    rigs = Rigs(sensors, np.repeat(steps, 2), np.tile([0, 1], FRAMES), np.array([False, free]))
+    cameras = composed(frames[rigs.frame_of_camera], sensors[rigs.sensor_of_camera])
+    sides = np.where(np.arange(POINTS) % 2, 1.0, -1.0)
+    points = np.column_stack(
+        [sides * rng.uniform(4, 8, POINTS), rng.uniform(-2, 2, POINTS), rng.uniform(-3, 9, POINTS)]
+    )
+    camera, point = np.divmod(np.arange(2 * FRAMES * POINTS), POINTS)
+    seen = np.einsum("mji,mj->mi", cameras[camera, :, :3], points[point] - cameras[camera, :, 3])
+    pixels = FOCAL * seen[:, :2] / seen[:, 2:] + np.array(SIZE) / 2
+    inside = (seen[:, 2] > 0.5) & (pixels > 0).all(axis=1) & (pixels < SIZE).all(axis=1)
+    problem = Problem(
+        "calibrated",
+        cameras,
+        np.array([[FOCAL, 1.0, SIZE[0] / 2, SIZE[1] / 2, 0.0]]),
+        points,
+        camera[inside],
+        point[inside],
+        pixels[inside] + rng.normal(0, 0.3, (np.count_nonzero(inside), 2)),
+        intrinsics_index=np.zeros(2 * FRAMES, np.int32),
+    )
+    problem.rigs = rigs
+    return problem
+
+
+def test_a_free_sensor_that_nothing_tells_is_named() -> None:
+    (finding,) = [f for f in sfmcpp.diagnose(rig(turns=False)).findings if f.severity != "note"]
+    assert finding.code == "undetermined-sensors"
+    assert "(sensor 1)" in str(finding)
+    assert finding.cameras == tuple(range(1, 2 * FRAMES, 2))
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [rig(turns=True), rig(turns=False, looks_apart=False), rig(turns=False, free=False)],
+    ids=["turns", "sees in common", "held"],
+)
+def test_sensors_that_the_data_tell_raise_no_alarm(problem: Problem) -> None:
+    found = sfmcpp.diagnose(problem)
+    assert found.is_healthy, str(found)
+    assert not found.skipped
+
+
+def test_of_two_free_sensors_the_one_that_nothing_tells_is_named() -> None:
+    problem = rig(turns=False)
+    assert problem.rigs is not None
+    third = problem.rigs.sensors[:1].copy()
+    third[0, 1, 3] = 0.2
+    beside = np.tile(np.eye(3, 4), (FRAMES, 1, 1))
+    beside[:, 1, 3] = 0.2
+    cameras = composed(problem.cameras[::2], beside)
+    first = problem.camera_index % 2 == 0
+    seen_by = 2 * FRAMES + problem.camera_index[first] // 2
+    offsets = problem.points[problem.point_index[first]] - cameras[seen_by - 2 * FRAMES, :, 3]
+    seen = np.einsum("mji,mj->mi", cameras[seen_by - 2 * FRAMES, :, :3], offsets)
+    three = Problem(
+        "calibrated",
+        np.concatenate([problem.cameras, cameras]),
+        problem.intrinsics,
+        problem.points,
+        np.concatenate([problem.camera_index, seen_by]),
+        np.concatenate([problem.point_index, problem.point_index[first]]),
+        np.concatenate([problem.pixels, FOCAL * seen[:, :2] / seen[:, 2:] + np.array(SIZE) / 2]),
+        intrinsics_index=np.zeros(3 * FRAMES, np.int32),
+    )
+    three.rigs = Rigs(
+        np.concatenate([problem.rigs.sensors, third]),
+        np.concatenate([problem.rigs.frame_of_camera, np.arange(FRAMES)]),
+        np.concatenate([problem.rigs.sensor_of_camera, np.full(FRAMES, 2)]),
+        np.array([False, True, True]),
+    )
+    (finding,) = [f for f in sfmcpp.diagnose(three).findings if f.severity == "warning"]
+    assert finding.code == "undetermined-sensors"
+    assert "(sensor 1)" in str(finding)
+
+
+def test_cameras_of_a_frame_are_of_one_part_and_nothing_of_a_rig_is_dropped() -> None:
+    problem = rig(turns=False, free=False)
+    assert repair(problem).problem.num_observations == problem.num_observations
+
+
+def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
+    problem = rig(turns=False)
+    problem = Problem(
+        "perspective",
+        problem.cameras,
+        np.pad(np.repeat(problem.intrinsics, 2, axis=0), ((0, 0), (0, 7))),
+        problem.points,
+        problem.camera_index,
+        problem.point_index,
+        problem.pixels,
+        intrinsics_index=np.tile(np.array([0, 1], np.int32), FRAMES),
+        rigs=problem.rigs,
+    ).set_free_intrinsics("f", "k1")
+    found = sfmcpp.diagnose(problem)
+    assert "undetermined-sensors" in found.codes
+    assert not found.skipped

@@ -1,0 +1,139 @@
+"""A scene is written for OpenMVG, AliceVision, VisualSFM and g2o, and is the same when it is read again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from io_helpers import assert_same_problem
+from other_programs import (
+    CENTRE,
+    FILES,
+    FIRST,
+    FOCAL,
+    SIZE,
+    alicevision,
+    openmvg,
+    problem_of,
+)
+from sfmcpp import DatasetError
+from sfmcpp.sources.io import read, write
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_written_for_visualsfm_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
+    problem = problem_of(tmp_path, name)
+    write(problem, tmp_path / "written.nvm")
+    again = read(tmp_path / "written.nvm")
+    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(again.points, problem.points)
+    by_track = np.lexsort((problem.camera_index, problem.point_index))
+    np.testing.assert_array_equal(again.camera_index, problem.camera_index[by_track])
+    np.testing.assert_array_equal(again.point_index, problem.point_index[by_track])
+    np.testing.assert_allclose(sfmcpp.residuals(again), 0, atol=1e-8)
+    assert again.metadata.image_names == problem.metadata.image_names
+    if problem.metadata.point_colors is not None:
+        np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
+
+
+@pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
+@pytest.mark.parametrize("target", ["again_sfm_data.json", "again.sfm"])
+def test_a_scene_is_handed_on_with_lenses_names_and_sizes(tmp_path: Path, name: str, target: str) -> None:
+    problem = problem_of(tmp_path, name)
+    write(problem, tmp_path / target)
+    again = read(tmp_path / target)
+    assert_same_problem(again, problem, intrinsics_rtol=1e-15)
+    assert again.metadata.image_names == problem.metadata.image_names
+    np.testing.assert_array_equal(again.metadata.image_sizes, [SIZE] * 3)
+    if name == "cameras.sfm" and target == "again.sfm":
+        np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
+
+
+@pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
+def test_what_is_written_for_g2o_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
+    problem = problem_of(tmp_path, name)
+    write(problem, tmp_path / "written.g2o")
+    again = read(tmp_path / "written.g2o")
+    np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(again.points, problem.points)
+    np.testing.assert_allclose(sfmcpp.residuals(again), 0, atol=1e-8)
+    lens = dict(zip(again.intrinsic_names, again.intrinsics[0], strict=True))
+    assert (lens["f"], lens["cx"], lens["cy"], lens["k1"]) == (FOCAL, *CENTRE, 0)
+
+
+def test_what_is_written_for_openmvg_is_packed_as_its_reader_unpacks(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
+    problem.intrinsics[2, problem.intrinsic_names.index("k1")] = 0.1
+    write(problem, tmp_path / "sfm_data.json")
+    content = json.loads((tmp_path / "sfm_data.json").read_text())
+    assert list(content) == list(openmvg())
+    packed = [entry["value"] for part in ("views", "intrinsics") for entry in content[part]]
+    pointers = [value["ptr_wrapper"]["id"] for value in packed]
+    assert pointers == list(range(FIRST + 1, FIRST + 7))
+    assert [value["polymorphic_id"] for value in packed] == [*[2**30] * 3, FIRST + 1, 1, FIRST + 2]
+    models = [value.get("polymorphic_name") for value in packed[3:]]
+    assert models == ["pinhole", None, "pinhole_radial_k1"]
+    assert (
+        packed[0]["ptr_wrapper"]["data"].keys()
+        == openmvg()["views"][0]["value"]["ptr_wrapper"]["data"].keys()
+    )
+
+
+def test_what_is_written_for_alicevision_has_all_that_its_reader_asks_for(tmp_path: Path) -> None:
+    problem = problem_of(tmp_path, "cameras.sfm")
+    problem.set_free_intrinsics()
+    write(problem, tmp_path / "again.sfm")
+    (lens,) = json.loads((tmp_path / "again.sfm").read_text())["intrinsics"]
+    assert {
+        "serialNumber",
+        "sensorWidth",
+        "sensorHeight",
+        "type",
+        "locked",
+        *alicevision()["intrinsics"][0],
+    } <= {*lens}
+    assert (lens["type"], lens["locked"]) == ("brown", "1")
+    assert read(tmp_path / "again.sfm").fixed_intrinsics.all()
+
+
+@pytest.mark.parametrize(
+    ("target", "names", "told"),
+    [
+        (
+            "sfm_data.json",
+            ("aspect",),
+            r"intrinsics\[0\]: no supported camera model \(pinhole, .* has .*aspect",
+        ),
+        ("a.sfm", ("skew",), r"no supported camera model \(pinhole, radial1, .*skew = 0\.5"),
+        ("a.sfm", ("k4",), r"k4 = 0\.5"),
+        ("a.g2o", ("skew",), r"intrinsics\[0\]: skew = 0\.5 cannot be kept in g2o's files"),
+    ],
+)
+def test_lenses_that_a_file_cannot_hold_are_named_and_nothing_is_left(
+    tmp_path: Path, target: str, names: tuple[str, ...], told: str
+) -> None:
+    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
+    problem.intrinsics[0, [problem.intrinsic_names.index(name) for name in names]] = 0.5
+    with pytest.raises(DatasetError, match=told):
+        write(problem, tmp_path / target)
+    assert not (tmp_path / target).exists()
+
+
+@pytest.mark.parametrize("target", ["a.sfm", "a.g2o"])
+def test_focal_lengths_that_no_reader_takes_are_not_written(tmp_path: Path, target: str) -> None:
+    problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
+    problem.intrinsics[1, 0] = -700
+    with pytest.raises(DatasetError, match=r"intrinsics\[1\]: f = -700\.0.*: must be positive"):
+        write(problem, tmp_path / target)
+
+
+def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    problem = problem_of(tmp_path, "model.nvm")
+    problem.metadata.image_names = ["one", "two\nlines", "three"]
+    with pytest.raises(sfmcpp.DatasetError, match=r"image name 'two\\nlines': must be one line"):
+        write(problem, tmp_path / "written.nvm")
+    assert not (tmp_path / "written.nvm").exists()
