@@ -16,7 +16,7 @@ from sfmcpp.slam.fusing import fuse, settled
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
-from sfmcpp.slam.registering import constrain_past, correction, registration
+from sfmcpp.slam.registering import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import Measurement, MotionSensor
@@ -186,25 +186,6 @@ class Slam:
         self._relocate(initialiser.frames, self._world)
         self._initialiser = None
 
-    def _register(self) -> None:
-        """Bring the map into the sensors' world (thesis §5.3.3)."""
-        similarity = registration(self._world, self._sensors, self.settings)
-        if similarity is None:
-            return
-        self._world.transform(similarity)
-        self.result.path.transform(similarity)
-        constrain_past(self._world, self._sensors, self.settings)
-        self._world.metric = self.result.metric = True
-
-    def _correct_drift(self) -> None:
-        """Bring the last keyframes back to a sensor that they have drifted from."""
-        found = correction(self._world, self._sensors, self.settings)
-        if found is None:
-            return
-        self._world.move_recent(found.first, found.similarity)
-        self.result.path.transform(found.similarity, self._world.keyframes[found.first].frame)
-        self.result.corrections.append(self._world.keyframes[-1].frame)
-
     def _is_keyframe(self, view: View) -> bool:
         world, settings = self._world, self.settings
         last = world.keyframes[-1].view
@@ -229,10 +210,7 @@ class Slam:
         adjust(world, self.settings)
         self.result.path.follow(before)
         clock.lap("adjustment")
-        if self.result.metric:
-            self._correct_drift()
-        else:
-            self._register()
+        place_in_world(self.result, self._sensors, self.settings)
         self._sensors.learn(fused)
         calibrate(self.result, self._sensors, self.settings)
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
