@@ -9,7 +9,7 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     MOST_TURNS,
@@ -124,12 +124,12 @@ class SensorSuite:
         rotation, previous = pose[:, :3], last.pose[:, :3]
         return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
 
-    def learn(self, fused: Fused) -> None:
-        """Remember how the sensors compared with the images; doubtful ones are named already."""
+    def learn(self, fused: Fused, stretch: Gap) -> None:
+        """Remember how the sensors compared with the images over a time; doubtful ones are named already."""
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
-                self._of(selection.name).add(selection.conflict)
+                self._of(selection.name).add(selection.conflict, stretch)
 
     @property
     def in_time(self) -> bool:
@@ -174,6 +174,14 @@ class SensorSuite:
         self._correct()
         self._forget(alike)
         return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
+
+    def _refine_clocks(self, vision: Trajectory) -> None:
+        """Set clocks that were wrong once more: hundredths of a second are ten milliradians of a turn."""
+        for sensor in self.sensors:
+            if isinstance(sensor, Gyroscope) and sensor.name in self._moved_s:
+                check = check_rotations(sensor.stream, sensor.mounting, vision)
+                if check.is_determined and check.agrees:
+                    self._set_clock(sensor, check)
 
     @property
     def has_rates(self) -> bool:
@@ -276,6 +284,19 @@ class SensorSuite:
         ]
         return biases + learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
 
+    def in_hindsight(self, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
+        """The sensors as they should have been from the start; None where the run has found nothing wrong.
+
+        On the camera's clock, as the rotations `vision` of the whole run tell it where it was wrong, without
+        their biases, and without the samples that the images have denied.
+        """
+        self._refine_clocks(vision)
+        denied = {name: stretch for name, known in self._experience.items() if (stretch := known.denied)}
+        if not {*denied, *self._moved_s, *self._biases}:
+            return None
+        kept = [_without(sensor, denied.get(sensor.name)) for sensor in self.sensors]
+        return tuple(sensor for sensor in kept if sensor is not None)
+
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance between two times [m]; `turn` start_from_end of the camera, where no gyroscope tells."""
         turn = self._turn(start_s, end_s, turn)
@@ -305,6 +326,14 @@ class SensorSuite:
 
 def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
+
+
+def _without(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
+    """A sensor without the samples of a stretch; None if nothing is left."""
+    if stretch is None or not isinstance(sensor, _Stamped):
+        return sensor
+    rest = sensor.stream.without(stretch)
+    return None if rest is None else replace(sensor, stream=rest)
 
 
 def _first_known(answers: Iterable[_Answer | None]) -> _Answer | None:

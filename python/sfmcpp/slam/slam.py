@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
@@ -116,6 +117,12 @@ class Slam:
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
 
+    def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
+        """The sensors that a run over the same frames should have; None where these will do."""
+        if not self.settings.trusts_declared or len(self.result.poses) < 2:
+            return None
+        return self._sensors.in_hindsight(self.result.seen_trajectory())
+
     def _start(self, frame: Frame) -> None:
         initialiser = self._initialiser
         assert initialiser is not None
@@ -211,7 +218,7 @@ class Slam:
         self.result.path.follow(before)
         clock.lap("adjustment")
         place_in_world(self.result, self._sensors, self.settings)
-        self._sensors.learn(fused)
+        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
         calibrate(self.result, self._sensors, self.settings)
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 
