@@ -26,7 +26,8 @@ def run_slam(
     """Run over all frames of a source.
 
     A run that has found a sensor wrong, its clock, a bias, or what it says for a while, has bent its map by
-    then. It is begun again with what was right of the sensors, and warnings say so.
+    then. It is begun again with what was right of the sensors; where that explains all, it is kept, and
+    warnings say so.
 
     Parameters
     ----------
@@ -84,7 +85,10 @@ def run_slam(
 
 
 def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> Slam:
-    """The run once more, with what was right of its sensors, if it has found anything wrong."""
+    """The run once more, with what was right of its sensors, if it has found anything wrong.
+
+    It is kept where it finds nothing wrong any more: else it was the images that were, as on a motorway.
+    """
     sensors = slam.in_hindsight() if slam.settings.hindsight else None
     if sensors is None:
         return slam
@@ -94,7 +98,7 @@ def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> S
     for frame in frames:
         again.step(frame)
     again.finish()
-    if again.result.world is None:
+    if again.result.world is None or again.in_hindsight() is not None:
         return slam
     told = slam.result.warnings
     news = [warning for warning in again.result.warnings if warning not in told]

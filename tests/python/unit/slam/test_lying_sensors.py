@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, Slam, SlamResult, SlamSettings, run_slam
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
 
@@ -118,3 +118,14 @@ def test_an_honest_run_is_not_begun_again() -> None:
     once, again = (run_slam(drive.sequence, settings, sensors) for settings in (ONCE, SlamSettings()))
     assert again.warnings == once.warnings
     np.testing.assert_array_equal(again.trajectory().poses, once.trajectory().poses)
+
+
+def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where sensors disagree with the images again, it was the images that were wrong."""
+    drive = winding()
+    sensors = (Gyroscope(drive.gyro, AT_CAMERA),)
+    once = run_slam(drive.sequence, ONCE, sensors)
+    monkeypatch.setattr(Slam, "in_hindsight", lambda self: (Odometer(drive.odometer),))
+    kept = run_slam(drive.sequence, SlamSettings(), sensors)
+    assert kept.warnings == once.warnings
+    np.testing.assert_array_equal(kept.trajectory().poses, once.trajectory().poses)
