@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import SensorStream
+from sfmcpp.sensors import Mounting
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, Slam, SlamResult, SlamSettings, run_slam
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
@@ -129,3 +131,15 @@ def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     kept = run_slam(drive.sequence, SlamSettings(), sensors)
     assert kept.warnings == once.warnings
     np.testing.assert_array_equal(kept.trajectory().poses, once.trajectory().poses)
+
+
+def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
+    drive = winding()
+    velocity = replace(drive.odometer, values=drive.odometer.values * [0.0, 0.0, 1.0], kind="velocity")
+    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix(), np.zeros(3))
+    wrong = [Odometer(velocity, mounting=turned)]
+    once, again = (run_slam(drive.sequence, settings, wrong) for settings in (ONCE, SlamSettings()))
+    told, begun_again = again.warnings
+    assert re.fullmatch(r"odometer: its directions are [45]\.\d° off those seen by .*declared\?", told)
+    assert "begun again" in begun_again
+    assert drive.errors(again)[0] < 0.7 * drive.errors(once)[0]
