@@ -65,9 +65,10 @@ def run_slam(
     if state is not None:
         slam.restore(state)
     begin_s = time.perf_counter() - slam.result.seconds
-    seen = []
+    seen: list[Frame] = []
     for frame in source:
-        seen.append(frame)
+        if sensors:
+            seen.append(frame)
         if checkpoints.has_passed(frame):
             continue
         slam.step(frame)
@@ -93,14 +94,11 @@ def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> S
     if sensors is None:
         return slam
     again = Slam(source.intrinsics, slam.settings, sensors)
-    # What streams lack now is what was taken from them.
-    again.result.warnings = []
     for frame in frames:
         again.step(frame)
     again.finish()
     if again.result.world is None or again.in_hindsight() is not None:
         return slam
-    told = slam.result.warnings
-    news = [warning for warning in again.result.warnings if warning not in told]
-    again.result.warnings = [*told, "the run was begun again without what was wrong", *news]
+    # What streams lack in it is what was taken from them.
+    again.result.warnings = [*slam.result.warnings, "the run was begun again without what was wrong"]
     return again
