@@ -146,6 +146,11 @@ class SensorStream:
         largest = {} if given else {"max_gap_s": None}
         return replace(self, t_s=stamps, values=rows, **largest)  # type: ignore[arg-type]
 
+    def without(self, stretch: Gap) -> SensorStream | None:
+        """Leave out the measurements of a stretch, both ends included; None if none are left."""
+        kept = (self.t_s < stretch.start_s) | (self.t_s > stretch.end_s)
+        return replace(self, t_s=self.t_s[kept], values=self.values[kept]) if kept.any() else None
+
     def __repr__(self) -> str:
         span = f"{self.t_s[0]:.3f} to {self.t_s[-1]:.3f} s"
         return f"SensorStream({self.name!r}: {len(self)} of {self.kind}, {span}, {len(self.gaps())} gaps)"

@@ -5,7 +5,7 @@ from sfmcpp.sensors.agreement import require_agreement, require_overlap
 from sfmcpp.sensors.gps import earth_centred, east_north_up, geodetic_of, local_positions, position_at
 from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
-from sfmcpp.sensors.mounting import Mounting
+from sfmcpp.sensors.mounting import Mounting, find_misalignment
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
 from sfmcpp.sensors.prediction import (
     interpolate_poses,
@@ -42,6 +42,7 @@ __all__ = [
     "earth_centred",
     "east_north_up",
     "find_bias",
+    "find_misalignment",
     "geodetic_of",
     "interpolate_poses",
     "interpolate_rotations",

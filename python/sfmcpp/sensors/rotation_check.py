@@ -8,7 +8,7 @@ magnitudes of the rates do not correlate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,7 +40,7 @@ _LEAST_TURN_RAD = float(np.radians(0.3))
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Rotation of the camera between two times, as a pair of images tells it.
+    """Motion of the camera between two times, as a pair of images tells it.
 
     Attributes
     ----------
@@ -48,11 +48,14 @@ class Turn:
         The times [s].
     rotation : (3, 3) float64
         Start_from_end.
+    direction : (3,) float64
+        Unit vector along the step, in the camera's axes at the start; not a number where nothing tells it.
     """
 
     start_s: float
     end_s: float
     rotation: FloatArray
+    direction: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def remove_biases(
         Whether any rates have changed.
     """
     fresh = [image for image in images if image.t_s >= sensors.turns_until_s]
-    if len(fresh) < 2 or not sensors.has_rates or not settings.trusts_declared:
+    if len(fresh) < 2 or not sensors.compares_pairs or not settings.trusts_declared:
         return False
     turns = [_seen_turn(before, after, intrinsics, settings) for before, after in pairwise(fresh)]
     return sensors.remove_biases([turn for turn in turns if turn is not None], fresh[-1].t_s)
@@ -104,7 +104,8 @@ def _seen_turn(
         max_iterations=1000,
         seed=settings.seed,
     )
-    return Turn(before.t_s, after.t_s, found.camera[:, :3]) if found.success else None
+    told = found.camera[:, :3], found.camera[:, 3]
+    return Turn(before.t_s, after.t_s, *told) if found.success else None
 
 
 def _constrain_again(result: SlamResult, sensors: SensorSuite) -> None:

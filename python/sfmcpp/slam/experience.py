@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfmcpp.model import Gap
 from sfmcpp.model.weight_selection import ConflictReport
 
 # Keyframes whose innovations give a standard deviation.
@@ -23,6 +24,11 @@ _FEWEST_IN_A_ROW = 6
 # honest sensors came to 46, a bias of 5 deg/s to more in 15 of 16 runs, a slow slip of 40 % in 9 of 16; with
 # a third to a half of their tracks honest ones came to more in 1 run of 44.
 _STRONG = 64.0
+# Keyframes beside a conflict belong to it from so many standard deviations on, and so much time beside these:
+# a lie is there before it is told [s].
+_LEADING_SIGMAS, _MARGIN_S = 1.5, 0.5
+# Honest sensors came to no more in the median of a run; where a lie lasts for half of it, it is usual itself.
+_LARGEST_USUAL = 3.0
 # Median of a normal number without its sign.
 _MEDIAN_SIGMAS = 0.6745
 
@@ -35,6 +41,8 @@ class Experience:
     ----------
     reports : list of ConflictReport
         One of each keyframe.
+    stretches : list of Gap
+        The time that each is of [s].
     sigma : float or None
         Standard deviation estimated from the innovations of the first keyframes, where none is declared: the
         errors at the poses of the images alone, less what the noise of the images makes of them. Medians, so
@@ -42,11 +50,13 @@ class Experience:
     """
 
     reports: list[ConflictReport] = field(default_factory=list)
+    stretches: list[Gap] = field(default_factory=list)
     sigma: float | None = None
 
-    def add(self, report: ConflictReport) -> None:
-        """Take the next keyframe."""
+    def add(self, report: ConflictReport, stretch: Gap) -> None:
+        """Take the next keyframe, and the time from the one before to it."""
         self.reports.append(report)
+        self.stretches.append(stretch)
         undeclared = report.sensor_sigma is None
         if undeclared and self.sigma is None and len(self.reports) >= KEYFRAMES_OF_SIGMA:
             self.sigma = _sigma_of(self.reports)
@@ -59,7 +69,7 @@ class Experience:
                 f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} by the "
                 f"images of its first {KEYFRAMES_OF_SIGMA} keyframes"
             )
-        worst = _worst_conflict(self.reports)
+        worst = [self.reports[k] for k in _worst_conflict(self.reports)]
         if worst:
             told.append(
                 f"{name}: disagrees with the images at {_keyframes(len(worst))}, by up to "
@@ -67,6 +77,19 @@ class Experience:
                 f"{max(report.discrepancy for report in worst):.2g} {worst[0].unit}: one of them is wrong"
             )
         return told
+
+    @property
+    def denied(self) -> Gap | None:
+        """When the worst conflict was, with what leads to it and away; None where there is none to tell."""
+        worst = _worst_conflict(self.reports)
+        if not worst:
+            return None
+        first, last = worst[0], worst[-1]
+        while first > 0 and self.reports[first - 1].sigmas > _LEADING_SIGMAS:
+            first -= 1
+        while last + 1 < len(self.reports) and self.reports[last + 1].sigmas > _LEADING_SIGMAS:
+            last += 1
+        return Gap(self.stretches[first].start_s - _MARGIN_S, self.stretches[last].end_s + _MARGIN_S)
 
 
 def _sigma_of(reports: list[ConflictReport]) -> float:
@@ -82,17 +105,19 @@ def _keyframes(count: int) -> str:
     return "a keyframe" if count == 1 else f"{count} keyframes in a row"
 
 
-def _worst_conflict(reports: list[ConflictReport]) -> list[ConflictReport]:
-    """The worst stretch of keyframes in conflict; empty if none is long or strong enough to tell."""
-    reports = [report for report in reports if report.observations >= _FEWEST_POINTS]
-    stretches: list[list[ConflictReport]] = [[]]
-    for report in reports:
-        if report.conflicting:
-            stretches[-1].append(report)
+def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
+    """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough."""
+    witnesses = [k for k, report in enumerate(reports) if report.observations >= _FEWEST_POINTS]
+    stretches: list[list[int]] = [[]]
+    for k in witnesses:
+        if reports[k].conflicting:
+            stretches[-1].append(k)
         elif stretches[-1]:
             stretches.append([])
-    usual = max(1.0, float(np.median([r.sigmas for r in reports])) / _MEDIAN_SIGMAS) if reports else 1.0
-    strength = [sum((report.sigmas / usual) ** 2 for report in stretch) for stretch in stretches]
+    sigmas = np.array([report.sigmas for report in reports])
+    median = float(np.median(sigmas[witnesses])) if witnesses else 0.0
+    usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
+    strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
     told = [
         (power, stretch)
         for power, stretch in zip(strength, stretches, strict=True)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from sfmcpp.ba.checkpoints import CheckpointStore
+from sfmcpp.model.frames import Frame
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.saving import SlamCheckpoints
 from sfmcpp.slam.sensing import MotionSensor
@@ -24,17 +25,21 @@ def run_slam(
 ) -> SlamResult:
     """Run over all frames of a source.
 
+    A run that has found a sensor wrong, its clock, a bias, or what it says for a while, has bent its map by
+    then. It is begun again with what was right of the sensors; where that explains all, it is kept, and
+    warnings say so.
+
     Parameters
     ----------
     source : FrameSource
         What the camera sees; each frame is asked for once, when the one before is done.
     settings : SlamSettings, optional
-        What decides about keyframes, poses and points.
+        What decides about keyframes, poses and points; `hindsight` whether a run may be begun again.
     sensors : sequence of MotionSensor
         What measures the motion beside the camera.
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True.
+        True. Of a run that is begun again it hears once.
     checkpoint : CheckpointFolder, optional
         Where to save, from time to time and where the callback ends the run, what a later call needs to go
         on. If that fails once the run goes, it goes on, and a warning of the result names the file.
@@ -60,7 +65,10 @@ def run_slam(
     if state is not None:
         slam.restore(state)
     begin_s = time.perf_counter() - slam.result.seconds
+    seen: list[Frame] = []
     for frame in source:
+        if sensors:
+            seen.append(frame)
         if checkpoints.has_passed(frame):
             continue
         slam.step(frame)
@@ -71,6 +79,26 @@ def run_slam(
             break
     else:
         slam.finish()
+        slam = _in_hindsight(slam, source, seen)
     slam.result.seconds = time.perf_counter() - begin_s
     slam.result.warnings += checkpoints.warnings
     return slam.result
+
+
+def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> Slam:
+    """The run once more, with what was right of its sensors, if it has found anything wrong.
+
+    It is kept where it finds nothing wrong any more: else it was the images that were, as on a motorway.
+    """
+    sensors = slam.in_hindsight() if slam.settings.hindsight else None
+    if sensors is None:
+        return slam
+    again = Slam(source.intrinsics, slam.settings, sensors)
+    for frame in frames:
+        again.step(frame)
+    again.finish()
+    if again.result.world is None or again.in_hindsight() is not None:
+        return slam
+    # What streams lack in it is what was taken from them.
+    again.result.warnings = [*slam.result.warnings, "the run was begun again without what was wrong"]
+    return again

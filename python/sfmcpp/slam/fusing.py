@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -22,7 +22,6 @@ from sfmcpp.weighting import (
     PoseView,
     WeightSelection,
     declared_weight,
-    refine_pose,
     select_weights,
 )
 
@@ -31,7 +30,7 @@ _SIGMA_PX = 0.5
 # Constraints whose weights are the usual ones: a lie lasts for some, and steps are alike.
 _LATELY = 5
 # Fewer observations than this leave nothing to choose a weight from.
-_FEWEST = 8
+FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,26 +76,6 @@ def fuse(
     return Fused(fitted if used and fitted is not None else pose, weighted, selections)
 
 
-def settled(
-    world: WorldMap,
-    view: View,
-    pose: FloatArray,
-    measurements: Sequence[Measurement],
-    settings: SlamSettings,
-) -> FloatArray:
-    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far.
-
-    Not where weights are as in the thesis: there sensors constrain keyframes alone.
-    """
-    usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
-    images = pose_view(world, view, pose, settings)
-    if images is None or not usual or not settings.trusts_declared:
-        return pose
-    previous = world.keyframes[-1].pose
-    weighted = [(pose_constraint(c.measurement, previous), c.weight) for c in usual]
-    return refine_pose(images, weighted, pose).pose
-
-
 def presumed_weights(
     world: WorldMap, keyframe: Keyframe, previous: Keyframe, measurements: Sequence[Measurement]
 ) -> list[WeightedMeasurement]:
@@ -123,38 +102,43 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
     place = {int(k): position for position, k in enumerate(local.images)}
     count = np.bincount(local.problem.camera_index, minlength=len(place))
     known = (count > 0) | local.problem.fixed_cameras
-    members: dict[tuple[str, str], list[_Member]] = {}
+    members: list[Member] = []
     for k, position in place.items():
         if local.problem.fixed_cameras[position]:
             continue
         for constraint in world.keyframes[k].constraints:
-            m, weight = constraint.measurement, count[position] * constraint.weight**2
-            if m.kind in PLACE_KINDS:
-                cameras: tuple[int, ...] = (position,)
+            if constraint.measurement.kind in PLACE_KINDS:
+                members.append(Member((position,), constraint, int(count[position])))
             elif k - 1 in place and known[place[k - 1]]:
-                cameras = (place[k - 1], position)
-            else:
-                continue
-            members.setdefault((m.sensor, m.kind), []).append(_Member(cameras, m.value, weight))
-    return [_group(sensor, kind, found) for (sensor, kind), found in members.items()]
+                members.append(Member((place[k - 1], position), constraint, int(count[position])))
+    return grouped(members)
 
 
 @dataclass(frozen=True, eq=False)
-class _Member:
-    """One constraint of a group."""
+class Member:
+    """A constraint on cameras of a problem, and the number of observations beside whose mean it counts."""
 
     cameras: tuple[int, ...]
-    value: float | FloatArray
-    weight: float
+    constraint: WeightedMeasurement
+    count: int
 
 
-def _group(sensor: str, kind: str, members: Sequence[_Member]) -> ConstraintGroup:
+def grouped(members: Iterable[Member]) -> list[ConstraintGroup]:
+    """One group per sensor and kind, in the order in which they come."""
+    groups: dict[tuple[str, str], list[Member]] = {}
+    for member in members:
+        measured = member.constraint.measurement
+        groups.setdefault((measured.sensor, measured.kind), []).append(member)
+    return [_group(sensor, kind, found) for (sensor, kind), found in groups.items()]
+
+
+def _group(sensor: str, kind: str, members: Sequence[Member]) -> ConstraintGroup:
     cameras = np.array([m.cameras for m in members], dtype=np.int32)
     return ConstraintGroup(
         kind,
         cameras[:, 0] if kind in PLACE_KINDS else cameras,
-        np.array([m.value for m in members], dtype=np.float64),
-        member_weights=np.array([m.weight for m in members]),
+        np.array([m.constraint.measurement.value for m in members], dtype=np.float64),
+        member_weights=np.array([m.count * m.constraint.weight**2 for m in members]),
         name=sensor,
     )
 
@@ -164,7 +148,7 @@ def pose_view(world: WorldMap, view: View, pose: FloatArray, settings: SlamSetti
     known, row = view.only(world.knows(view.tracks)), world.intrinsics[0]
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
     inliers = pose_inliers(pose, points, known.pixels, row, threshold_px)
-    if np.count_nonzero(inliers) < _FEWEST:
+    if np.count_nonzero(inliers) < FEWEST:
         return None
     return PoseView(points[inliers], known.pixels[inliers], row, world.camera_model)
 

@@ -13,6 +13,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
 from sfmcpp.slam.fusing import presumed_weights
+from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -29,6 +30,41 @@ _LOOK_BACK = 80
 _ROUNDS = 3
 # In the sensors' world.
 _UP = np.array([0.0, 0.0, 1.0])
+
+
+def place_in_world(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) -> None:
+    """Bring the map into the sensors' world (thesis §5.3.3), or back to it where it has drifted from it.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run so far; its map, and the frames between keyframes, move.
+    sensors : SensorSuite
+        What tells where it is.
+    settings : SlamSettings
+        How many keyframes it takes, and whether drift is corrected.
+    """
+    world = result.world
+    assert world is not None
+    if result.metric:
+        _correct_drift(result, world, sensors, settings)
+        return
+    similarity = registration(world, sensors, settings)
+    if similarity is None:
+        return
+    world.transform(similarity)
+    result.path.transform(similarity)
+    constrain_past(world, sensors, settings)
+    world.metric = result.metric = True
+
+
+def _correct_drift(result: SlamResult, world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
+    found = correction(world, sensors, settings)
+    if found is None:
+        return
+    world.move_recent(found.first, found.similarity)
+    result.path.transform(found.similarity, world.keyframes[found.first].frame)
+    result.corrections.append(world.keyframes[-1].frame)
 
 
 def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Similarity | None:

@@ -12,6 +12,7 @@ from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map.table import Table
 from sfmcpp.map.tracks import Tracks
+from sfmcpp.model import Gap
 from sfmcpp.model.flattening import flatten, unflatten
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
@@ -28,6 +29,7 @@ _CLASSES = (
     Experience,
     FinalAdjustment,
     Frame,
+    Gap,
     Keyframe,
     KeyframeRecord,
     Measurement,

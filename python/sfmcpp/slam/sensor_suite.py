@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.geometry import so3
+from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     MOST_TURNS,
@@ -20,6 +21,7 @@ from sfmcpp.sensors import (
     describe_coverage,
     describe_gaps,
     find_bias,
+    find_misalignment,
     without_bias,
 )
 from sfmcpp.slam.experience import Experience
@@ -124,12 +126,12 @@ class SensorSuite:
         rotation, previous = pose[:, :3], last.pose[:, :3]
         return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
 
-    def learn(self, fused: Fused) -> None:
-        """Remember how the sensors compared with the images; doubtful ones are named already."""
+    def learn(self, fused: Fused, stretch: Gap) -> None:
+        """Remember how the sensors compared with the images over a time; doubtful ones are named already."""
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
-                self._of(selection.name).add(selection.conflict)
+                self._of(selection.name).add(selection.conflict, stretch)
 
     @property
     def in_time(self) -> bool:
@@ -175,10 +177,18 @@ class SensorSuite:
         self._forget(alike)
         return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
 
+    def _refine_clocks(self, vision: Trajectory) -> None:
+        """Set clocks that were wrong once more: hundredths of a second are ten milliradians of a turn."""
+        for sensor in self.sensors:
+            if isinstance(sensor, Gyroscope) and sensor.name in self._moved_s:
+                check = check_rotations(sensor.stream, sensor.mounting, vision)
+                if check.is_determined and check.agrees:
+                    self._set_clock(sensor, check)
+
     @property
-    def has_rates(self) -> bool:
-        """Whether there are any that may have a bias."""
-        return any(_has_rates(sensor) for sensor in self.sensors)
+    def compares_pairs(self) -> bool:
+        """Whether there are any whose bias or mounting pairs of images can tell."""
+        return any(_has_rates(sensor) or isinstance(sensor, Odometer) for sensor in self.sensors)
 
     def remove_biases(self, turns: Sequence[Turn], until_s: float) -> bool:
         """Take from the rates of gyroscopes what pairs of images, these and those so far, say is no rotation.
@@ -274,7 +284,37 @@ class SensorSuite:
             f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
             for name, rate in self._biases.items()
         ]
-        return biases + learnt + [found for name, check in checks.items() if (found := check.complaint(name))]
+        turned = [
+            f"{name}: its directions are {np.degrees(so3.rotation_angle(turn)):.1f}° off those seen by the "
+            "camera: is its mounting another than declared?"
+            for name, turn in self._misaligned().items()
+        ]
+        return (
+            biases
+            + turned
+            + learnt
+            + [found for name, check in checks.items() if (found := check.complaint(name))]
+        )
+
+    def in_hindsight(self, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
+        """The sensors as they should have been from the start; None where the run has found nothing wrong.
+
+        On the camera's clock, as the rotations `vision` of the whole run tell it where it was wrong, without
+        their biases, and without the samples that the images have denied.
+        """
+        self._refine_clocks(vision)
+        misaligned = self._misaligned()
+        denied = {name: stretch for name, known in self._experience.items() if (stretch := known.denied)}
+        if not {*denied, *misaligned, *self._moved_s, *self._biases}:
+            return None
+        kept = [_without(sensor, denied.get(sensor.name)) for sensor in self.sensors]
+        return tuple(_turned(sensor, misaligned) for sensor in kept if sensor is not None)
+
+    def _misaligned(self) -> dict[str, FloatArray]:
+        """How the camera is turned from what the mountings of odometers say, where images tell."""
+        odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
+        told = {odometer.name: _steps(odometer, self._turns) for odometer in odometers}
+        return {name: turn for name, steps in told.items() if (turn := find_misalignment(*steps)) is not None}
 
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance between two times [m]; `turn` start_from_end of the camera, where no gyroscope tells."""
@@ -305,6 +345,37 @@ class SensorSuite:
 
 def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
+
+
+def _steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
+    """Steps (n, 3) of the camera that an odometer tells, and their directions by the images."""
+    told = [
+        (odometer.measure(turn.start_s, turn.end_s, turn.rotation, turn.rotation), turn) for turn in turns
+    ]
+    known = [
+        (np.asarray(measured.value)[:, 3], turn.direction)
+        for measured, turn in told
+        if measured is not None and measured.kind == "displacement-pose" and not measured.doubtful
+    ]
+    steps, directions = np.array(known).reshape(-1, 2, 3).swapaxes(0, 1)
+    return steps, directions
+
+
+def _turned(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSensor:
+    """An odometer whose camera is turned from what its mounting says."""
+    turn = turns.get(sensor.name)
+    if turn is None or not isinstance(sensor, Odometer) or sensor.mounting is None:
+        return sensor
+    mounted = replace(sensor.mounting, camera_from_body=turn @ sensor.mounting.camera_from_body)
+    return replace(sensor, mounting=mounted)
+
+
+def _without(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
+    """A sensor without the samples of a stretch; None if nothing is left."""
+    if stretch is None or not isinstance(sensor, _Stamped):
+        return sensor
+    rest = sensor.stream.without(stretch)
+    return None if rest is None else replace(sensor, stream=rest)
 
 
 def _first_known(answers: Iterable[_Answer | None]) -> _Answer | None:

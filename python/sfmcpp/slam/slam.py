@@ -6,17 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
+from sfmcpp.slam.between import settle_between, settled
 from sfmcpp.slam.calibrating import calibrate
 from sfmcpp.slam.clock import Clock
 from sfmcpp.slam.ending import finish_map
-from sfmcpp.slam.fusing import fuse, settled
+from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
-from sfmcpp.slam.registering import constrain_past, correction, registration
+from sfmcpp.slam.registering import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import Measurement, MotionSensor
@@ -58,16 +60,17 @@ class Slam:
         # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
         self._initialiser: Initialiser | None = self._new_initialiser()
         self._follower = Follower(intrinsics, self.settings, self._sensors)
-        self._last: Frame | None = None
+        # The frames from the last keyframe on, and this one.
+        self._lately: list[Frame] = []
 
     def state(self) -> State:
         """All that the next frames depend on; it changes with them."""
-        start = self._initialiser and self._initialiser.state()
-        return {"result": self.result, "last": self._last, "start": start, "sensors": self._sensors.state()}
+        start, sensors = self._initialiser and self._initialiser.state(), self._sensors.state()
+        return {"result": self.result, "lately": self._lately, "start": start, "sensors": sensors}
 
     def restore(self, state: State) -> None:
         """Go on from a state of a run over the same frames, with the same settings and sensors."""
-        self.result, self._last = state["result"], state["last"]
+        self.result, self._lately = state["result"], state["lately"]
         self._sensors.restore(state["sensors"])
         self._initialiser = None
         if state["start"] is not None:
@@ -116,6 +119,12 @@ class Slam:
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
 
+    def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
+        """The sensors that a run over the same frames should have; None where these will do."""
+        if not self.settings.trusts_declared or len(self.result.poses) < 2:
+            return None
+        return self._sensors.in_hindsight(self.result.seen_trajectory())
+
     def _start(self, frame: Frame) -> None:
         initialiser = self._initialiser
         assert initialiser is not None
@@ -150,12 +159,11 @@ class Slam:
         between.pop(frame.number, None)
         if pose is not None:
             between[frame.number] = pose
-        self._last = frame
+        self._lately = [seen for seen in self._lately if seen.number < frame.number] + [frame]
 
     def _go_on_without_map(self, frame: Frame, clock: Clock) -> None:
         """Too few points are left: go on from the last frame, and look for a new start once that fails."""
-        result, last = self.result, self._last
-        assert last is not None
+        result, last = self.result, self._lately[-1]
         step = self._follower.follow(frame, last, result)
         if step is None:
             result.lost.append(frame.number)
@@ -186,25 +194,6 @@ class Slam:
         self._relocate(initialiser.frames, self._world)
         self._initialiser = None
 
-    def _register(self) -> None:
-        """Bring the map into the sensors' world (thesis §5.3.3)."""
-        similarity = registration(self._world, self._sensors, self.settings)
-        if similarity is None:
-            return
-        self._world.transform(similarity)
-        self.result.path.transform(similarity)
-        constrain_past(self._world, self._sensors, self.settings)
-        self._world.metric = self.result.metric = True
-
-    def _correct_drift(self) -> None:
-        """Bring the last keyframes back to a sensor that they have drifted from."""
-        found = correction(self._world, self._sensors, self.settings)
-        if found is None:
-            return
-        self._world.move_recent(found.first, found.similarity)
-        self.result.path.transform(found.similarity, self._world.keyframes[found.first].frame)
-        self.result.corrections.append(self._world.keyframes[-1].frame)
-
     def _is_keyframe(self, view: View) -> bool:
         world, settings = self._world, self.settings
         last = world.keyframes[-1].view
@@ -228,12 +217,11 @@ class Slam:
         before = world.poses.copy()
         adjust(world, self.settings)
         self.result.path.follow(before)
+        settle_between(self.result, self._lately, self._sensors, self.settings)
+        self._lately = [seen for seen in self._lately if seen.number >= frame.number]
         clock.lap("adjustment")
-        if self.result.metric:
-            self._correct_drift()
-        else:
-            self._register()
-        self._sensors.learn(fused)
+        place_in_world(self.result, self._sensors, self.settings)
+        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
         calibrate(self.result, self._sensors, self.settings)
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 

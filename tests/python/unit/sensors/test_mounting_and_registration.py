@@ -9,7 +9,13 @@ from scipy.spatial.transform import Rotation
 from sensor_helpers import angle_between, random_poses
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
-from sfmcpp.sensors import Mounting, register_by_distances, register_by_poses, register_by_positions
+from sfmcpp.sensors import (
+    Mounting,
+    find_misalignment,
+    register_by_distances,
+    register_by_poses,
+    register_by_positions,
+)
 
 
 def random_mounting(rng: np.random.Generator) -> Mounting:
@@ -44,6 +50,29 @@ def test_a_forward_looking_camera_sees_the_road_ahead_and_below() -> None:
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
     with pytest.raises(InvalidArgument, match="camera_from_body: must be orthonormal"):
         Mounting(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
+
+
+def steps_and_directions(turned_deg: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps by a mounting that is off about the vertical, and where images see them go: a fifth is wrong."""
+    rng = np.random.default_rng(5)
+    steps = rng.normal([0.0, 0.0, 2.0], 0.2, (count, 3))
+    seen = Rotation.from_rotvec(np.radians([0.0, turned_deg, 0.0])).apply(steps)
+    seen = seen / np.linalg.norm(seen, axis=1)[:, None] + rng.normal(0.0, 0.02, (count, 3))
+    seen[::5] = rng.normal(size=(len(seen[::5]), 3))
+    return steps, seen / np.linalg.norm(seen, axis=1)[:, None]
+
+
+@pytest.mark.parametrize(("turned_deg", "count"), [(5.0, 30), (-5.0, 30), (8.0, 12)])
+def test_a_camera_turned_from_its_mounting_is_found(turned_deg: float, count: int) -> None:
+    found = find_misalignment(*steps_and_directions(turned_deg, count))
+    assert found is not None
+    turned = Rotation.from_matrix(found).as_rotvec(degrees=True)
+    np.testing.assert_allclose(turned, [0.0, turned_deg, 0.0], atol=1.2)
+
+
+@pytest.mark.parametrize(("turned_deg", "count"), [(0.0, 30), (1.5, 30), (5.0, 5), (5.0, 0)])
+def test_little_and_few_steps_are_no_misalignment(turned_deg: float, count: int) -> None:
+    assert find_misalignment(*steps_and_directions(turned_deg, count)) is None
 
 
 def shrunken(poses: np.ndarray, seed: int = 3) -> tuple[np.ndarray, Similarity]:

@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sfmcpp.model import Gap
 from sfmcpp.slam import Gyroscope, Odometer, SlamSettings, run_slam
 from sfmcpp.slam.experience import KEYFRAMES_OF_SIGMA, Experience
 from sfmcpp.weighting import ConflictReport
 from winding import AT_CAMERA, winding
+
+STEP = Gap(0.0, 1.0)
 
 
 def report(sigmas: float = 0.5, **more: float | None) -> ConflictReport:
@@ -26,7 +29,7 @@ def test_sigma_is_what_is_apart_less_what_the_images_make_of_it() -> None:
         known = Experience()
         for _ in range(KEYFRAMES_OF_SIGMA):
             apart = abs(np.hypot(sigma, images) * rng.normal())
-            known.add(replace(report(images_sigma=images), discrepancy=apart))
+            known.add(replace(report(images_sigma=images), discrepancy=apart), STEP)
         assert known.sigma is not None
         found.append(known.sigma)
     assert np.median(found) == pytest.approx(sigma, rel=0.2)
@@ -36,9 +39,9 @@ def test_sigma_is_not_known_before_enough_keyframes_and_stays_then() -> None:
     known = Experience()
     for k in range(KEYFRAMES_OF_SIGMA):
         assert known.sigma is None
-        known.add(replace(report(), discrepancy=0.01 * (k + 1)))
+        known.add(replace(report(), discrepancy=0.01 * (k + 1)), STEP)
     first = known.sigma
-    known.add(replace(report(), discrepancy=5.0))
+    known.add(replace(report(), discrepancy=5.0), STEP)
     assert known.sigma == first
     (told,) = known.describe("odometer")
     assert "no standard deviation is declared" in told
@@ -47,7 +50,7 @@ def test_sigma_is_not_known_before_enough_keyframes_and_stays_then() -> None:
 def test_a_declared_sigma_is_not_estimated() -> None:
     known = Experience()
     for _ in range(2 * KEYFRAMES_OF_SIGMA):
-        known.add(report(sensor_sigma=0.02))
+        known.add(report(sensor_sigma=0.02), STEP)
     assert known.sigma is None
     assert known.describe("odometer") == []
 
@@ -57,22 +60,39 @@ def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
     known = Experience()
     for k in range(40):
         lies = k in (3, 4, 5, 7, 9) or 20 <= k < 20 + in_a_row
-        known.add(report(3.5 if lies else 0.5, sensor_sigma=0.02))
+        known.add(report(3.5 if lies else 0.5, sensor_sigma=0.02), STEP)
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
         assert "disagrees with the images at 6 keyframes in a row" in told[0]
 
 
+def test_what_leads_to_a_conflict_belongs_to_it() -> None:
+    known = Experience()
+    for k in range(40):
+        sigmas = 3.5 if 20 <= k < 26 else 1.6 if k in (18, 19, 26) else 0.5
+        known.add(report(sigmas, sensor_sigma=0.02), Gap(k - 1.0, k))
+    assert known.denied == Gap(16.5, 26.5)
+    assert Experience().denied is None
+
+
 @pytest.mark.parametrize(("others", "named"), [(0.5, True), (2.9, False)])
 def test_one_strong_conflict_is_named_where_it_is_not_usual(others: float, named: bool) -> None:
     known = Experience()
     for k in range(20):
-        known.add(report(9.0 if k == 7 else others, sensor_sigma=0.02))
+        known.add(report(9.0 if k == 7 else others, sensor_sigma=0.02), STEP)
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
         assert "disagrees with the images at a keyframe, by up to 9 σ" in told[0]
+
+
+def test_a_lie_that_lasts_for_half_of_a_run_is_named() -> None:
+    known = Experience()
+    for k in range(9):
+        known.add(report(100.0 if k > 3 else 0.5, sensor_sigma=0.02), STEP)
+    (told,) = known.describe("odometer")
+    assert "disagrees with the images at 5 keyframes in a row, by up to 100 σ" in told
 
 
 @pytest.mark.parametrize(("points", "named"), [(21, False), (22, True)])
@@ -80,7 +100,7 @@ def test_few_points_say_nothing_against_a_sensor(points: int, named: bool) -> No
     known = Experience()
     for k in range(20):
         strange = {"observations": points} if 7 <= k < 14 else {}
-        known.add(report(9.0 if strange else 0.5, sensor_sigma=0.02, **strange))
+        known.add(report(9.0 if strange else 0.5, sensor_sigma=0.02, **strange), STEP)
     assert bool(known.describe("odometer")) == named
 
 

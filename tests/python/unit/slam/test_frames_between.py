@@ -6,8 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.geometry import Similarity
-from sfmcpp.slam import Odometer, Path, SlamSettings, run_slam
-from slam_helpers import STEP_S, small_map
+from sfmcpp.model import SensorStream
+from sfmcpp.slam import Measurement, Odometer, Path, SlamResult, SlamSettings, WorldMap, run_slam
+from sfmcpp.slam.between import settle_between
+from sfmcpp.slam.sensor_suite import SensorSuite
+from sfmcpp.slam.world_map import WeightedMeasurement
+from slam_helpers import INTRINSICS, STEP_S, drive, path, small_map
 from winding import winding
 
 
@@ -80,3 +84,33 @@ def test_sensors_have_their_say_between_keyframes() -> None:
         ]
         off.append(float(np.std(np.log(steps))))
     assert off[1] < 0.6 * off[0]
+
+
+def test_frames_between_two_keyframes_are_fitted_together() -> None:
+    """Far points tell a step of a tenth of a second badly, and two keyframes and an odometer well."""
+    ways = 0.3 * np.arange(11.0)[:, None] * [0, 0, 1]
+    truth = path(ways, np.zeros((11, 3)))
+    sequence = drive(truth, sigma_px=3.0, points=12)
+    frames, world = list(sequence), WorldMap(INTRINSICS)
+    off = np.random.default_rng(1).normal(0, 0.3, (11, 3))
+    between = {k: np.column_stack([np.eye(3), ways[k] + off[k]]) for k in range(1, 10)}
+    for k in (0, 10):
+        world.add(frames[k], truth[k])
+    said = Measurement("odometer", "scale", 3.0, 0.02)
+    world.keyframes[-1].constraints.append(WeightedMeasurement(said, 50.0))
+    world.points[:12] = np.random.default_rng(0).uniform([-4, -3, 6], [4, 3, 14], (12, 3))
+    world.metric = True
+    result = SlamResult(Path(between, dict(enumerate(sequence.t_s)), world), metric=True)
+    stream = SensorStream(sequence.t_s, np.full(11, 3.0), "speed")
+    before = dict(between)
+    for sensors, settings, limit in (
+        ([], SlamSettings(), None),
+        ([Odometer(stream)], SlamSettings(weight_bounds="none"), None),
+        ([Odometer(stream)], SlamSettings(), 0.03),
+    ):
+        settle_between(result, frames, SensorSuite(sensors), settings)
+        if limit is None:
+            assert all(between[k] is before[k] for k in before)
+        else:
+            steps = np.diff([truth[0][2, 3], *(between[k][2, 3] for k in range(1, 10)), truth[10][2, 3]])
+            np.testing.assert_allclose(steps, 0.3, atol=limit)

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.model.frames import View
 from sfmcpp.sensors import Mounting, SensorStream
 from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamSettings, WorldMap
+from sfmcpp.slam.between import settled
 from sfmcpp.slam.fusing import (
     constraint_groups,
     fuse,
     pose_constraint,
     presumed_weights,
-    settled,
     usual_weights,
 )
 from sfmcpp.slam.world_map import WeightedMeasurement

@@ -7,14 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.sensors import Mounting
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, Slam, SlamResult, SlamSettings, run_slam
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
 
 # The map takes its scale from the odometer in the five seconds before.
 LIE_S = (5.0, 8.8)
+# What a sensor is given while it lies is gone from a run that is begun again.
+ONCE = SlamSettings(hindsight=False)
 
 
 def lying(stream: SensorStream, factor: float = 1.0, yaw_rad_s: float = 0.0) -> SensorStream:
@@ -70,7 +74,7 @@ def test_a_gyro_that_lies_is_in_conflict_and_its_weight_falls() -> None:
     drive = winding()
     lie = lying(drive.gyro, yaw_rad_s=float(np.radians(5)))
     sensors: list[list[MotionSensor]] = [[], [Gyroscope(drive.gyro, AT_CAMERA)], [Gyroscope(lie, AT_CAMERA)]]
-    alone, honest, liar = (run_slam(drive.sequence, sensors=given) for given in sensors)
+    alone, honest, liar = (run_slam(drive.sequence, ONCE, given) for given in sensors)
     assert np.median(during(liar, "gyro", "conflicts")) > CONFLICT_SIGMAS
     assert np.median(during(honest, "gyro", "conflicts")) < CONFLICT_SIGMAS
     honest_weight = np.median(during(honest, "gyro", "weights"))
@@ -88,8 +92,54 @@ def test_a_gyro_with_a_bias_is_corrected_and_told(seed: int) -> None:
     )
     assert honest.warnings == []
     assert len(mended.poses) == len(honest.poses)
-    (told,) = mended.warnings
+    told, begun_again = mended.warnings
+    assert "begun again" in begun_again
     assert re.fullmatch(r"gyro: a bias of (4\.[5-9]|5\.[0-4])°/s is removed from its rates", told)
     assert drive.errors(mended)[1] < drive.errors(honest)[1] + np.radians(1.0)
     plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), [Gyroscope(biased, AT_CAMERA)])
     assert not any("bias" in warning for warning in plain.warnings)
+
+
+def test_a_run_that_finds_a_sensor_wrong_for_a_while_is_begun_again_without_it_there() -> None:
+    drive = winding()
+    lie = Gyroscope(lying(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
+    once, again = (run_slam(drive.sequence, settings, [lie]) for settings in (ONCE, SlamSettings()))
+    assert again.warnings == [*once.warnings, "the run was begun again without what was wrong"]
+    assert len(during(once, "gyro", "weights")) >= 3
+    assert during(again, "gyro", "weights") == []
+    before, after = (
+        [r for r in again.records if side(r.t_s)]
+        for side in (lambda t_s: t_s < LIE_S[0] - 1, lambda t_s: t_s > LIE_S[1] + 1)
+    )
+    assert all("gyro" in record.weights for record in [*before, *after])
+
+
+def test_an_honest_run_is_not_begun_again() -> None:
+    drive = winding()
+    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
+    once, again = (run_slam(drive.sequence, settings, sensors) for settings in (ONCE, SlamSettings()))
+    assert again.warnings == once.warnings
+    np.testing.assert_array_equal(again.trajectory().poses, once.trajectory().poses)
+
+
+def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where sensors disagree with the images again, it was the images that were wrong."""
+    drive = winding()
+    sensors = (Gyroscope(drive.gyro, AT_CAMERA),)
+    once = run_slam(drive.sequence, ONCE, sensors)
+    monkeypatch.setattr(Slam, "in_hindsight", lambda self: (Odometer(drive.odometer),))
+    kept = run_slam(drive.sequence, SlamSettings(), sensors)
+    assert kept.warnings == once.warnings
+    np.testing.assert_array_equal(kept.trajectory().poses, once.trajectory().poses)
+
+
+def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
+    drive = winding()
+    velocity = replace(drive.odometer, values=drive.odometer.values * [0.0, 0.0, 1.0], kind="velocity")
+    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix(), np.zeros(3))
+    wrong = [Odometer(velocity, mounting=turned)]
+    once, again = (run_slam(drive.sequence, settings, wrong) for settings in (ONCE, SlamSettings()))
+    told, begun_again = again.warnings
+    assert re.fullmatch(r"odometer: its directions are [45]\.\d° off those seen by .*declared\?", told)
+    assert "begun again" in begun_again
+    assert drive.errors(again)[0] < 0.7 * drive.errors(once)[0]
