@@ -1,5 +1,8 @@
 #include "sfmcpp/core/exchange.hpp"
 
+#include <algorithm>
+#include <numeric>
+
 namespace sfmcpp {
 namespace {
 
@@ -12,13 +15,30 @@ class ThisProcess final : public Exchange {
   std::vector<double> gather(std::span<const double> values) override {
     return {values.begin(), values.end()};
   }
-  std::vector<double> deliver(std::span<const double> values, std::span<const int>) override {
-    return {values.begin(), values.end()};
+  void deliver(std::span<const double> values,
+               std::span<const int>,
+               std::span<double> received,
+               std::span<const int>) override {
+    std::ranges::copy(values, received.begin());
   }
   bool agree(bool mine) override { return mine; }
 };
 
 }  // namespace
+
+std::vector<double> Exchange::deliver(std::span<const double> values,
+                                      std::span<const int> counts,
+                                      std::vector<int>& received_counts) {
+  const std::vector<int> one(counts.size(), 1);
+  const std::vector<double> mine(counts.begin(), counts.end());
+  std::vector<double> theirs(counts.size());
+  deliver(mine, one, theirs, one);
+  received_counts.assign(theirs.begin(), theirs.end());
+  std::vector<double> received(
+      std::reduce(received_counts.begin(), received_counts.end(), std::size_t{0}));
+  deliver(values, counts, received, received_counts);
+  return received;
+}
 
 Exchange& this_process() {
   static ThisProcess alone;

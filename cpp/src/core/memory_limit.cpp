@@ -1,6 +1,8 @@
 #include "sfmcpp/core/memory_limit.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <fstream>
 #include <unistd.h>
 
@@ -22,6 +24,16 @@ double memory_limit_bytes() {
     if (std::ifstream(path) >> bytes && bytes > 0.0) limit = std::min(limit, bytes);
   }
   return limit;
+}
+
+// FNV-1a, of which a double holds 52 bits.
+double machine_number() {
+  std::array<char, 256> name{};
+  gethostname(name.data(), name.size() - 1);
+  std::uint64_t hash = 0xcbf29ce484222325;
+  for (const char* c = name.data(); *c != '\0'; ++c)
+    hash = (hash ^ static_cast<unsigned char>(*c)) * 0x100000001b3;
+  return static_cast<double>(hash >> 12);
 }
 
 }  // namespace sfmcpp

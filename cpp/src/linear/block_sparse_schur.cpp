@@ -14,6 +14,17 @@ constexpr long kLeastBlocksPerTask = 4096;
 // than this share of their bytes.
 constexpr double kMostOfSums = 0.15;
 
+// Those of own rows.
+std::vector<char> cameras_of(const CameraPattern& pattern, const CameraShares& shares) {
+  std::vector<char> result(pattern.num_rows(), 0);
+  for (int i = 0; i < pattern.num_rows(); ++i) {
+    if (!shares.is_own(i)) continue;
+    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
+      result[pattern.column[k]] = 1;
+  }
+  return result;
+}
+
 }  // namespace
 
 BlockProductKernels block_product_kernels(int camera_size) {
@@ -22,11 +33,12 @@ BlockProductKernels block_product_kernels(int camera_size) {
 
 BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
                                    PointElimination& elimination,
+                                   const CameraShares& shares,
                                    std::shared_ptr<const ReducedStructure> structure)
     : normal_(normal),
-      structure_(std::move(structure)),
-      pattern_(structure_->pattern),
-      schur_rows_(normal, elimination, pattern_),
+      schur_rows_(normal, elimination, shares, std::move(structure)),
+      pattern_(schur_rows_.pattern()),
+      touched_(cameras_of(pattern_, shares)),
       kernels_(block_product_kernels(normal.map().camera_size)),
       tasks_(choose_tasks()) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
@@ -78,10 +90,12 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
 }
 
 void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
+  schur_rows_.exchange();
   normal_.pool().parallel_for_worker(pattern_.num_rows(),
                                      [&](int i, int worker) { form_row(i, worker, diagonal); });
   diagonal_ = diagonal.camera_block(0);
-  diagonal.gather(rhs);
+  // Of own cameras they are whole; columns that cameras share are of several.
+  diagonal.gather(rhs, normal_.map().has_shared_columns ? normal_.exchange() : this_process());
 }
 
 void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal) {
@@ -98,7 +112,9 @@ void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<dou
   const ParameterMap& map = normal_.map();
   const long size = map.camera_size;
   normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
-    for (; i < end; ++i) map.expand(x.data(), static_cast<int>(i), x_.data() + size * i);
+    for (; i < end; ++i) {
+      if (touched_[i]) map.expand(x.data(), static_cast<int>(i), x_.data() + size * i);
+    }
   });
   normal_.pool().parallel_for(static_cast<int>(tasks_.size()),
                               [&](int task) { multiply_rows(tasks_[task]); });
@@ -106,7 +122,7 @@ void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<dou
     add_up(static_cast<int>(i), static_cast<int>(end));
   });
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
-    normal_.fold(out_.data() + size * i, i, columns, out.data());
+    if (touched_[i]) normal_.fold(out_.data() + size * i, i, columns, out.data());
   });
 }
 
@@ -129,8 +145,10 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
 void BlockSparseSchur::add_up(int begin, int end) {
   const long size = normal_.map().camera_size;
   std::fill(out_.begin() + size * begin, out_.begin() + size * end, 0.0);
-  for (int i = begin; i < end; ++i)
-    kernels_.add_block(diagonal_block(i), x_.data() + size * i, out_.data() + size * i);
+  for (int i = begin; i < end; ++i) {
+    if (touched_[i])
+      kernels_.add_block(diagonal_block(i), x_.data() + size * i, out_.data() + size * i);
+  }
   for (const RowTask& task : tasks_) {
     const long from = std::max(begin, task.begin), to = std::min(end, task.reach);
     const double* sums = sums_.data() + task.first + size * (from - task.begin);

@@ -7,21 +7,24 @@
 
 #include "schur_operator.hpp"
 #include "sfmcpp/linear/block_product_kernels.hpp"
-#include "sfmcpp/linear/schur_rows.hpp"
+#include "shared_schur_rows.hpp"
 
 namespace sfmcpp::linear {
 
 class BlockSparseSchur final : public SchurOperator {
  public:
-  // The references must outlive this object.
+  // The references must outlive this object. `structure` is of all ranks; each has the rows of its
+  // own cameras.
   BlockSparseSchur(const NormalEquations& normal,
                    PointElimination& elimination,
+                   const CameraShares& shares,
                    std::shared_ptr<const ReducedStructure> structure);
 
   // A row is formed in double precision and rounded when it is complete.
   void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;
   void add_product(const std::vector<double>& x, std::vector<double>& out) override;
   bool is_rounded() const override { return true; }
+  std::vector<char> touched_cameras() const override { return touched_; }
 
   const CameraPattern& pattern() const { return pattern_; }
   const BlockProductKernels& kernels() const { return kernels_; }
@@ -55,9 +58,9 @@ class BlockSparseSchur final : public SchurOperator {
   void add_up(int begin, int end);
 
   const NormalEquations& normal_;
-  std::shared_ptr<const ReducedStructure> structure_;
+  SharedSchurRows schur_rows_;
   const CameraPattern& pattern_;
-  SchurRows schur_rows_;
+  std::vector<char> touched_;  // camera
   BlockProductKernels kernels_;
   std::vector<RowTask> tasks_;
   AlignedVector<float> blocks_;              // above the diagonal, row after row

@@ -1,6 +1,7 @@
 #include "sfmcpp/linear/camera_block_diagonal.hpp"
 
 #include <algorithm>
+#include <numeric>
 
 #include <Eigen/Cholesky>
 
@@ -9,7 +10,8 @@
 namespace sfmcpp::linear {
 
 CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
-    : normal_(normal), map_(normal.map()) {
+    : normal_(normal), map_(normal.map()), all_blocks_(map_.num_blocks()) {
+  std::iota(all_blocks_.begin(), all_blocks_.end(), 0);
   offset_.push_back(0);
   for (int b = 0; b < map_.num_blocks(); ++b) {
     offset_.push_back(offset_.back() + static_cast<long>(size(b)) * size(b));
@@ -33,13 +35,13 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
                                      camera_block(i),
                                      camera_rhs(i));
   });
-  gather(rhs);
+  gather(rhs, normal_.exchange());
 }
 
-void CameraBlockDiagonal::gather(std::vector<double>& rhs) {
+void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {
   rhs.assign(map_.num_columns, 0.0);
   std::fill(blocks_.begin(), blocks_.end(), 0.0);
-  const bool is_root = normal_.exchange().is_root();
+  const bool is_root = ranks.is_root();
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
     normal_.fold(camera_rhs(i), i, columns, rhs.data());
     fold_block(i, camera_block(i), columns);
@@ -47,8 +49,8 @@ void CameraBlockDiagonal::gather(std::vector<double>& rhs) {
       if (j == i && is_root) fold_block(i, block, columns);
     });
   });
-  normal_.exchange().sum(rhs);
-  normal_.exchange().sum(blocks_);
+  ranks.sum(rhs);
+  ranks.sum(blocks_);
   normal_.camera_terms().add_rhs(map_, rhs);
 }
 
@@ -69,14 +71,16 @@ void CameraBlockDiagonal::fold_block(int camera, const double* panels, Columns w
 }
 
 template <class F>
-void CameraBlockDiagonal::for_each_block(const F& f) const {
-  normal_.pool().parallel_for_parts(map_.num_blocks(), kCamerasPerTask, [&](long begin, long end) {
-    for (long b = begin; b < end; ++b) f(static_cast<int>(b));
+void CameraBlockDiagonal::for_each(const std::vector<int>& blocks, const F& f) const {
+  const auto count = static_cast<long>(blocks.size());
+  normal_.pool().parallel_for_parts(count, kCamerasPerTask, [&](long begin, long end) {
+    for (long k = begin; k < end; ++k) f(blocks[k]);
   });
 }
 
-void CameraBlockDiagonal::factor(const std::vector<double>& diagonal) {
-  for_each_block([&](int b) {
+void CameraBlockDiagonal::factor(const std::vector<double>& diagonal,
+                                 const std::vector<int>& blocks) {
+  for_each(blocks, [&](int b) {
     Eigen::Map<Eigen::MatrixXd> matrix(blocks_.data() + offset_[b], size(b), size(b));
     for (int k = 0; k < size(b); ++k) matrix(k, k) += diagonal[map_.block_begin[b] + k];
     Eigen::LLT<Eigen::MatrixXd> cholesky(matrix);
@@ -89,11 +93,15 @@ void CameraBlockDiagonal::factor(const std::vector<double>& diagonal) {
   });
 }
 
-void CameraBlockDiagonal::solve(const std::vector<double>& in, std::vector<double>& out) const {
-  out = in;
-  for_each_block([&](int b) {
+void CameraBlockDiagonal::solve(const std::vector<double>& in,
+                                std::vector<double>& out,
+                                const std::vector<int>& blocks) const {
+  out.resize(in.size());
+  for_each(blocks, [&](int b) {
+    const int first = map_.block_begin[b];
+    std::copy_n(in.data() + first, size(b), out.data() + first);
     const Eigen::Map<const Eigen::MatrixXd> lower(blocks_.data() + offset_[b], size(b), size(b));
-    Eigen::Map<Eigen::VectorXd> x(out.data() + map_.block_begin[b], size(b));
+    Eigen::Map<Eigen::VectorXd> x(out.data() + first, size(b));
     lower.triangularView<Eigen::Lower>().solveInPlace(x);
     lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
   });

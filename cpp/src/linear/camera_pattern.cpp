@@ -176,17 +176,25 @@ CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
                                          Exchange& exchange) {
   CameraPattern mine = make_camera_pattern(graph, pairs, pool);
   if (exchange.num_ranks() == 1) return mine;
-  std::vector<double> cameras;
+  // Of each row how many blocks, and their columns.
+  std::vector<double> told;
+  told.reserve(mine.column.size() + mine.row_begin.size());
   for (int i = 0; i < mine.num_rows(); ++i) {
-    for (long block = mine.row_begin[i]; block < mine.row_begin[i + 1]; ++block) {
-      cameras.push_back(i);
-      cameras.push_back(mine.column[block]);
-    }
+    const auto begin = mine.column.begin() + mine.row_begin[i],
+               end = mine.column.begin() + mine.row_begin[i + 1];
+    told.push_back(static_cast<double>(end - begin));
+    told.insert(told.end(), begin, end);
   }
+  mine = {};
+  told = exchange.gather(told);
   CameraPairs all;
-  cameras = exchange.gather(cameras);
-  for (std::size_t k = 0; k < cameras.size(); k += 2)
-    all.emplace_back(static_cast<int>(cameras[k]), static_cast<int>(cameras[k + 1]));
+  all.reserve(told.size());
+  int row = 0;
+  for (auto next = told.begin(); next != told.end(); row = (row + 1) % graph.num_cameras) {
+    for (const auto end = next + 1 + static_cast<long>(*next); ++next != end;)
+      all.emplace_back(row, static_cast<int>(*next));
+  }
+  told = {};
   return make_camera_pattern(graph, all, pool);
 }
 

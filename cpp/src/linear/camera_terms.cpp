@@ -122,23 +122,37 @@ void CameraTerms::add_shared_diagonal(int b,
 void CameraTerms::add_product(const ParameterMap& map,
                               const std::vector<double>& x,
                               std::vector<double>& out) const {
-  double xi[kMaxCameraSize], xj[kMaxCameraSize], yi[kMaxCameraSize], yj[kMaxCameraSize];
+  for (std::size_t b = 0; b < pairs_.size(); ++b) add_product_of_block(b, map, x, out);
+}
+
+void CameraTerms::add_product(const ParameterMap& map,
+                              const std::vector<char>& rows,
+                              const std::vector<double>& x,
+                              std::vector<double>& out) const {
   for (std::size_t b = 0; b < pairs_.size(); ++b) {
-    const auto& [i, j] = pairs_[b];
-    map.expand(x.data(), i, xi);
-    map.expand(x.data(), j, xj);
-    std::fill_n(yi, size_, 0.0);
-    std::fill_n(yj, size_, 0.0);
-    for (int r = 0; r < size_; ++r) {
-      for (int c = 0; c < size_; ++c) {
-        const double value = entry(static_cast<int>(b), r, c);
-        yi[r] += value * xj[c];
-        yj[c] += value * xi[r];
-      }
-    }
-    map.fold(yi, i, out.data());
-    if (i != j) map.fold(yj, j, out.data());
+    if (rows[pairs_[b].first]) add_product_of_block(b, map, x, out);
   }
+}
+
+void CameraTerms::add_product_of_block(std::size_t b,
+                                       const ParameterMap& map,
+                                       const std::vector<double>& x,
+                                       std::vector<double>& out) const {
+  double xi[kMaxCameraSize], xj[kMaxCameraSize], yi[kMaxCameraSize], yj[kMaxCameraSize];
+  const auto& [i, j] = pairs_[b];
+  map.expand(x.data(), i, xi);
+  map.expand(x.data(), j, xj);
+  std::fill_n(yi, size_, 0.0);
+  std::fill_n(yj, size_, 0.0);
+  for (int r = 0; r < size_; ++r) {
+    for (int c = 0; c < size_; ++c) {
+      const double value = entry(static_cast<int>(b), r, c);
+      yi[r] += value * xj[c];
+      yj[c] += value * xi[r];
+    }
+  }
+  map.fold(yi, i, out.data());
+  if (i != j) map.fold(yj, j, out.data());
 }
 
 double CameraTerms::quadratic_form(const ParameterMap& map, const std::vector<double>& x) const {

@@ -1,29 +1,26 @@
 #include "cluster_blocks.hpp"
 
 #include <algorithm>
-
-#include <Eigen/Core>
+#include <utility>
 
 #include "sfmcpp/linear/panel_layout.hpp"
 
 namespace sfmcpp::linear {
-namespace {
-
-constexpr int kCameras = 20;  // in a cluster
-
-}  // namespace
-
 ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
                              const BlockSparseSchur& schur,
-                             const CameraNeighbours& neighbours)
+                             const CameraShares& shares,
+                             Aggregates clusters)
     : normal_(normal),
-      aggregates_(aggregate_cameras(neighbours, kCameras)),
-      shares_(normal, schur, aggregates_),
+      schur_(schur),
+      aggregates_(std::move(clusters)),
       row_(normal.map().column.size(), -1),
       clusters_(static_cast<std::size_t>(aggregates_.count())) {
   const int size = normal.map().camera_size;
   for (int r = 0; r < size; ++r) {
     for (int c = 0; c < size; ++c) place_.push_back(panel_index(size, r, c));
+  }
+  for (int k = 0; k < aggregates_.count(); ++k) {
+    if (shares.is_own(aggregates_.members[aggregates_.begin[k]])) own_.push_back(k);
   }
   number_rows();
 }
@@ -42,9 +39,12 @@ void ClusterBlocks::number_rows() {
 }
 
 void ClusterBlocks::factor(const std::vector<double>& diagonal) {
-  const std::vector<double> received = shares_.receive();
-  normal_.pool().parallel_for(shares_.num_own(),
-                              [&](int k) { factor_cluster(shares_.own(k), diagonal, received); });
+  normal_.pool().parallel_for(static_cast<int>(own_.size()),
+                              [&](int k) { factor_cluster(own_[k], diagonal); });
+  is_covered_.assign(diagonal.size(), 0);
+  for (int k : own_) {
+    for (int column : clusters_[k].columns) is_covered_[column] = clusters_[k].usable;
+  }
 }
 
 // value(r, c) of the block of cameras i and j.
@@ -62,7 +62,6 @@ void ClusterBlocks::add_block(int i, int j, const Value& value, DenseCholesky& l
 
 void ClusterBlocks::assemble(int k,
                              const std::vector<double>& diagonal,
-                             const std::vector<double>& received,
                              DenseCholesky& lower) const {
   const int size = normal_.map().camera_size;
   const auto add = [&](int i, int j, const auto* block) {
@@ -71,12 +70,16 @@ void ClusterBlocks::assemble(int k,
     };
     add_block(i, j, value, lower);
   };
-  shares_.for_each_block(k, add);
-  shares_.for_each_received(k, received, add);
   for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
     const int i = aggregates_.members[m];
-    normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
-      const auto value = [&](int r, int c) { return block[place_[size * r + c]]; };
+    add(i, i, schur_.diagonal_block(i));
+    const float* block = schur_.blocks_of_row(i);
+    for (int j : schur_.columns_of_row(i)) {
+      if (aggregates_.of_camera[j] == k) add(i, j, block);
+      block += size * size;
+    }
+    normal_.camera_terms().for_each_block(i, [&](int j, const double* of_terms) {
+      const auto value = [&](int r, int c) { return of_terms[place_[size * r + c]]; };
       if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
     });
   }
@@ -85,53 +88,31 @@ void ClusterBlocks::assemble(int k,
     lower.at(static_cast<int>(r), static_cast<int>(r)) += diagonal[columns[r]];
 }
 
-void ClusterBlocks::factor_cluster(int k,
-                                   const std::vector<double>& diagonal,
-                                   const std::vector<double>& received) {
+void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
   Cluster& cluster = clusters_[k];
   const auto n = static_cast<int>(cluster.columns.size());
   ThreadPool alone(1);  // clusters are the tasks
   DenseCholesky cholesky(n);
   cholesky.set_zero(alone);
-  assemble(k, diagonal, received, cholesky);
+  assemble(k, diagonal, cholesky);
   cluster.usable = cholesky.factorize(alone);
-  cluster.lower.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
-  for (int c = 0; c < n; ++c) {
-    for (int r = c; r < n; ++r)
-      cluster.lower[static_cast<std::size_t>(n) * c + r] = static_cast<float>(cholesky.at(r, c));
-  }
+  cluster.factor.set(cholesky);
 }
 
 void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {
-  normal_.pool().parallel_for(shares_.num_own(),
-                              [&](int k) { solve_cluster(clusters_[shares_.own(k)], in, out); });
-  if (normal_.exchange().num_ranks() > 1) tell_others(out);
+  normal_.pool().parallel_for(static_cast<int>(own_.size()),
+                              [&](int k) { solve_cluster(clusters_[own_[k]], in, out); });
 }
 
 void ClusterBlocks::solve_cluster(const Cluster& cluster,
                                   const std::vector<double>& in,
                                   std::vector<double>& out) {
   if (!cluster.usable) return;
-  const auto n = static_cast<Eigen::Index>(cluster.columns.size());
-  const Eigen::Map<const Eigen::MatrixXf> lower(cluster.lower.data(), n, n);
-  Eigen::VectorXf x(n);
-  for (Eigen::Index r = 0; r < n; ++r) x[r] = static_cast<float>(in[cluster.columns[r]]);
-  lower.triangularView<Eigen::Lower>().solveInPlace(x);
-  lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
-  for (Eigen::Index r = 0; r < n; ++r) out[cluster.columns[r]] = x[r];
-}
-
-// Each rank gets what the others have solved.
-void ClusterBlocks::tell_others(std::vector<double>& out) const {
-  std::vector<double> own;
-  for (int k = 0; k < shares_.num_own(); ++k) {
-    for (int column : clusters_[shares_.own(k)].columns) own.push_back(out[column]);
-  }
-  const std::vector<double> all = normal_.exchange().gather(own);
-  auto solved = all.begin();
-  for (int k : shares_.order()) {
-    for (int column : clusters_[k].columns) out[column] = *solved++;
-  }
+  AlignedVector<double> x(cluster.factor.padded_size());
+  for (std::size_t r = 0; r < cluster.columns.size(); ++r) x[r] = in[cluster.columns[r]];
+  std::fill(x.begin() + static_cast<long>(cluster.columns.size()), x.end(), 0.0);
+  cluster.factor.solve(x.data());
+  for (std::size_t r = 0; r < cluster.columns.size(); ++r) out[cluster.columns[r]] = x[r];
 }
 
 }  // namespace sfmcpp::linear

@@ -219,6 +219,7 @@ void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<doubl
       for (int c = 0; c < modes; ++c) sum[c] += row[c] * r[column];
     });
   });
+  normal_.exchange().sum(coarse_);
   cholesky_->solve(coarse_);
   normal_.pool().parallel_for(aggregates_.count(), [&](int aggregate) {
     const double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;

@@ -23,7 +23,8 @@ class CoarseSpace {
   // For the blocks that are assembled now, with λD in `diagonal`. Without modes, or where the
   // coarse matrix is not positive definite, the correction is zero.
   void factor(const std::vector<double>& diagonal);
-  // z += Z (Zᵀ S Z)⁻¹ Zᵀ r
+  // z += Z (Zᵀ S Z)⁻¹ Zᵀ r; of several ranks each has a part of r, and zeros where others have
+  // theirs.
   void add_correction(const std::vector<double>& r, std::vector<double>& z);
 
  private:

@@ -17,19 +17,23 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
                                            const std::vector<double>& b,
                                            const ConjugateGradientOptions& options,
                                            const std::function<bool()>& should_stop,
-                                           std::vector<double>& x) {
+                                           std::vector<double>& x,
+                                           Exchange& exchange) {
+  const auto product = [&](const std::vector<double>& u, const std::vector<double>& v) {
+    return exchange.sum(dot(pool, u, v));
+  };
   ConjugateGradientResult result;
   std::vector<double> residual = b, z(b.size()), direction, a_direction(b.size());
   x.assign(b.size(), 0.0);
   preconditioner(residual, z);
   direction = z;
-  double rz = dot(pool, residual, z);
+  double rz = product(residual, z);
   const double target = options.tolerance * options.tolerance * rz;
   const double start = rz;
   double decrease = 0.0;  // −Q of x
   while (!result.stopped && rz > target && result.iterations < options.max_iterations) {
     a(direction, a_direction);
-    const double curvature = dot(pool, direction, a_direction);
+    const double curvature = product(direction, a_direction);
     if (!(curvature > 0.0)) {
       // After some steps: rounding has used up what the matrix can tell. At once: it is not
       // definite.
@@ -42,7 +46,7 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
     add_scaled(pool, alpha, direction, x);
     add_scaled(pool, -alpha, a_direction, residual);
     preconditioner(residual, z);
-    const double next = dot(pool, residual, z);
+    const double next = product(residual, z);
     const double beta = next / rz;
     rz = next;
     scale_and_add(pool, beta, z, direction);

@@ -16,6 +16,12 @@ class ImplicitSchur final : public SchurOperator {
     diagonal.assemble(elimination_.factors(), rhs);
   }
   bool is_rounded() const override { return false; }
+  std::vector<char> touched_cameras() const override {
+    std::vector<char> touched(normal_.graph().num_cameras);
+    for (int i = 0; i < normal_.graph().num_cameras; ++i)
+      touched[i] = normal_.graph().observations_of_camera(i) > 0;
+    return touched;
+  }
 
   void add_product(const std::vector<double>& x, std::vector<double>& out) override {
     const ObservationGraph& graph = normal_.graph();

@@ -17,43 +17,59 @@ constexpr double kTrustedTolerance = 1e-4;
 constexpr double kFloorOfBlocks = 3e-3;
 constexpr double kFloorFromJacobian = 1e-2;
 
-// S·x is a sum over ranks: each keeps the blocks that its own points give.
-std::unique_ptr<BlockSparseSchur> blocks_of_this_rank(
-    const NormalEquations& normal,
-    PointElimination& elimination,
-    std::shared_ptr<const ReducedStructure> structure) {
-  if (!structure) return nullptr;
-  if (normal.exchange().num_ranks() > 1) {
-    structure = std::make_shared<ReducedStructure>(
-        ReducedStructure{.pattern = make_camera_pattern(
-                             normal.graph(), normal.camera_terms().pairs(), normal.pool())});
+// What a camera costs in an iteration, in blocks of S: those of its row, and its share of the
+// factor of its cluster, which is read twice; or, from the Jacobian, observations.
+std::vector<double> work_of_cameras(const NormalEquations& normal,
+                                    const ReducedStructure* structure,
+                                    const Aggregates& clusters) {
+  if (structure == nullptr) return normal.graph().of_camera_on_all_ranks;
+  const CameraPattern& pattern = structure->pattern;
+  std::vector<double> work(pattern.num_rows());
+  for (int i = 0; i < pattern.num_rows(); ++i) {
+    const int cluster = clusters.of_camera[i];
+    work[i] = static_cast<double>(pattern.row_begin[i + 1] - pattern.row_begin[i]) +
+              (clusters.begin[cluster + 1] - clusters.begin[cluster]);
   }
-  return std::make_unique<BlockSparseSchur>(normal, elimination, std::move(structure));
+  return work;
 }
 
 }  // namespace
 
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
-                                 const std::shared_ptr<const ReducedStructure>& structure)
+                                 std::shared_ptr<const ReducedStructure> structure)
+    : IterativeSolver(
+          normal,
+          options,
+          structure,
+          group_cameras(
+              normal, structure ? &structure->pattern : nullptr, options.preconditioner)) {}
+
+IterativeSolver::IterativeSolver(const NormalEquations& normal,
+                                 const LinearSolverOptions& options,
+                                 std::shared_ptr<const ReducedStructure> structure,
+                                 const CameraGroups& groups)
     : normal_(normal),
       options_(options),
       elimination_(normal),
       other_residuals_(normal, elimination_),
+      shares_(normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
       implicit_(make_implicit_schur(normal, elimination_)),
-      blocks_(blocks_of_this_rank(normal, elimination_, structure)),
-      preconditioner_(normal,
-                      blocks_.get(),
-                      structure ? &structure->pattern : nullptr,
-                      options.preconditioner) {}
+      blocks_(structure ? std::make_unique<BlockSparseSchur>(
+                              normal, elimination_, shares_, std::move(structure))
+                        : nullptr),
+      product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, shares_),
+      preconditioner_(normal, blocks_.get(), shares_, groups) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
                                          const std::function<bool()>& should_stop) {
   elimination_.factor(damping);
   diagonal_ = normal_.camera_damping(damping);
-  SchurOperator& schur = blocks_ ? *blocks_ : *implicit_;
-  schur.assemble(preconditioner_.diagonal(), rhs_);
+  SchurOperator& schur = product_.schur();
+  Vector whole, own;
+  schur.assemble(preconditioner_.diagonal(), whole);
+  product_.columns().take(whole, rhs_);
   preconditioner_.factor(diagonal_);
   const double tolerance =
       options_.pcg_tolerance.value_or(blocks_ ? kFloorOfBlocks : kFloorFromJacobian);
@@ -62,10 +78,11 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
               schur.is_rounded() ? std::max(tolerance, kTrustedTolerance) : tolerance,
               options_.pcg_max_iterations,
               should_stop,
-              step.camera);
+              own);
   if (schur.is_rounded() && tolerance < kTrustedTolerance && !result.stopped)
-    refine(tolerance, should_stop, result, step.camera);
+    refine(tolerance, should_stop, result, own);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
+  product_.columns().gather(own, step.camera);
   elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
 }
@@ -75,32 +92,41 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
                                                  int max_iterations,
                                                  const std::function<bool()>& should_stop,
                                                  Vector& x) {
-  SchurOperator& schur = blocks_ ? *blocks_ : *implicit_;
   return conjugate_gradient(
       normal_.pool(),
-      [&](const auto& in, auto& out) { apply(schur, in, out); },
-      [this](const auto& in, auto& out) { preconditioner_.solve(in, out); },
+      [this](const auto& in, auto& out) { product_.apply(diagonal_, in, out); },
+      [this](const auto& in, auto& out) { precondition(in, out); },
       residual,
       {.tolerance = tolerance,
        .forcing = options_.pcg_tolerance ? 0.0 : options_.pcg_forcing,
        .max_iterations = max_iterations},
       should_stop,
-      x);
+      x,
+      normal_.exchange());
+}
+
+void IterativeSolver::precondition(const Vector& in, Vector& out) {
+  if (shares_.are_all_own()) return preconditioner_.solve(in, out);
+  in_.resize(diagonal_.size());  // zero but for own columns
+  product_.columns().place(in, in_);
+  preconditioner_.solve(in_, out_);
+  product_.columns().take(out_, out);
 }
 
 // In which the tolerance is meant.
 double IterativeSolver::norm(const Vector& residual) {
   Vector z(residual.size());
-  preconditioner_.solve(residual, z);
-  return std::sqrt(dot(normal_.pool(), residual, z));
+  precondition(residual, z);
+  return std::sqrt(normal_.exchange().sum(dot(normal_.pool(), residual, z)));
 }
 
 void IterativeSolver::refine(double tolerance,
                              const std::function<bool()>& should_stop,
                              ConjugateGradientResult& result,
                              Vector& x) {
+  if (!unrounded_) unrounded_ = std::make_unique<SharedProduct>(normal_, *implicit_, shares_);
   const double target = tolerance * norm(rhs_);
-  Vector residual = residual_of(*implicit_, x), correction;
+  Vector residual = residual_of(*unrounded_, x), correction;
   double size = norm(residual);
   while (result.finite && !result.stopped && size > target &&
          result.iterations < options_.pcg_max_iterations) {
@@ -113,25 +139,17 @@ void IterativeSolver::refine(double tolerance,
     result.finite = next.finite;
     result.stopped = next.stopped;
     add_scaled(normal_.pool(), 1.0, correction, x);
-    residual = residual_of(*implicit_, x);
+    residual = residual_of(*unrounded_, x);
     const double before = std::exchange(size, norm(residual));
     if (!(size < 0.5 * before)) break;  // rounding of the blocks has the last word, or a user
   }
 }
 
-IterativeSolver::Vector IterativeSolver::residual_of(SchurOperator& schur, const Vector& x) const {
-  Vector product(x.size());
-  apply(schur, x, product);
-  for (std::size_t k = 0; k < product.size(); ++k) product[k] = rhs_[k] - product[k];
-  return product;
-}
-
-void IterativeSolver::apply(SchurOperator& schur, const Vector& x, Vector& out) const {
-  for (std::size_t k = 0; k < out.size(); ++k)
-    out[k] = normal_.exchange().is_root() ? diagonal_[k] * x[k] : 0.0;
-  schur.add_product(x, out);
-  normal_.exchange().sum(out);
-  normal_.camera_terms().add_product(normal_.map(), x, out);
+Vector IterativeSolver::residual_of(SharedProduct& product, const Vector& x) const {
+  Vector residual(x.size());
+  product.apply(diagonal_, x, residual);
+  for (std::size_t k = 0; k < residual.size(); ++k) residual[k] = rhs_[k] - residual[k];
+  return residual;
 }
 
 }  // namespace sfmcpp::linear

@@ -11,6 +11,7 @@
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "shared_product.hpp"
 
 namespace sfmcpp::linear {
 
@@ -22,7 +23,7 @@ class IterativeSolver final : public LinearSolver {
   // `structure` is of all ranks; null: from the Jacobian.
   IterativeSolver(const NormalEquations& normal,
                   const LinearSolverOptions& options,
-                  const std::shared_ptr<const ReducedStructure>& structure);
+                  std::shared_ptr<const ReducedStructure> structure);
 
   LinearSolveResult solve(const Damping& damping,
                           Step& step,
@@ -35,8 +36,10 @@ class IterativeSolver final : public LinearSolver {
   }
 
  private:
-  using Vector = std::vector<double>;
-
+  IterativeSolver(const NormalEquations& normal,
+                  const LinearSolverOptions& options,
+                  std::shared_ptr<const ReducedStructure> structure,
+                  const CameraGroups& groups);
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,
                                   int max_iterations,
@@ -47,18 +50,22 @@ class IterativeSolver final : public LinearSolver {
               const std::function<bool()>& should_stop,
               ConjugateGradientResult& result,
               Vector& x);
-  void apply(SchurOperator& schur, const Vector& x, Vector& out) const;
-  Vector residual_of(SchurOperator& schur, const Vector& x) const;
+  void precondition(const Vector& in, Vector& out);
+  Vector residual_of(SharedProduct& product, const Vector& x) const;
 
   const NormalEquations& normal_;
   LinearSolverOptions options_;
   PointElimination elimination_;
   OtherResiduals other_residuals_;
+  CameraShares shares_;
   std::unique_ptr<SchurOperator> implicit_;
   std::unique_ptr<BlockSparseSchur> blocks_;  // null: not formed
+  SharedProduct product_;                     // with the blocks, if there are any
+  std::unique_ptr<SharedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
   Vector diagonal_;  // λD
-  Vector rhs_;
+  Vector rhs_;       // of this rank's columns, as all vectors but these:
+  Vector in_, out_;  // of the preconditioner, where there are more ranks
 };
 
 }  // namespace sfmcpp::linear

@@ -16,6 +16,12 @@ namespace {
 
 constexpr double kMemoryShare = 0.5;  // of the machine's memory that a matrix may take
 
+// With this one.
+double ranks_of_this_machine(Exchange& exchange) {
+  const double mine = machine_number();
+  return static_cast<double>(std::ranges::count(exchange.gather({&mine, 1}), mine));
+}
+
 std::string in_words(double value, const char* unit) {
   char text[48];
   std::snprintf(text, sizeof text, "%.2g %s", value, unit);
@@ -71,8 +77,9 @@ class Chooser {
  private:
   double budget() const {
     if (options_.max_memory_bytes) return *options_.max_memory_bytes - held_;
-    // Of the smallest machine.
-    return -question_.exchange.max(-kMemoryShare * memory_limit_bytes());
+    // Of the smallest machine, by its ranks.
+    const double share = kMemoryShare / ranks_of_this_machine(question_.exchange);
+    return -question_.exchange.max(-share * memory_limit_bytes());
   }
 
   LinearSolverChoice as_requested() {

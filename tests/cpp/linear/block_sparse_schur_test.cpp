@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "../../../cpp/src/linear/schur_preconditioner.hpp"
 #include "support/random_system.hpp"
 
 namespace sfmcpp::linear {
@@ -20,8 +21,12 @@ class TwoOperators {
         elimination_(system.normal()),
         diagonal_(system.normal()),
         implicit_(make_implicit_schur(system.normal(), elimination_)),
+        shares_(system.normal(),
+                group_cameras(system.normal(), nullptr, PreconditionerKind::kAuto).clusters,
+                std::vector<double>(system.graph.num_cameras, 1.0)),
         blocks_(system.normal(),
                 elimination_,
+                shares_,
                 std::make_shared<ReducedStructure>(
                     ReducedStructure{.pattern = make_camera_pattern(
                                          system.graph, options.pairs, system.normal().pool())})) {
@@ -50,6 +55,7 @@ class TwoOperators {
   PointElimination elimination_;
   CameraBlockDiagonal diagonal_;
   std::unique_ptr<SchurOperator> implicit_;
+  CameraShares shares_;
   BlockSparseSchur blocks_;
 };
 

@@ -155,6 +155,19 @@ TEST_P(Ranks, ChooseTheSolverOfTheWhole) {
   compare(choice, [](const auto& mine, const auto& whole, int) { EXPECT_EQ(mine, whole); });
 }
 
+TEST_P(Ranks, ShareTheMemoryOfTheirMachine) {
+  const auto budget = [](const RandomSystem& system) {
+    return choose_linear_solver({.graph = system.graph,
+                                 .map = system.map,
+                                 .pool = system.normal().pool(),
+                                 .pairs = {},
+                                 .exchange = system.normal().exchange()},
+                                {})
+        .budget_bytes;
+  };
+  compare(budget, [](double mine, double whole, int) { EXPECT_EQ(kRanks * mine, whole); });
+}
+
 INSTANTIATE_TEST_SUITE_P(Systems, Ranks, testing::ValuesIn(systems()), [](const auto& test) {
   return test.param.name;
 });

@@ -91,8 +91,12 @@ TEST_P(Preconditioners, LeadToTheStepOfTheDenseSystem) {
 TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   PointElimination elimination(system.normal());
   elimination.factor(kDamping);
-  BlockSparseSchur schur(system.normal(), elimination, structure_of(system));
-  SchurPreconditioner preconditioner(system.normal(), &schur, &schur.pattern(), kind());
+  const auto structure = structure_of(system);
+  const CameraGroups groups = group_cameras(system.normal(), &structure->pattern, kind());
+  const CameraShares shares(
+      system.normal(), groups.clusters, std::vector<double>(system.graph.num_cameras, 1.0));
+  BlockSparseSchur schur(system.normal(), elimination, shares, structure);
+  SchurPreconditioner preconditioner(system.normal(), &schur, shares, groups);
   std::vector<double> rhs;
   schur.assemble(preconditioner.diagonal(), rhs);
   preconditioner.factor(system.normal().camera_damping(kDamping));
@@ -179,42 +183,6 @@ INSTANTIATE_TEST_SUITE_P(Systems,
                            std::erase(name, '-');
                            return std::get<0>(test.param).name + "_" + name;
                          });
-
-// Points in turn along the chain: each half has the blocks of its own clusters, and sends little.
-TEST(ClusterShares, AreWhereTheBlocksAre) {
-  constexpr int kCameras = 200, kPoints = 1000;
-  const auto sees = [](int camera, int point) {
-    // Points are dealt out by their parity.
-    const int place = (point % 2 * kPoints + point) / 2 * kCameras / kPoints;
-    return camera >= place && camera < place + 4;
-  };
-  const SystemOptions options{
-      .cameras = kCameras, .points = kPoints, .camera_size = 6, .sees = sees, .dense = false};
-  support::play_ranks(2, [&](Exchange& exchange) {
-    const RandomSystem part(options, exchange);
-    const NormalEquations& normal = part.normal();
-    PointElimination elimination(normal);
-    elimination.factor(kDamping);
-    const CameraPattern mine = make_camera_pattern(part.graph, {}, normal.pool());
-    BlockSparseSchur schur(
-        normal, elimination, std::make_shared<ReducedStructure>(ReducedStructure{.pattern = mine}));
-    CameraBlockDiagonal diagonal(normal);
-    std::vector<double> rhs;
-    schur.assemble(diagonal, rhs);
-    const CameraNeighbours neighbours =
-        neighbours_of(part.graph, structure_of(part)->pattern, normal.pool(), normal.exchange());
-    const Aggregates clusters = aggregate_cameras(neighbours, 20);
-    const ClusterShares shares(normal, schur, clusters);
-    EXPECT_EQ(exchange.sum(shares.num_own()), clusters.count());
-    for (int k = 0; k < shares.num_own(); ++k) {
-      const int camera = clusters.members[clusters.begin[shares.own(k)]];
-      EXPECT_NEAR(camera, exchange.rank() == 0 ? 0 : kCameras, kCameras / 2 + 20);
-    }
-    const double received = exchange.sum(static_cast<double>(shares.receive().size()));
-    EXPECT_GT(received, 0.0);
-    EXPECT_LT(received, 36.0 * 0.05 * exchange.sum(static_cast<double>(mine.num_blocks())));
-  });
-}
 
 // A chain of cameras in which an error of one end reaches the other but by neighbours.
 TEST(PreconditionersOfAChain, OfLargerPartsTakeFewerIterations) {

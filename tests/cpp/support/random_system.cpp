@@ -94,6 +94,7 @@ RandomSystem::RandomSystem(const SystemOptions& options, Exchange& exchange)
       exchange_(exchange),
       normal_(graph, map, pool_, options.pairs, exchange, options.stored),
       random_(options.seed) {
+  exchange.sum(graph.of_camera_on_all_ranks);
   add_observations(options);
   add_pairs(options);
   if (options.stored == linear::Precision::kSingle) round_coefficients();

@@ -32,6 +32,7 @@ class ThreadedExchange final : public Exchange {
 
   ThreadedExchange(Room& room, int rank) : room_(room), rank_(rank) {}
 
+  using Exchange::deliver;
   using Exchange::max;
   using Exchange::sum;
   int rank() const override { return rank_; }
@@ -61,19 +62,22 @@ class ThreadedExchange final : public Exchange {
     });
     return all;
   }
-  std::vector<double> deliver(std::span<const double> values,
-                              std::span<const int> counts) override {
+  void deliver(std::span<const double> values,
+               std::span<const int> counts,
+               std::span<double> received,
+               std::span<const int> received_counts) override {
     room_.counts[rank_].assign(counts.begin(), counts.end());
-    std::vector<double> received;
     meet(Call::kDeliver, values, [&] {
+      auto place = received.begin();
       for (std::size_t r = 0; r < room_.brought.size(); ++r) {
         const std::vector<int>& theirs = room_.counts[r];
+        if (theirs[rank_] != received_counts[r])
+          throw std::logic_error("a rank is sent what it does not expect");
         const auto first =
             room_.brought[r].begin() + std::reduce(theirs.begin(), theirs.begin() + rank_);
-        received.insert(received.end(), first, first + theirs[rank_]);
+        place = std::copy_n(first, theirs[rank_], place);
       }
     });
-    return received;
   }
   bool agree(bool mine) override {
     const double vote = mine ? 1.0 : 0.0;

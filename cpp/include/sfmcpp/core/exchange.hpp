@@ -31,12 +31,19 @@ class Exchange {
   virtual void max(std::span<double> values) = 0;
   // The values of all ranks, rank after rank; each may bring another number of them.
   virtual std::vector<double> gather(std::span<const double> values) = 0;
-  // counts[r] of the values are for rank r, rank after rank; gives what the ranks have for this
-  // one, likewise.
-  virtual std::vector<double> deliver(std::span<const double> values,
-                                      std::span<const int> counts) = 0;
+  // counts[r] of the values are for rank r, rank after rank; `received` gets what the ranks have
+  // for this one, likewise.
+  virtual void deliver(std::span<const double> values,
+                       std::span<const int> counts,
+                       std::span<double> received,
+                       std::span<const int> received_counts) = 0;
   // Whether any rank says so.
   virtual bool agree(bool mine) = 0;
+
+  // The same where a rank cannot know how much it gets; it is told `received_counts`, too.
+  std::vector<double> deliver(std::span<const double> values,
+                              std::span<const int> counts,
+                              std::vector<int>& received_counts);
 
   double sum(double value) {
     sum(std::span(&value, 1));

@@ -37,6 +37,7 @@ class MessageExchange final : public Exchange {
 
   explicit MessageExchange(Transport& transport) : transport_(transport) {}
 
+  using Exchange::deliver;
   using Exchange::max;
   using Exchange::sum;
   int rank() const override { return transport_.rank(); }
@@ -44,7 +45,10 @@ class MessageExchange final : public Exchange {
   void sum(std::span<double> values) override;
   void max(std::span<double> values) override;
   std::vector<double> gather(std::span<const double> values) override;
-  std::vector<double> deliver(std::span<const double> values, std::span<const int> counts) override;
+  void deliver(std::span<const double> values,
+               std::span<const int> counts,
+               std::span<double> received,
+               std::span<const int> received_counts) override;
   bool agree(bool mine) override;
 
   const Traffic& traffic() const { return traffic_; }

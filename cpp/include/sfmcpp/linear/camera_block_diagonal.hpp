@@ -28,23 +28,31 @@ class CameraBlockDiagonal {
     return camera_blocks_.data() + static_cast<long>(map_.camera_size) * map_.camera_size * i;
   }
   double* camera_rhs(int i) { return camera_rhs_.data() + static_cast<long>(map_.camera_size) * i; }
-  void gather(std::vector<double>& rhs);
+  // `ranks`: over which they are summed.
+  void gather(std::vector<double>& rhs, Exchange& ranks);
 
   // Adds `diagonal`, one number per reduced column, and factors. A block that is not positive
   // definite is replaced by its diagonal.
-  void factor(const std::vector<double>& diagonal);
-
+  void factor(const std::vector<double>& diagonal) { factor(diagonal, all_blocks_); }
   // `out` ← blocks⁻¹ `in`.
-  void solve(const std::vector<double>& in, std::vector<double>& out) const;
+  void solve(const std::vector<double>& in, std::vector<double>& out) const {
+    solve(in, out, all_blocks_);
+  }
+  // The same for some variable blocks alone; other columns of `out` stay.
+  void factor(const std::vector<double>& diagonal, const std::vector<int>& blocks);
+  void solve(const std::vector<double>& in,
+             std::vector<double>& out,
+             const std::vector<int>& blocks) const;
 
  private:
   void fold_block(int camera, const double* panels, Columns columns);
   template <class F>
-  void for_each_block(const F& f) const;
+  void for_each(const std::vector<int>& blocks, const F& f) const;
   int size(int b) const { return map_.block_begin[b + 1] - map_.block_begin[b]; }
 
   const NormalEquations& normal_;
   const ParameterMap& map_;
+  std::vector<int> all_blocks_;          // 0, 1, …
   std::vector<long> offset_;             // of each variable block in `blocks_`
   std::vector<double> blocks_;           // column by column; after `factor` the Cholesky factors
   AlignedVector<double> camera_rhs_;     // per camera: a camera block

@@ -4,6 +4,7 @@
 #include <functional>
 #include <vector>
 
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
 
 namespace sfmcpp::linear {
@@ -27,13 +28,15 @@ struct ConjugateGradientResult {
 
 using LinearMap = std::function<void(const std::vector<double>& in, std::vector<double>& out)>;
 
-// Solves A x = b from x = 0, until a rule of the options or `should_stop`.
+// Solves A x = b from x = 0, until a rule of the options or `should_stop`. Vectors may be cut over
+// the ranks of an exchange, each with some of their numbers.
 ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
                                            const LinearMap& a,
                                            const LinearMap& preconditioner,
                                            const std::vector<double>& b,
                                            const ConjugateGradientOptions& options,
                                            const std::function<bool()>& should_stop,
-                                           std::vector<double>& x);
+                                           std::vector<double>& x,
+                                           Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::linear

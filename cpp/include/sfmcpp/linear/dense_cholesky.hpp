@@ -26,6 +26,9 @@ class DenseCholesky {
   // Column by column, `stride` apart; what lies above the diagonal is never read.
   std::span<double> values() { return matrix_; }
   long stride() const { return ld_; }
+  double at(int row, int column) const {
+    return matrix_[static_cast<std::size_t>(column) * ld_ + row];
+  }
   double& at(int row, int column) { return matrix_[static_cast<std::size_t>(column) * ld_ + row]; }
 
   void set_zero(ThreadPool& pool);
