@@ -113,8 +113,8 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(symmetric).eigenvalues()[0], 0.0);
 }
 
-// Each rank has a share of the clusters and of the points. What single precision rounds is another
-// sum on another number of ranks.
+// Each rank has a share of the clusters and of the points. Rows are rounded to single precision
+// when they are whole: nothing but the last digits of sums hangs on how many ranks there are.
 TEST_P(Preconditioners, AreThoseOfOneRankOnSeveral) {
   struct Answer {
     int iterations;
@@ -140,7 +140,7 @@ TEST_P(Preconditioners, AreThoseOfOneRankOnSeveral) {
       const auto size = static_cast<Eigen::Index>(alone.camera.size());
       const Eigen::Map<const VectorXd> mine(answer.camera.data(), size),
           whole(alone.camera.data(), size);
-      EXPECT_LT((mine - whole).norm(), 1e-5 * whole.norm());
+      EXPECT_LT((mine - whole).norm(), 1e-9 * whole.norm());
     }
   }
 }
