@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,15 @@ def test_a_run_that_ends_on_a_detour_gives_back_the_minimum_it_left() -> None:
     assert settled == list(range(settled[0], len(ends)))
     costs = [cost for _, cost in ends[settled[0] :]]
     assert costs == sorted(costs, reverse=True)
+
+
+def test_a_run_taken_up_on_a_detour_ends_with_the_same_bits(tmp_path: Path) -> None:
+    whole = with_long_tails(SEEDS[0])
+    steps = len(sfmcpp.solve(whole, loss="auto", max_iterations=300).iterations) - 1
+    for stopped in range(steps // 2, steps, 3):
+        folder = sfmcpp.CheckpointFolder(tmp_path / str(stopped))
+        sfmcpp.solve(with_long_tails(SEEDS[0]), loss="auto", max_iterations=stopped, checkpoint=folder)
+        problem = with_long_tails(SEEDS[0])
+        sfmcpp.solve(problem, loss="auto", max_iterations=300, resume=folder)
+        np.testing.assert_array_equal(problem.points, whole.points)
+        np.testing.assert_array_equal(problem.cameras, whole.cameras)
