@@ -72,41 +72,30 @@ BundleModel::BundleModel(const Problem& problem,
 
 void BundleModel::set_loss(const Loss& loss) {
   images_.set_loss(loss);
+  make_room_for_weights();
+}
+
+void BundleModel::let_scale_fall(const State& start, double least) {
+  loss_stages_.emplace(images_, rescues_, start, least);
+  make_room_for_weights();
+}
+
+void BundleModel::make_room_for_weights() {
   if (images_.is_robust())
     weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + residuals::kReadAhead,
                     1.0);
 }
 
-void BundleModel::let_scale_fall(const State& start, double least) {
-  falling_scale_.emplace(images_, least);
-  set_loss({LossKind::kAuto, falling_scale_->at(start)});
+bool BundleModel::sharpen(State& state) { return loss_stages_ && loss_stages_->sharpen(state); }
+
+bool BundleModel::leave(State& state, double cost) {
+  return loss_stages_ && loss_stages_->leave(state, cost);
 }
 
-bool BundleModel::sharpen(State& state) {
-  if (!falling_scale_) return false;
-  if (scale_moves_ && move_scale(state)) return true;
-  if (rescues_left_ == 0 || !images_.single_observations()) return false;
-  --rescues_left_;
-  return rescues_.rescue(state) > 0;
-}
-
-bool BundleModel::move_scale(const State& state) {
-  const double scale = images_.loss().scale;
-  double next = falling_scale_->after(scale, state);
-  scale_moves_ = next < scale;
-  if (!scale_moves_) next = falling_scale_->last(scale, state);
-  set_loss({LossKind::kAuto, next});
-  return next != scale;
-}
+bool BundleModel::come_back(State& state) { return loss_stages_ && loss_stages_->come_back(state); }
 
 void BundleModel::keep(optim::Memory& memory) {
-  if (!falling_scale_) return;
-  double scale = images_.loss().scale;
-  memory.keep(scale);
-  memory.keep(scale_moves_);
-  memory.keep(rescues_left_);
-  if (!is_loss_scale(scale)) throw InvalidArgument("saved numbers: not those of these options");
-  set_loss({LossKind::kAuto, scale});
+  if (loss_stages_) memory.keep(*loss_stages_);
 }
 
 double BundleModel::cost(const State& state) {

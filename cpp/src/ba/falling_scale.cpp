@@ -155,6 +155,10 @@ double FallingScale::after(double scale, const State& state) const {
   return next < kLeastFall * scale ? next : scale;
 }
 
+bool FallingScale::keeps_all(double scale, const State& state) const {
+  return all_within(images_.exchange(), residual_norms(images_, state), scale);
+}
+
 double FallingScale::last(double scale, const State& state) const {
   return std::max(radius_at(images_, area_ / kRarer, state, kReach * scale), scale);
 }

@@ -109,7 +109,7 @@ double HeldPoints::cost(const State& state, int p, const double* place) const {
   const linear::ObservationGraph& graph = images_.graph();
   double sum = 0.0;
   for (int e = graph.point_begin[p]; e < graph.point_begin[p + 1]; ++e)
-    sum += images_.cost_of_place(state, graph.of_point[e], place);
+    sum += images_.rho(images_.square_at_place(state, graph.of_point[e], place));
   return std::isnan(sum) ? kInfinity : sum;
 }
 

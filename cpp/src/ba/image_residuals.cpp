@@ -160,7 +160,7 @@ void ImageResiduals::observation_costs(const State& state,
   for (int k = 0; k < chunk.end - chunk.begin; ++k) costs[k] = rho(r.squared(k));
 }
 
-double ImageResiduals::cost_of_place(const State& state, int k, const double* place) const {
+double ImageResiduals::square_at_place(const State& state, int k, const double* place) const {
   static constexpr std::array<int, 1 + kReadAhead> kFirst{};
   const Chunk one{graph_.camera[k], k, k + 1};
   residuals::ObservationBatch observation = batch(state, one);
@@ -169,7 +169,7 @@ double ImageResiduals::cost_of_place(const State& state, int k, const double* pl
   std::array<double, 1 + kReadAhead> u, v;
   kernels_.residuals(observation, u.data(), v.data());
   residuals::whiten(shapes(one), 1, u.data(), v.data());
-  return rho(u[0] * u[0] + v[0] * v[0]);
+  return u[0] * u[0] + v[0] * v[0];
 }
 
 ImageFit ImageResiduals::fit(const State& state, std::vector<double>* costs) const {

@@ -27,7 +27,9 @@ constexpr int kViewsOfAllPairs = 16;
 constexpr double kLeastGain = 0.1;
 // Views that agree on a place, where the point has so many: two rays always nearly meet somewhere.
 constexpr int kSupport = 3;
-constexpr int kRefits = 3;
+// Views within so many scales of a place draw it, fewer from one time to the next: where the rays
+// of two views meet, the others may be off by more than the scale.
+constexpr std::array kWidths = {4.0, 2.0, 1.0, 1.0};
 constexpr int kPointsPerTask = 16;
 
 struct Ray {
@@ -73,64 +75,80 @@ class Search {
                  .subspan(graph.point_begin[point], graph.observations_of_point(point));
   }
 
-  // Σ ρ at a place; infinite where it is no number, or once it is above `most`.
-  double cost(const double* place, double most = kInfinity) const {
-    double sum = 0.0;
-    for (int view : views_) {
-      sum += images_.cost_of_place(state_, view, place);
-      if (!(sum <= most)) return kInfinity;
-    }
-    return sum;
+  // Σ ρ at a place; infinite where it is no number.
+  double cost(const Vector3d& place) {
+    look_at(place);
+    return cost_here();
   }
 
   // A place that costs less than `most`, and on which enough views agree.
-  std::optional<Vector3d> best(double most) const {
-    std::vector<Ray> rays;
-    for (int view : views_) rays.push_back(ray(view));
-    std::optional<Vector3d> found;
-    for (const auto& [a, b] : pairs_of(static_cast<int>(rays.size()))) {
-      const std::optional<Vector3d> place = meeting_of(rays[a], rays[b]);
-      if (place && is_supported(*place)) take(*place, most, found);
+  std::optional<Vector3d> best(const Vector3d& start, double most) {
+    for (int view : views_) rays_.push_back(ray(view));
+    most_ = most;
+    take_near(start);
+    for (const auto& [a, b] : pairs_of(static_cast<int>(rays_.size()))) {
+      if (const std::optional<Vector3d> place = meeting_of(rays_[a], rays_[b])) take_near(*place);
     }
-    for (int k = 0; k < kRefits && found; ++k) {
-      if (!take(meeting_near(*found, rays), most, found)) break;
-    }
-    return found;
+    return best_;
   }
 
  private:
-  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-  bool take(const Vector3d& place, double& most, std::optional<Vector3d>& found) const {
-    const double there = cost(place.data(), most);
-    if (!(there < most)) return false;
-    most = there;
-    found = place;
-    return true;
+  // The place, and those it comes to as ever fewer views draw it.
+  void take_near(Vector3d place) {
+    look_at(place);
+    for (double width : kWidths) {
+      take(place);
+      if (!is_supported(width)) return;
+      place = meeting_near(place, width);
+      look_at(place);
+    }
+    take(place);
   }
 
-  bool agrees(int view, const Vector3d& place) const {
-    const double scale = images_.loss().scale;
-    return images_.cost_of_place(state_, view, place.data()) <= scale * scale;
+  // Where look_at() looks.
+  void take(const Vector3d& place) {
+    if (!is_supported(1.0)) return;
+    const double cost = cost_here();
+    if (!(cost < most_)) return;
+    most_ = cost;
+    best_ = place;
   }
 
-  bool is_supported(const Vector3d& place) const {
+  void look_at(const Vector3d& place) {
+    squares_.clear();
+    for (int view : views_) squares_.push_back(images_.square_at_place(state_, view, place.data()));
+  }
+
+  double cost_here() const {
+    double sum = 0.0;
+    for (double square : squares_) sum += images_.rho(square);
+    return sum <= std::numeric_limits<double>::max() ? sum
+                                                     : std::numeric_limits<double>::infinity();
+  }
+
+  bool agrees(double square, double width) const {
+    const double reach = width * images_.loss().scale;
+    return square <= reach * reach;
+  }
+
+  bool is_supported(double width) const {
     const auto support =
-        std::ranges::count_if(views_, [&](int view) { return agrees(view, place); });
+        std::ranges::count_if(squares_, [&](double square) { return agrees(square, width); });
     return support >= std::min(kSupport, static_cast<int>(views_.size()));
   }
 
-  // Where the rays of the views that agree on a place are closest to each other, as seen from them.
-  Vector3d meeting_near(const Vector3d& place, const std::vector<Ray>& rays) const {
+  // Where the rays of the views that agree on a place, the one looked at, are closest to each
+  // other, as seen from them.
+  Vector3d meeting_near(const Vector3d& place, double width) const {
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     Vector3d rhs = Vector3d::Zero();
-    for (std::size_t k = 0; k < rays.size(); ++k) {
-      if (!agrees(views_[k], place)) continue;
-      const Vector3d along = rays[k].along.normalized();
+    for (std::size_t k = 0; k < rays_.size(); ++k) {
+      if (!agrees(squares_[k], width)) continue;
+      const Vector3d along = rays_[k].along.normalized();
       const Eigen::Matrix3d across = (Eigen::Matrix3d::Identity() - along * along.transpose()) /
-                                     (place - rays[k].from).squaredNorm();
+                                     (place - rays_[k].from).squaredNorm();
       sum += across;
-      rhs += across * rays[k].from;
+      rhs += across * rays_[k].from;
     }
     return sum.ldlt().solve(rhs);
   }
@@ -153,6 +171,10 @@ class Search {
   const ImageResiduals& images_;
   const State& state_;
   std::span<const int> views_;
+  std::vector<Ray> rays_;        // of the views
+  std::vector<double> squares_;  // ‖r‖² of the views at the place looked at
+  double most_ = 0.0;
+  std::optional<Vector3d> best_;
 };
 
 }  // namespace
@@ -168,10 +190,11 @@ long PointRescues::rescue(State& state) const {
       const int end = std::min(count, (task + 1) * kPointsPerTask);
       for (int p = task * kPointsPerTask; p < end; ++p) {
         double* place = state.points.data() + images_.problem().point_offset(p);
-        const Search<Camera> search(images_, state, p);
-        const double most = search.cost(place) - gain;
+        const Vector3d start(place[0], place[1], place[2]);
+        Search<Camera> search(images_, state, p);
+        const double most = search.cost(start) - gain;
         if (!movable_[p] || !(most > 0.0)) continue;
-        const std::optional<Vector3d> found = search.best(most);
+        const std::optional<Vector3d> found = search.best(start, most);
         if (found) std::copy_n(found->data(), 3, place);
         rescued += found.has_value();
       }

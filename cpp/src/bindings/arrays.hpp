@@ -3,6 +3,7 @@
 
 #include <span>
 #include <string>
+#include <vector>
 
 #include <pybind11/numpy.h>
 
@@ -30,5 +31,18 @@ std::span<T> view(const py::dict& arrays, const char* name) {
     return {array.mutable_data(), size};
   }
 }
+
+// Keeps views of arrays from dangling while others have the GIL: NumPy resizes no array that has a
+// weak reference, even where it is told not to count references.
+class KeptSizes {
+ public:
+  explicit KeptSizes(const py::dict& arrays) {
+    for (const auto& [name, value] : arrays)
+      if (py::isinstance<py::array>(value)) references_.emplace_back(value);
+  }
+
+ private:
+  std::vector<py::weakref> references_;
+};
 
 }  // namespace sfmcpp::bindings

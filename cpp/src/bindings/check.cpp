@@ -6,6 +6,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "arrays.hpp"
 #include "gil.hpp"
 #include "options.hpp"
 #include "problem.hpp"
@@ -104,6 +105,7 @@ void bind_check(py::module_& m) {
   m.def(
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {
+        const KeptSizes kept(arrays);
         const ba::Problem problem = problem_of(arrays);
         return or_failures_of(problem, [&] {
           const ReleasedGil released;

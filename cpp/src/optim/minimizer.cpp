@@ -52,10 +52,12 @@ class Minimizer {
     while (!finished()) {
       const bool stands = !make_step();
       if (has_settled() && model_.sharpen(state_)) begin_stage();
+      if (has_converged() && model_.leave(state_, cost_)) begin_stage();
       if (stands && finished()) break;
       record();
     }
     if (is_of_a_stop(summary_.termination) && !numbers_.empty()) tell_where_it_stands(true);
+    if (!has_converged() && model_.come_back(state_)) cost_ = model_.linearize(state_);
     summary_.final_cost = cost_;
     return std::move(summary_);
   }
@@ -271,8 +273,12 @@ class Minimizer {
     }
   }
 
+  bool has_converged() const {
+    return finished_ && summary_.termination == Termination::kConverged;
+  }
+
   bool has_settled() const {
-    if (finished_) return summary_.termination == Termination::kConverged;
+    if (finished_) return has_converged();
     const double before = summary_.iterations.back().cost;
     return now_.accepted && before - cost_ <= kSettled * before;
   }

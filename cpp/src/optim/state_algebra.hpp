@@ -8,11 +8,6 @@
 
 namespace sfmcpp::optim {
 
-inline bool same_size(const State& a, const State& b) {
-  return a.cameras.size() == b.cameras.size() && a.intrinsics.size() == b.intrinsics.size() &&
-         a.points.size() == b.points.size() && a.sensors.size() == b.sensors.size();
-}
-
 // Of all unknowns, over all ranks.
 inline double norm(const State& state, const linear::NormalEquations& normal) {
   ThreadPool& pool = normal.pool();

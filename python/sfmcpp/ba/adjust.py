@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
@@ -63,7 +65,7 @@ def adjust(
     DatasetError
         If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
-    report = None if callback is None else lambda core: callback(_iteration(core))
+    report = None if callback is None else lambda core: _goes_on(callback(_iteration(core)))
     if checkpoint is not None or resume is not None:
         _require_names_of_losses(constraints, options, "in a run that is saved")
         require_named(problem.camera_model, "in a run that is saved")
@@ -179,6 +181,11 @@ def _saved_and_taken(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any
     return saved, None if taken is None else dict(taken.arrays)
 
 
+def _goes_on(answer: object) -> bool:
+    """What a callback says by its answer: only False, Python's or NumPy's, stops."""
+    return not isinstance(answer, bool | np.bool_) or bool(answer)
+
+
 class _RankListener:
     """Hears of the iterations on one rank. What a callback raises waits until all ranks have stopped."""
 
@@ -197,11 +204,11 @@ class _RankListener:
         self._sent_for.setdefault(iterations[-1].iteration, self._exchange.bytes_sent - self._sent)
         return [*map(self.with_bytes, iterations)]
 
-    def __call__(self, core: _core.CoreIteration) -> bool | None:
+    def __call__(self, core: _core.CoreIteration) -> bool:
         sent = self._exchange.bytes_sent
         self._sent_for[core.iteration], self._sent = sent - self._sent, sent
         try:
-            return None if self._callback is None else self._callback(self.with_bytes(_iteration(core)))
+            return self._callback is None or _goes_on(self._callback(self.with_bytes(_iteration(core))))
         except Exception as error:
             self._failure = error
             return False

@@ -124,15 +124,17 @@ class SolveOptions(_core.SolveOptions):
     def __init__(self, **options: Unpack[SolveKeywords]) -> None:
         super().__init__()
         for name, value in options.items():
-            self._set(name, value)
-
-    def _set(self, name: str, value: Any) -> None:
-        if name not in OPTIONS:
-            raise TypeError(f"unexpected keyword argument {name!r}: options are {', '.join(OPTIONS)}")
-        try:
+            if name not in OPTIONS:
+                raise TypeError(f"unexpected keyword argument {name!r}: options are {', '.join(OPTIONS)}")
             setattr(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
         except TypeError:
-            raise InvalidArgument(f"{name} = {value!r}: wrong type {type(value).__name__}") from None
+            too_large = OPTIONS[name].type == "int" and isinstance(value, int)
+            rule = "must have 32 bits" if too_large else f"wrong type {type(value).__name__}"
+            raise InvalidArgument(f"{name} = {value!r}: {rule}") from None
 
     def to_dict(self) -> dict[str, Any]:
         """All options by name, as plain values."""

@@ -158,12 +158,12 @@ std::vector<Case> cases() {
   return cases;
 }
 
-// Stages of loss 'auto', with points let go of on the way.
+// Stages of loss 'auto', with points let go of on the way, and detours at their end.
 std::vector<Case> falling_scales() {
   std::vector<Case> cases;
   for (Method method : {Method::kLevenbergMarquardtNielsen, Method::kDogLeg}) {
     cases.push_back({"falling_" + std::string(enum_name(method)), options_of(method)});
-    cases.back().options.minimizer.termination.max_iterations = 30;
+    cases.back().options.minimizer.termination.max_iterations = 60;
     cases.back().options.loss = LossKind::kAuto;
     cases.back().share_of_outliers = 0.2;
   }

@@ -40,6 +40,17 @@ def test_structure_changed_by_a_callback_changes_nothing(name: str) -> None:
     np.testing.assert_array_equal(changed.cameras, calm.cameras)
 
 
+@pytest.mark.parametrize("name", ["pixels", "sigma_px", "cameras", "intrinsics", "points"])
+def test_no_callback_resizes_what_the_core_reads_and_writes(name: str) -> None:
+    problem = scene()
+    problem.sigma_px = np.ones(problem.num_observations)
+    array = getattr(problem, name)
+    size = array.shape
+    with pytest.raises(ValueError, match="cannot resize an array"):
+        sfmcpp.solve(problem, callback=lambda _: array.resize((1, *size[1:]), refcheck=False))
+    assert array.shape == size
+
+
 def test_indices_changed_by_another_thread_end_in_nothing_worse_than_an_error() -> None:
     problem, over = scene(), threading.Event()
     kept = problem.point_index.copy()

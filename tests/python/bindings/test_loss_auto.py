@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,51 @@ def test_a_group_of_constraints_refuses_it_by_name() -> None:
     group = ConstraintGroup("position", [0, 1], problem.centres[:2], loss="auto")
     with pytest.raises(InvalidArgument, match=r"constraints\['position'\]\.loss = 'auto'"):
         sfmcpp.solve(problem, constraints=[group])
+
+
+SEEDS = (0, 1, 2)
+
+
+def with_long_tails(seed: int) -> Problem:
+    problem, _ = half_wrong(seed, cameras=8, points=60)
+    problem.pixels[:] += 0.5 * np.random.default_rng(seed).standard_t(1.5, problem.pixels.shape)
+    return problem
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_twice_the_scale_leads_to_no_lower_minimum(seed: int) -> None:
+    problem = with_long_tails(seed)
+    summary = sfmcpp.solve(problem, loss="auto", max_iterations=300)
+    scale = summary.loss_scale_px
+    sfmcpp.solve(problem, loss="truncated", loss_scale_px=2.0 * scale, max_iterations=100)
+    back = sfmcpp.solve(problem, loss="truncated", loss_scale_px=scale, max_iterations=300)
+    assert back.final_cost > summary.final_cost * (1.0 - 1e-5)
+
+
+def test_a_run_that_ends_on_a_detour_gives_back_the_minimum_it_left() -> None:
+    whole = sfmcpp.solve(with_long_tails(SEEDS[0]), loss="auto", max_iterations=300)
+    scale = whole.loss_scale_px
+    steps = len(whole.iterations) - 1
+    ends = []
+    for most in range(steps // 2, steps + 1):
+        problem = with_long_tails(SEEDS[0])
+        summary = sfmcpp.solve(problem, loss="auto", max_iterations=most)
+        model = sfmcpp.linearize(problem, loss="auto", loss_scale_px=summary.loss_scale_px)
+        assert model.cost == pytest.approx(summary.final_cost, rel=1e-12)
+        ends.append((summary.loss_scale_px, summary.final_cost))
+    settled = [k for k, (found, _) in enumerate(ends) if found == scale]
+    assert settled == list(range(settled[0], len(ends)))
+    costs = [cost for _, cost in ends[settled[0] :]]
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_a_run_taken_up_on_a_detour_ends_with_the_same_bits(tmp_path: Path) -> None:
+    whole = with_long_tails(SEEDS[0])
+    steps = len(sfmcpp.solve(whole, loss="auto", max_iterations=300).iterations) - 1
+    for stopped in range(steps // 2, steps, 3):
+        folder = sfmcpp.CheckpointFolder(tmp_path / str(stopped))
+        sfmcpp.solve(with_long_tails(SEEDS[0]), loss="auto", max_iterations=stopped, checkpoint=folder)
+        problem = with_long_tails(SEEDS[0])
+        sfmcpp.solve(problem, loss="auto", max_iterations=300, resume=folder)
+        np.testing.assert_array_equal(problem.points, whole.points)
+        np.testing.assert_array_equal(problem.cameras, whole.cameras)

@@ -40,6 +40,7 @@ def test_unknown_keyword_is_refused(problem: Problem) -> None:
         ("loss_scale_px", "wide", "loss_scale_px = 'wide': must be a number of pixels or 'auto'"),
         ("max_seconds", 0.0, "max_seconds = 0: must be positive"),
         ("max_iterations", "many", "max_iterations = 'many': wrong type str"),
+        ("threads", 2**40, f"threads = {2**40}: must have 32 bits"),
         ("threads", -2, r"threads = -2: must be in \[0, 1024\]"),
         ("pcg_tolerance", 2.0, r"pcg_tolerance = 2: must be in \(0, 1\)"),
     ],

@@ -111,6 +111,12 @@ def test_callback_sees_every_iteration_and_can_stop() -> None:
     assert [i.iteration for i in seen] == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("answer", [np.False_, np.True_, 0, [], "stop"])
+def test_no_answer_but_false_stops(answer: object) -> None:
+    summary = sfmcpp.solve(scene(), callback=lambda _: answer, max_iterations=2)  # type: ignore[arg-type,return-value]
+    assert summary.termination == ("stopped_by_callback" if answer is np.False_ else "max_iterations")
+
+
 def test_exception_of_the_callback_is_raised_and_the_best_state_is_kept() -> None:
     problem = scene()
     start = sfmcpp.cost(problem)

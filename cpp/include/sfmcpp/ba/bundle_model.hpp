@@ -7,9 +7,9 @@
 #include "sfmcpp/ba/algebraic_cost.hpp"
 #include "sfmcpp/ba/bending.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
-#include "sfmcpp/ba/falling_scale.hpp"
 #include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/loss_stages.hpp"
 #include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/ba/point_rescues.hpp"
 #include "sfmcpp/ba/rigs.hpp"
@@ -59,6 +59,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   long hold_back(const optim::State& start, optim::State& candidate) override;
 
   bool sharpen(optim::State& state) override;
+  bool leave(optim::State& state, double cost) override;
+  bool come_back(optim::State& state) override;
   void keep(optim::Memory& memory) override;
 
   long refit(const linear::Step& step, double cost, optim::State& candidate) override;
@@ -69,11 +71,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   const ImageFit& fit_where_linearized() const { return fit_; }
 
  private:
-  // How often points are looked for anew, once the scale of loss 'auto' moves no more: the cameras
-  // move once these are found.
-  static constexpr int kRescues = 3;
-
-  bool move_scale(const optim::State& state);
+  void make_room_for_weights();
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
   ImageFit linearize_chunk(const optim::State& state, int chunk);
   int linearize_part(const optim::State& state,
@@ -111,13 +109,11 @@ class BundleModel final : public optim::LeastSquaresModel {
   ThreadPool& pool_;
   Exchange& exchange_;
   ImageResiduals images_;
-  std::optional<FallingScale> falling_scale_;
-  bool scale_moves_ = true;
-  int rescues_left_ = kRescues;
   std::vector<char> of_images_alone_;  // points that may move and that images alone are on
   HeldPoints held_;
   PointRefits refits_;
   PointRescues rescues_;
+  std::optional<LossStages> loss_stages_;
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
   linear::NormalEquations normal_;

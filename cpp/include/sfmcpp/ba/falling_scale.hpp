@@ -25,6 +25,8 @@ class FallingScale {
   // The scale that follows `scale`; itself where it has come to the bulk of the residuals, or where
   // it lets go of none.
   double after(double scale, const optim::State& state) const;
+  // Whether no residual is beyond `scale`.
+  bool keeps_all(double scale, const optim::State& state) const;
   // No smaller than `scale`, to which it has fallen: as far as residuals are much denser than
   // outliers.
   double last(double scale, const optim::State& state) const;

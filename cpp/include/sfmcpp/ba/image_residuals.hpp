@@ -39,6 +39,7 @@ class ImageResiduals {
   const Loss& loss() const { return loss_; }
   bool is_robust() const { return !loss_.is_squared(); }
 
+  double rho(double squared) const { return is_robust() ? loss_.rho(squared) : squared; }
   // Two per observation.
   std::vector<double> values(const optim::State& state) const;
   // With the costs Σ ρ(‖r‖²) of the chunks, where there is room for them.
@@ -57,11 +58,11 @@ class ImageResiduals {
   // Whether observations may be asked for one by one, by the next two: not of a camera model that
   // is a function, whose calls are for all.
   bool single_observations() const { return !function_images_; }
-  // ρ(‖r‖²) of each observation of a chunk, and of one observation with its point at `place`.
+  // ρ(‖r‖²) of each observation of a chunk, and ‖r‖² of one with its point at `place`.
   void observation_costs(const optim::State& state,
                          const linear::Chunk& chunk,
                          double* costs) const;
-  double cost_of_place(const optim::State& state, int observation, const double* place) const;
+  double square_at_place(const optim::State& state, int observation, const double* place) const;
 
   // Goes before a pass of linearize() over the chunks: the one call of a camera model that is a
   // function. fit() and values() make theirs, with residuals alone.
@@ -99,7 +100,6 @@ class ImageResiduals {
                    const linear::Chunk& chunk,
                    double* ru,
                    double* rv) const;
-  double rho(double squared) const { return is_robust() ? loss_.rho(squared) : squared; }
   void copy_pixels();
   bool is_plain() const { return !is_robust() && whiteners_.shear.empty() && !function_images_; }
   ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;

@@ -53,7 +53,12 @@ class LeastSquaresModel {
   // is good enough for that, or moves what it has let go of; whether it has. The cost is another
   // one then, and the normal equations are to be filled anew.
   virtual bool sharpen(State&) { return false; }
-  // Hands over what sharpen() has come to.
+  // Leaves a minimum for another stage, of a cost that may lead to a lower one, or goes back to the
+  // one it left where it has not; whether it has.
+  virtual bool leave(State&, double /*cost*/) { return false; }
+  // Goes back to the minimum it left, where a run ends before it has come to another.
+  virtual bool come_back(State&) { return false; }
+  // Hands over what the last three have come to.
   virtual void keep(Memory&) {}
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none

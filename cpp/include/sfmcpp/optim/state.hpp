@@ -12,6 +12,11 @@ struct State {
   std::vector<double> sensors{};  // of rigs: 12 per sensor, row-major 3×4; cameras agree with them
 };
 
+inline bool same_size(const State& a, const State& b) {
+  return a.cameras.size() == b.cameras.size() && a.intrinsics.size() == b.intrinsics.size() &&
+         a.points.size() == b.points.size() && a.sensors.size() == b.sensors.size();
+}
+
 // How far along the step cameras (with their intrinsics) and points go: two lengths, so that
 // searches over one and over two lengths are the same thing (thesis §4.2.4).
 struct StepLengths {

@@ -36,6 +36,7 @@ LIST = "parts.json"
 
 # Where nothing else is asked for: as many ranks can share the work.
 _DEFAULT_COUNT = 16
+_MOST_PARTS = 65536  # files in one folder
 _VERSION_KEY = "sfmcpp_parts"
 _POINT, _OBSERVATION = "point.", "observation."
 _CAMERAS, _PART = "cameras", "part"
@@ -171,7 +172,11 @@ def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> 
     ------
     DatasetError
         If a value is impossible, or a file cannot be written.
+    InvalidArgument
+        If there are more than 65536 parts.
     """
+    if count > _MOST_PARTS:
+        raise InvalidArgument(f"parts = {count}: must be at most {_MOST_PARTS}")
     _make(folder)
     require_valid(problem, folder)
     parts = partition_points(problem, count)

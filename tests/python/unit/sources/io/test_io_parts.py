@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from io_helpers import PROPERTY, assert_same_metadata, assert_same_problem, refusal
-from sfmcpp import CAMERA_MODELS, Problem, circle_scene
+from sfmcpp import CAMERA_MODELS, InvalidArgument, Problem, circle_scene
 from sfmcpp.ba.partition import partition_points
 from sfmcpp.ba.parts import joined_parts, part_of
 from sfmcpp.sources.io import read, write
@@ -168,6 +168,13 @@ def test_own_bytes_of_all_ranks_are_the_file_and_rows_are_found_in_them(seed: in
         found.append(table)
     expected = numbers[head : head + rows * width].reshape(-1, width)
     np.testing.assert_array_equal(np.concatenate(found), expected)
+
+
+@pytest.mark.parametrize("count", [65537, 2**70])
+def test_more_files_than_a_folder_should_hold_are_refused(tmp_path: Path, count: int) -> None:
+    with pytest.raises(InvalidArgument, match=f"parts = {count}: must be at most 65536"):
+        write_parts(circle_scene(4, 20, seed=1), tmp_path / "city.parts", count)
+    assert not (tmp_path / "city.parts").exists()
 
 
 def test_nothing_but_its_name_or_its_list_makes_a_folder_one_of_parts(tmp_path: Path) -> None:

@@ -1,0 +1,104 @@
+#include "sfmcpp/ba/loss_stages.hpp"
+
+#include <utility>
+
+namespace sfmcpp::ba {
+namespace {
+
+using optim::State;
+
+// A detour's scale, of the one it comes back to.
+constexpr double kWide = 2.0;
+// A detour that lowers the cost by less than this share is the last.
+constexpr double kLeastGain = 1e-5;
+
+}  // namespace
+
+LossStages::LossStages(ImageResiduals& images,
+                       const PointRescues& rescues,
+                       const State& start,
+                       double least)
+    : images_(images), rescues_(rescues), falling_scale_(images, least) {
+  set_scale(falling_scale_.at(start));
+}
+
+bool LossStages::sharpen(State& state) {
+  if (is_wide_) {
+    is_wide_ = false;
+    rescues_left_ = 1;
+    set_scale(images_.loss().scale / kWide);
+    return true;
+  }
+  if (scale_moves_ && move_scale(state)) return true;
+  if (rescues_left_ == 0 || !images_.single_observations()) return false;
+  --rescues_left_;
+  return rescues_.rescue(state) > 0;
+}
+
+bool LossStages::move_scale(const State& state) {
+  const double scale = images_.loss().scale;
+  double next = falling_scale_.after(scale, state);
+  scale_moves_ = next < scale;
+  if (!scale_moves_) next = falling_scale_.last(scale, state);
+  set_scale(next);
+  return next != scale;
+}
+
+bool LossStages::leave(State& state, double cost) {
+  if (minimum_) {
+    const double gain = minimum_->cost - cost;
+    if (!(gain > 0.0)) {
+      go_back(state);
+      return true;
+    }
+    if (gain < kLeastGain * cost) detours_left_ = 0;
+    minimum_.reset();
+  }
+  if (detours_left_ == 0 || falling_scale_.keeps_all(images_.loss().scale, state)) return false;
+  --detours_left_;
+  minimum_ = {state, cost};
+  is_wide_ = true;
+  set_scale(kWide * images_.loss().scale);
+  return true;
+}
+
+bool LossStages::come_back(State& state) {
+  if (!minimum_) return false;
+  if (is_wide_) set_scale(images_.loss().scale / kWide);
+  is_wide_ = false;
+  go_back(state);
+  return true;
+}
+
+void LossStages::go_back(State& state) {
+  if (!same_size(state, minimum_->state))
+    throw InvalidArgument("saved numbers: not those of this problem");
+  state = std::move(minimum_->state);
+  minimum_.reset();
+  detours_left_ = 0;
+}
+
+void LossStages::keep(optim::Memory& memory) {
+  double scale = images_.loss().scale;
+  memory.keep(scale);
+  memory.keep(scale_moves_);
+  memory.keep(rescues_left_);
+  memory.keep(detours_left_);
+  memory.keep(is_wide_);
+  bool left = minimum_.has_value();
+  memory.keep(left);
+  if (left && !minimum_) minimum_.emplace();
+  if (left) memory.keep(*minimum_);
+  if (!is_loss_scale(scale)) throw InvalidArgument("saved numbers: not those of these options");
+  set_scale(scale);
+}
+
+void LossStages::Minimum::keep(optim::Memory& memory) {
+  memory.keep(state.cameras);
+  memory.keep(state.intrinsics);
+  memory.keep(state.points);
+  memory.keep(state.sensors);
+  memory.keep(cost);
+}
+
+}  // namespace sfmcpp::ba
