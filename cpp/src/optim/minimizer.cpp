@@ -14,11 +14,6 @@
 namespace sfmcpp::optim {
 namespace {
 
-// Parts of the cost that grow by this share of all of it are worth a look at who grows.
-constexpr double kWorthHoldingBack = 0.1;
-// A cost in stages is sharpened from where a step decreases it by less than this share.
-constexpr double kSettled = 1e-2;
-
 class Minimizer {
  public:
   Minimizer(LeastSquaresModel& model,
@@ -52,12 +47,12 @@ class Minimizer {
     while (!finished()) {
       const bool stands = !make_step();
       if (has_settled() && model_.sharpen(state_)) begin_stage();
-      if (has_converged() && model_.leave(state_, cost_)) begin_stage();
+      if (converged() && model_.leave(state_, cost_)) begin_stage();
       if (stands && finished()) break;
       record();
     }
     if (is_of_a_stop(summary_.termination) && !numbers_.empty()) tell_where_it_stands(true);
-    if (!has_converged() && model_.come_back(state_)) cost_ = model_.linearize(state_);
+    if (!converged() && model_.come_back(state_)) cost_ = model_.linearize(state_);
     summary_.final_cost = cost_;
     return std::move(summary_);
   }
@@ -273,12 +268,10 @@ class Minimizer {
     }
   }
 
-  bool has_converged() const {
-    return finished_ && summary_.termination == Termination::kConverged;
-  }
+  bool converged() const { return finished_ && summary_.termination == Termination::kConverged; }
 
   bool has_settled() const {
-    if (finished_) return has_converged();
+    if (finished_) return converged();
     const double before = summary_.iterations.back().cost;
     return now_.accepted && before - cost_ <= kSettled * before;
   }

@@ -8,6 +8,11 @@
 
 namespace sfmcpp::optim {
 
+// Parts of the cost that grow by this share of all of it are worth a look at who grows.
+inline constexpr double kWorthHoldingBack = 0.1;
+// A cost in stages is sharpened from where a step decreases it by less than this share.
+inline constexpr double kSettled = 1e-2;
+
 // Relative decreases of the cost below this are rounding.
 inline constexpr double kRounding = 1e-9;
 // A cost, in squared standard deviations, far below what any measurement can tell.
