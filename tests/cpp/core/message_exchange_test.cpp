@@ -128,10 +128,11 @@ TEST_P(MessagesOf, ListsOfAnyLengthFollowOneAnother) {
 }
 
 // Around what passes at a time and what goes to all at once.
-INSTANTIATE_TEST_SUITE_P(All,
-                         MessagesOf,
-                         testing::Combine(testing::Values(1, 2, 3),
-                                          testing::Values(0, 1, 256, 257, 1000, 65536, 65539, 200000)));
+INSTANTIATE_TEST_SUITE_P(
+    All,
+    MessagesOf,
+    testing::Combine(testing::Values(1, 2, 3),
+                     testing::Values(0, 1, 256, 257, 1000, 65536, 65539, 200000)));
 
 // To rank r rank s has s + 2 r numbers; rank 0 has none for itself.
 TEST(MessageExchange, DeliversToEachWhatIsForIt) {
