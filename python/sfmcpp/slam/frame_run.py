@@ -14,12 +14,14 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam
 from sfmcpp.sources.frames import FrameSource
 
+Listener = Callable[[int, SlamResult], object]
+
 
 def run_slam(
     source: FrameSource,
     settings: SlamSettings | None = None,
     sensors: Sequence[MotionSensor] = (),
-    callback: Callable[[int, SlamResult], object] | None = None,
+    callback: Listener | None = None,
     checkpoint: CheckpointStore | None = None,
     resume: CheckpointStore | None = None,
 ) -> SlamResult:
@@ -39,7 +41,7 @@ def run_slam(
         What measures the motion beside the camera.
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True. Of a run that is begun again it hears once.
+        True. In a run that is begun again, too: that ends it, and leaves the first one.
     checkpoint : CheckpointFolder, optional
         Where to save, from time to time and where the callback ends the run, what a later call needs to go
         on. If that fails once the run goes, it goes on, and a warning of the result names the file.
@@ -79,13 +81,15 @@ def run_slam(
             break
     else:
         slam.finish()
-        slam = _in_hindsight(slam, source, seen)
+        slam = _in_hindsight(slam, source, seen, callback)
     slam.result.seconds = time.perf_counter() - begin_s
     slam.result.warnings += checkpoints.warnings
     return slam.result
 
 
-def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> Slam:
+def _in_hindsight(
+    slam: Slam, source: FrameSource, frames: Sequence[Frame], callback: Listener | None
+) -> Slam:
     """The run once more, with what was right of its sensors, if it has found anything wrong.
 
     It is kept where it finds nothing wrong any more: else it was the images that were, as on a motorway.
@@ -96,6 +100,8 @@ def _in_hindsight(slam: Slam, source: FrameSource, frames: Sequence[Frame]) -> S
     again = Slam(source.intrinsics, slam.settings, sensors)
     for frame in frames:
         again.step(frame)
+        if callback is not None and callback(frame.number, again.result) is True:
+            return slam
     again.finish()
     if again.result.world is None or again.in_hindsight() is not None:
         return slam

@@ -133,11 +133,32 @@ def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_array_equal(kept.trajectory().poses, once.trajectory().poses)
 
 
+def on_a_turned_camera(odometer: SensorStream) -> Odometer:
+    """Velocities, of a mounting that says five degrees too much."""
+    velocity = replace(odometer, values=odometer.values * [0.0, 0.0, 1.0], kind="velocity")
+    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix(), np.zeros(3))
+    return Odometer(velocity, mounting=turned)
+
+
+def test_a_run_that_is_begun_again_is_heard_of_and_leaves_the_first_where_it_is_stopped() -> None:
+    drive = winding()
+    sensors = [on_a_turned_camera(drive.odometer)]
+    once = run_slam(drive.sequence, ONCE, sensors)
+    heard: list[int] = []
+
+    def stop_in_the_second(frame: int, _: object) -> bool:
+        heard.append(frame)
+        return heard.count(5) == 2
+
+    stopped = run_slam(drive.sequence, SlamSettings(), sensors, stop_in_the_second)
+    assert heard == [*once.path.times, *range(6)]
+    assert stopped.warnings == once.warnings
+    np.testing.assert_array_equal(stopped.trajectory().poses, once.trajectory().poses)
+
+
 def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
     drive = winding()
-    velocity = replace(drive.odometer, values=drive.odometer.values * [0.0, 0.0, 1.0], kind="velocity")
-    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix(), np.zeros(3))
-    wrong = [Odometer(velocity, mounting=turned)]
+    wrong = [on_a_turned_camera(drive.odometer)]
     once, again = (run_slam(drive.sequence, settings, wrong) for settings in (ONCE, SlamSettings()))
     told, begun_again = again.warnings
     assert re.fullmatch(r"odometer: its directions are [45]\.\d° off those seen by .*declared\?", told)
