@@ -93,7 +93,7 @@ void LossStages::keep(optim::Memory& memory) {
   set_scale(scale);
 }
 
-void LossStages::Minimum::keep(optim::Memory& memory) {
+void LeftMinimum::keep(optim::Memory& memory) {
   memory.keep(state.cameras);
   memory.keep(state.intrinsics);
   memory.keep(state.points);

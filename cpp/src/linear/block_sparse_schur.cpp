@@ -34,9 +34,9 @@ BlockProductKernels block_product_kernels(int camera_size) {
 BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
                                    PointElimination& elimination,
                                    const CameraShares& shares,
-                                   std::shared_ptr<const ReducedStructure> structure)
+                                   const std::shared_ptr<const ReducedStructure>& structure)
     : normal_(normal),
-      schur_rows_(normal, elimination, shares, std::move(structure)),
+      schur_rows_(normal, elimination, shares, structure),
       pattern_(schur_rows_.pattern()),
       touched_(cameras_of(pattern_, shares)),
       kernels_(block_product_kernels(normal.map().camera_size)),

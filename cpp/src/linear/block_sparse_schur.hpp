@@ -18,7 +18,7 @@ class BlockSparseSchur final : public SchurOperator {
   BlockSparseSchur(const NormalEquations& normal,
                    PointElimination& elimination,
                    const CameraShares& shares,
-                   std::shared_ptr<const ReducedStructure> structure);
+                   const std::shared_ptr<const ReducedStructure>& structure);
 
   // A row is formed in double precision and rounded when it is complete.
   void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;

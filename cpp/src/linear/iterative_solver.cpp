@@ -37,7 +37,7 @@ std::vector<double> work_of_cameras(const NormalEquations& normal,
 
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
-                                 std::shared_ptr<const ReducedStructure> structure)
+                                 const std::shared_ptr<const ReducedStructure>& structure)
     : IterativeSolver(
           normal,
           options,
@@ -47,7 +47,7 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
 
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
-                                 std::shared_ptr<const ReducedStructure> structure,
+                                 const std::shared_ptr<const ReducedStructure>& structure,
                                  const CameraGroups& groups)
     : normal_(normal),
       options_(options),
@@ -55,9 +55,9 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
       other_residuals_(normal, elimination_),
       shares_(normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
       implicit_(make_implicit_schur(normal, elimination_)),
-      blocks_(structure ? std::make_unique<BlockSparseSchur>(
-                              normal, elimination_, shares_, std::move(structure))
-                        : nullptr),
+      blocks_(structure
+                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, shares_, structure)
+                  : nullptr),
       product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, shares_),
       preconditioner_(normal, blocks_.get(), shares_, groups) {}
 

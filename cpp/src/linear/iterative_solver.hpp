@@ -23,7 +23,7 @@ class IterativeSolver final : public LinearSolver {
   // `structure` is of all ranks; null: from the Jacobian.
   IterativeSolver(const NormalEquations& normal,
                   const LinearSolverOptions& options,
-                  std::shared_ptr<const ReducedStructure> structure);
+                  const std::shared_ptr<const ReducedStructure>& structure);
 
   LinearSolveResult solve(const Damping& damping,
                           Step& step,
@@ -38,7 +38,7 @@ class IterativeSolver final : public LinearSolver {
  private:
   IterativeSolver(const NormalEquations& normal,
                   const LinearSolverOptions& options,
-                  std::shared_ptr<const ReducedStructure> structure,
+                  const std::shared_ptr<const ReducedStructure>& structure,
                   const CameraGroups& groups);
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,

@@ -44,7 +44,7 @@ void add(const double* from, long count, double* to) {
 SharedSchurRows::SharedSchurRows(const NormalEquations& normal,
                                  const PointElimination& elimination,
                                  const CameraShares& shares,
-                                 Structure structure)
+                                 const Structure& structure)
     : normal_(normal),
       shares_(shares),
       here_(of_points_here(normal, shares, structure)),

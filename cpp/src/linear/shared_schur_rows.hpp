@@ -19,7 +19,7 @@ class SharedSchurRows {
   SharedSchurRows(const NormalEquations& normal,
                   const PointElimination& elimination,
                   const CameraShares& shares,
-                  std::shared_ptr<const ReducedStructure> structure);
+                  const std::shared_ptr<const ReducedStructure>& structure);
 
   // The rows of this rank's cameras; of others the diagonal block, which is zero.
   const CameraPattern& pattern() const { return own_->pattern; }

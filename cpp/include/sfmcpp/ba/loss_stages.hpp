@@ -15,6 +15,14 @@
 
 namespace sfmcpp::ba {
 
+// Where a detour began.
+struct LeftMinimum {
+  optim::State state;
+  double cost = 0.0;
+
+  void keep(optim::Memory& memory);
+};
+
 class LossStages {
  public:
   // Gives the images their loss, now and in each stage. The references must outlive this object.
@@ -35,14 +43,6 @@ class LossStages {
   static constexpr int kRescues = 3;
   static constexpr int kDetours = 3;
 
-  // Where a detour began.
-  struct Minimum {
-    optim::State state;
-    double cost = 0.0;
-
-    void keep(optim::Memory& memory);
-  };
-
   void set_scale(double scale) { images_.set_loss({LossKind::kAuto, scale}); }
   bool move_scale(const optim::State& state);
   void go_back(optim::State& state);
@@ -54,7 +54,7 @@ class LossStages {
   int rescues_left_ = kRescues;
   int detours_left_ = kDetours;
   bool is_wide_ = false;
-  std::optional<Minimum> minimum_;
+  std::optional<LeftMinimum> minimum_;
 };
 
 }  // namespace sfmcpp::ba
