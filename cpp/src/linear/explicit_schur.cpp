@@ -70,7 +70,7 @@ bool ExplicitSchurSolver::factorize(const Damping& damping) {
   if (!normal_.exchange().is_root()) std::ranges::fill(diagonal, 0.0);
   reduced_->start(diagonal);
   form();
-  normal_.exchange().sum(reduced_->values());
+  reduced_->sum_over(normal_.exchange());
   return reduced_->factorize();
 }
 

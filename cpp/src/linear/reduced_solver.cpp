@@ -10,6 +10,9 @@
 namespace sfmcpp::linear {
 namespace {
 
+// That pass between ranks.
+constexpr std::size_t kNumbersAtATime = std::size_t{1} << 16;
+
 class DenseReducedSolver final : public ReducedSolver {
  public:
   DenseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
@@ -19,12 +22,12 @@ class DenseReducedSolver final : public ReducedSolver {
     cholesky_.set_zero(pool_);
     for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) = diagonal[k];
   }
-  std::span<double> values() override { return cholesky_.values(); }
   bool factorize() override { return cholesky_.factorize(pool_); }
   void solve_columns(Eigen::MatrixXd& x) override { cholesky_.solve(x, pool_); }
   double log_determinant() const override { return cholesky_.log_determinant(); }
 
  private:
+  std::span<double> values() override { return cholesky_.values(); }
   int position(int block) const override { return block; }
   BlockPlace place(int row_block, int column_block) const override {
     return {.first =
@@ -54,7 +57,6 @@ class SparseReducedSolver final : public ReducedSolver {
         values()[at.of(k - first, k - first)] = diagonal[k];
     }
   }
-  std::span<double> values() override { return cholesky_.values(); }
   bool factorize() override { return cholesky_.factorize(pool_); }
   double log_determinant() const override { return cholesky_.log_determinant(); }
 
@@ -66,6 +68,7 @@ class SparseReducedSolver final : public ReducedSolver {
   }
 
  private:
+  std::span<double> values() override { return cholesky_.values(); }
   int position(int block) const override { return supernodes_.position[block]; }
   BlockPlace place(int row_block, int column_block) const override {
     return cholesky_.place(row_block, column_block);
@@ -186,6 +189,50 @@ void ReducedSolver::add_within(const Segment& rows,
     const double share = r == c && !diagonal ? 2.0 * value : value;
     matrix[at.of(std::max(r, c), std::min(r, c))] += share;
   });
+}
+
+void ReducedSolver::sum_over(Exchange& ranks) {
+  if (ranks.num_ranks() == 1) return;
+  if (couples_.empty()) couples_ = find_couples();
+  std::vector<double> passed;
+  for (auto begin = couples_.begin(); begin != couples_.end();) {
+    passed.clear();
+    auto end = begin;
+    while (end != couples_.end() && passed.size() < kNumbersAtATime)
+      for_each_value(*end++, [&](double value) { passed.push_back(value); });
+    ranks.sum(passed);
+    auto next = passed.begin();
+    while (begin != end) for_each_value(*begin++, [&](double& value) { value = *next++; });
+  }
+}
+
+std::vector<ReducedSolver::Couple> ReducedSolver::find_couples() const {
+  std::vector<Couple> couples;
+  for (int i = 0; i < pattern_.num_rows(); ++i) {
+    for (long k = pattern_.row_begin[i]; k < pattern_.row_begin[i + 1]; ++k) {
+      for (const Segment& a : segments_of(i)) {
+        for (const Segment& b : segments_of(pattern_.column[k])) {
+          const bool a_is_later = position(a.block) >= position(b.block);
+          couples.push_back(a_is_later ? Couple{a.block, b.block} : Couple{b.block, a.block});
+        }
+      }
+    }
+  }
+  std::ranges::sort(couples);
+  couples.erase(std::unique(couples.begin(), couples.end()), couples.end());
+  couples.shrink_to_fit();
+  return couples;
+}
+
+template <class F>
+void ReducedSolver::for_each_value(Couple couple, const F& f) {
+  const auto size = [this](int b) { return map_.block_begin[b + 1] - map_.block_begin[b]; };
+  const BlockPlace at = place(position(couple.row), position(couple.column));
+  double* matrix = values().data();
+  for (int c = 0; c < size(couple.column); ++c) {
+    for (int r = couple.row == couple.column ? c : 0; r < size(couple.row); ++r)
+      f(matrix[at.of(r, c)]);
+  }
 }
 
 bool ReducedSolver::solve(std::vector<double>& x) {

@@ -2,12 +2,14 @@
 // blocks.
 #pragma once
 
+#include <compare>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/block_place.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
@@ -27,8 +29,8 @@ class ReducedSolver {
   // shared ones. The former may be added for several cameras at the same time; of the latter the
   // order of the calls is the order of the sums.
   void add_row(int i, const double* row_blocks, Columns columns);
-  // The matrix, to be summed over ranks. What lies above its diagonal is never read.
-  virtual std::span<double> values() = 0;
+  // The sum of the matrices of all ranks, on each. What S is zero in is not sent.
+  void sum_over(Exchange& ranks);
   // False if the matrix is not positive definite.
   virtual bool factorize() = 0;
   // `x` holds the right-hand side before and the solution after; false if that is not finite.
@@ -40,6 +42,8 @@ class ReducedSolver {
 
  protected:
   const ParameterMap& map() const { return map_; }
+  // What lies above the diagonal is never read.
+  virtual std::span<double> values() = 0;
   // Variable blocks by their place in the order of the matrix; row_block ≥ column_block.
   virtual int position(int block) const = 0;
   virtual BlockPlace place(int row_block, int column_block) const = 0;
@@ -63,10 +67,20 @@ class ReducedSolver {
   void add_pair(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
   void add_within(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
 
+  // Variable blocks that S couples; the row comes later in the order of the matrix, or is the same.
+  struct Couple {
+    int row, column;
+    auto operator<=>(const Couple&) const = default;
+  };
+  std::vector<Couple> find_couples() const;
+  template <class F>
+  void for_each_value(Couple couple, const F& f);
+
   const CameraPattern& pattern_;
   const ParameterMap& map_;
   std::vector<Segment> segments_;
   std::vector<std::size_t> segment_begin_;  // of each camera
+  std::vector<Couple> couples_;             // on several ranks, once they have summed
 };
 
 // The references must outlive the solver.

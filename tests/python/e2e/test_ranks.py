@@ -14,6 +14,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_circle
+from sfmcpp.sources.synthetic import corridor_scene, perturb
 
 HERE = Path(__file__).parent
 TESTS = HERE.parent
@@ -171,6 +172,23 @@ def test_the_command_line_solves_on_all_ranks_and_one_of_them_speaks(tmp_path: P
     assert all(load["seconds_computing"] > 0 and load["seconds_waiting"] > 0 for load in loads)
     assert 0 < sum(i["bytes_sent"] for i in content["iterations"]) <= loads[0]["bytes_sent"]
     assert len(content["peak_memory_bytes_of_ranks"]) == 2
+
+
+@pytest.mark.parametrize("solver", ["dense", "sparse"])
+def test_of_the_reduced_matrix_only_what_is_not_zero_is_sent(solver: str, tmp_path: Path) -> None:
+    """In a corridor a camera shares points with some neighbours."""
+    problem = corridor_scene(num_cameras=60, num_points=800, length_m=60.0, camera_model="bal")
+    source, report = tmp_path / "corridor.npz", tmp_path / "report.json"
+    sfmcpp.write(perturb(problem, seed=0, point_sigma_m=0.05), source)
+    sees = np.zeros((problem.num_points, problem.num_cameras), dtype=int)
+    sees[problem.point_index, problem.camera_index] = 1
+    blocks = np.count_nonzero(np.tril(sees.T @ sees))
+    arguments = ("--linear-solver", solver, "--max-iterations", "2", "--report", report)
+    require_success(solve_file(source, "-o", tmp_path / "out.npz", *arguments))
+    step = strict_json(report)["iterations"][1]
+    beside = 12 * 8 * 9 * problem.num_cameras  # vectors, and diagonal blocks for the damping
+    assert 0 < step["bytes_sent"] < 8 * 81 * blocks + beside
+    assert blocks < 0.3 * problem.num_cameras**2 / 2
 
 
 @pytest.mark.parametrize(
