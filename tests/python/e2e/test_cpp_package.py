@@ -74,3 +74,11 @@ def test_the_example_compiles_with_the_sources(built: Path, tmp_path: Path) -> N
     run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", f"-DSFMCPP_SOURCES={REPOSITORY}")
     run("cmake", "--build", tmp_path, "--target", OBJECT)
     assert (tmp_path / OBJECT).is_file()
+
+
+def test_sources_are_optimised_in_a_project_that_names_no_build_type(tmp_path: Path) -> None:
+    run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", f"-DSFMCPP_SOURCES={REPOSITORY}")
+    lines = run("ninja", "-C", tmp_path, "-t", "commands", "sfmcpp/cpp/libsfmcpp.a").splitlines()
+    (solve,) = (line for line in lines if line.endswith("/src/ba/solve.cpp"))
+    assert "-O3" in solve
+    assert "-O3" not in run("ninja", "-C", tmp_path, "-t", "commands", OBJECT)
