@@ -5,23 +5,12 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/rigs.hpp"
-#include "sfmcpp/cameras/pose.hpp"
-#include "sfmcpp/math/so3.hpp"
+#include "world_motions.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
-constexpr int kSimilarities = 7;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-// A small similarity, rotation ω, translation v and scale s, moves a camera centre c by
-// ω × c + v + s c and turns the camera by Rᵀω in its own frame.
-void set_similarities(const PoseMatrix& pose, Eigen::Ref<RowMajor> modes) {
-  modes.topLeftCorner<3, 3>() = pose.leftCols<3>().transpose();
-  modes.block<3, 3>(3, 0) = -skew(pose.col(3));
-  modes.block<3, 3>(3, 3).setIdentity();
-  modes.block<3, 1>(3, 6) = pose.col(3);
-}
 
 }  // namespace
 
@@ -36,7 +25,7 @@ void set_camera_modes(const Problem& problem,
   const Frames frames(problem);
   for (int i = 0; i < problem.num_cameras(); ++i) {
     Eigen::Map<RowMajor> of_camera(modes.of_camera(i, size), size, modes.count);
-    set_similarities(frames.pose(state, i), of_camera.topRows(6));
+    of_camera.topLeftCorner<kPoseTangent, kSimilarities>() = motion_of_pose(frames.pose(state, i));
     for (int k = 0; k < others; ++k) of_camera(kPoseTangent + k, kSimilarities + k) = 1.0;
   }
 }

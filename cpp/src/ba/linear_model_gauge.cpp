@@ -4,9 +4,8 @@
 
 #include "linear_model_work.hpp"
 #include "sfmcpp/ba/free_sensors.hpp"
-#include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
-#include "sfmcpp/math/so3.hpp"
+#include "world_motions.hpp"
 
 namespace sfmcpp::ba {
 
@@ -31,53 +30,23 @@ void LinearModel::require_sensors() {
   }
 }
 
-// How the columns answer to three turns about the middle of the cameras, three shifts and the
-// growth of the world, in units of its extent; and, beside them, how all that is fixed does.
+// How the columns answer to the seven similarities, in units of the scene's extent; and, beside
+// them, how all that is fixed does.
 MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
-  using Motion = Eigen::Matrix<double, 3, 7>;
-  using Camera = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>;
-  const auto camera = [&](int i) {
-    return Camera(state_.cameras.data() + kCameraStorage * long{i});
-  };
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (int i = 0; i < num_cameras(); ++i) middle += camera(i).col(3) / num_cameras();
-  double extent = 0.0;
-  for (int i = 0; i < num_cameras(); ++i)
-    extent = std::max(extent, (camera(i).col(3) - middle).norm());
-  if (extent == 0.0) extent = 1.0;
-  const auto of_position = [&](const Eigen::Vector3d& x) {
-    Motion rows;
-    rows << -skew((x - middle) / extent), Matrix3d::Identity(), (x - middle) / extent;
-    return rows;
-  };
-  const Frames frames(problem_);
-  const FreeSensors sensors(problem_, work_->space.graph);
-  MatrixXd result = MatrixXd::Zero(num_columns(), 7);
+  const WorldMotions world(problem_, work_->space.graph, state_);
+  MatrixXd result = MatrixXd::Zero(num_columns(), kSimilarities);
   held.setZero();
   for (int i = 0; i < num_cameras(); ++i) {
-    if (work_->graph().observations_of_camera(i) == 0) continue;
-    const PoseMatrix frame = frames.pose(state_, i);
-    Eigen::Matrix<double, kPoseTangent, 7> rows;
-    rows << Motion::Zero(), of_position(frame.col(3));
-    rows.topLeftCorner<3, 3>() = frame.leftCols<3>().transpose();
-    rows.bottomRightCorner<3, 1>() += sensors.anchor(frames, state_, i) / extent;
-    if (problem_.is_fixed_camera(i)) held += rows.transpose() * rows;
-    rows.bottomRows<3>() *= extent;
-    for (int k = 0; k < kPoseTangent; ++k) {
-      if (const int column = map_.columns_of(i)[k]; column != kNoColumn)
-        result.row(column) = rows.row(k);
-    }
-    if (frames.any()) add_sensor(sensors, i, extent, held, result);
+    if (work_->graph().observations_of_camera(i) > 0) add_camera(world, i, held, result);
   }
   const std::vector<char> tied = points_tied_to_cameras(problem_, work_->space.graph);
   for (int p = 0; p < num_points(); ++p) {
     if (!tied[p]) continue;
-    const Motion rows =
-        of_position(Eigen::Map<const Eigen::Vector3d>(state_.points.data() + 3L * p));
+    const PointMotion rows = world.of_point(p);
     if (point_place_[p] < 0) {
       held += rows.transpose() * rows;
     } else {
-      result.middleRows<3>(map_.num_columns + 3L * point_place_[p]) = extent * rows;
+      result.middleRows<3>(map_.num_columns + 3L * point_place_[p]) = world.extent() * rows;
     }
   }
   for (const ConstraintRows& group : groups_) {
@@ -88,23 +57,29 @@ MatrixXd LinearModel::motions(Eigen::Matrix<double, 7, 7>& held) const {
   return result;
 }
 
-// How the sensor of a camera answers to the growth of the world, and that one that stays does not.
-void LinearModel::add_sensor(const FreeSensors& sensors,
+// A camera, and the sensor that it is: how one that is free answers to the growth of the world, and
+// that one that stays does not.
+void LinearModel::add_camera(const WorldMotions& world,
                              int camera,
-                             double extent,
                              Eigen::Matrix<double, 7, 7>& held,
                              MatrixXd& motions) const {
-  const Eigen::Vector3d lever =
-      sensors.lever(state_, problem_.rigs.sensor_of_camera[camera]) / extent;
-  if (!sensors.camera_moves(camera)) {
+  const auto set = [&](int row, const auto& motion) {
+    if (const int column = map_.columns_of(camera)[row]; column != kNoColumn)
+      motions.row(column) = motion;
+  };
+  PoseMotion rows = world.of_frame(camera);
+  if (problem_.is_fixed_camera(camera)) held += rows.transpose() * rows;
+  rows.bottomRows<3>() *= world.extent();
+  for (int k = 0; k < kPoseTangent; ++k) set(k, rows.row(k));
+  if (!world.frames().any()) return;
+  const Eigen::Vector3d lever = world.lever(camera);
+  if (!world.sensors().camera_moves(camera)) {
     held(6, 6) += lever.squaredNorm();
     return;
   }
   const int first = sensor_column(problem_, work_->space.intrinsics.size()) + 3;
-  for (int k = 0; k < 3; ++k) {
-    if (const int column = map_.columns_of(camera)[first + k]; column != kNoColumn)
-      motions(column, 6) = extent * lever[k];
-  }
+  const Eigen::RowVectorXd growth = Eigen::RowVectorXd::Unit(kSimilarities, kSimilarities - 1);
+  for (int k = 0; k < 3; ++k) set(first + k, world.extent() * lever[k] * growth);
 }
 
 // N and H⁻ N: of the motions of the world, as many as the fixed gauge holds columns, those that

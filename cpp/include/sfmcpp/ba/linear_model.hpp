@@ -27,7 +27,7 @@
 
 namespace sfmcpp::ba {
 
-class FreeSensors;
+class WorldMotions;
 
 // A group's errors and their derivatives, without the weight of the group; members of weight zero
 // have no rows.
@@ -114,9 +114,8 @@ class LinearModel {
   void require_sensors();
   void find_unseen();
   Eigen::MatrixXd motions(Eigen::Matrix<double, 7, 7>& held) const;
-  void add_sensor(const FreeSensors& sensors,
+  void add_camera(const WorldMotions& world,
                   int camera,
-                  double extent,
                   Eigen::Matrix<double, 7, 7>& held,
                   Eigen::MatrixXd& motions) const;
   Eigen::MatrixXd assembled(const Eigen::MatrixXd& camera, const Eigen::MatrixXd& point) const;
