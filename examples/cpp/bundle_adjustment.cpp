@@ -1,5 +1,6 @@
-// Three cameras in a row look at twenty points, which start 5 cm off: a robust loss, the history as
-// it happens, and how certain a point is. Build: see CMakeLists.txt beside this file.
+// Three cameras in a row look at twenty points, which start 5 cm off, as does the last camera,
+// whose position a receiver knows: a robust loss, a constraint, the history as it happens, and how
+// certain a point is. Build: see CMakeLists.txt beside this file.
 #include <cmath>
 #include <cstdint>
 #include <iostream>
@@ -8,11 +9,12 @@
 
 #include <sfmcpp/ba/linear_model.hpp>
 #include <sfmcpp/ba/solve.hpp>
+#include <sfmcpp/residuals/constraint_set.hpp>
 
 int main() {
-  const std::vector<double> cameras{1, 0, 0, -1, 0, 1, 0, 0, 0, 0, 1, 0,  // [R | c], row by row
-                                    1, 0, 0, 0,  0, 1, 0, 0, 0, 0, 1, 0,
-                                    1, 0, 0, 1,  0, 1, 0, 0, 0, 0, 1, 0};
+  std::vector<double> cameras{1, 0, 0, -1, 0, 1, 0, 0, 0, 0, 1, 0,  // [R | c], row by row
+                              1, 0, 0, 0,  0, 1, 0, 0, 0, 0, 1, 0,
+                              1, 0, 0, 1,  0, 1, 0, 0, 0, 0, 1, 0};
   const std::vector<double> intrinsics{500, 1, 320, 240, 0};  // f [px], aspect, cx, cy, skew
   const std::vector<int> intrinsics_index{0, 0, 0};           // all cameras share that row
   std::vector<double> points, pixels;
@@ -28,7 +30,18 @@ int main() {
       pixels.insert(pixels.end(), {320 + 500 * (x - cameras[12 * i + 3]) / z, 240 + 500 * y / z});
     }
   }
-  const std::vector<std::uint8_t> fixed_cameras(3, 1), fixed_intrinsics(5, 1);  // points are free
+  cameras[27] += 0.05;
+  const std::vector<std::uint8_t> fixed_cameras{1, 0, 0}, fixed_intrinsics(5, 1);
+
+  // The weight of a measurement of three numbers with σ = 2 cm: 3/σ².
+  sfmcpp::residuals::ConstraintMember receiver;
+  receiver.camera = 2;
+  receiver.pose.translation = {1.0, 0.0, 0.0};
+  sfmcpp::residuals::ConstraintSet constraints;
+  constraints.add({.name = "gps",
+                   .kind = sfmcpp::residuals::ConstraintKind::kPosition,
+                   .weight = 3 / (0.02 * 0.02),
+                   .members = {receiver}});
 
   const sfmcpp::ba::Problem problem{.camera_model = sfmcpp::CameraModelId::kCalibrated,
                                     .cameras = cameras,
@@ -39,7 +52,8 @@ int main() {
                                     .point_index = point_index,
                                     .pixels = pixels,
                                     .fixed_cameras = fixed_cameras,
-                                    .fixed_intrinsics = fixed_intrinsics};
+                                    .fixed_intrinsics = fixed_intrinsics,
+                                    .constraints = &constraints};
   sfmcpp::ba::SolveOptions options;
   options.loss = sfmcpp::LossKind::kHuber;
   options.loss_scale_px = 1.0;
@@ -53,6 +67,7 @@ int main() {
   std::cout << "RMS " << summary.initial_rms_px << " px -> " << summary.final_rms_px << " px\n";
 
   sfmcpp::ba::Problem solved = problem;
+  solved.cameras = state.cameras;
   solved.points = state.points;
   sfmcpp::ba::LinearModel model(solved, options);
   std::vector<int> first(20);
