@@ -64,7 +64,8 @@ BundleModel::BundleModel(const Problem& problem,
       of_images_alone_(moved_by_images_alone(map, rows)),
       held_(images_, of_images_alone_),
       refits_(images_, of_images_alone_),
-      rescues_(images_, of_images_alone_),
+      point_rescues_(images_, of_images_alone_),
+      camera_rescues_(images_, map, free_intrinsics_),
       constraints_(problem, map, free_intrinsics_),
       normal_(rows.graph(), map, pool, constraints_.pairs(), exchange, stored),
       algebraic_(images_, map, free_intrinsics_),
@@ -76,7 +77,7 @@ void BundleModel::set_loss(const Loss& loss) {
 }
 
 void BundleModel::let_scale_fall(const State& start, double least) {
-  loss_stages_.emplace(images_, rescues_, start, least);
+  loss_stages_.emplace(images_, point_rescues_, camera_rescues_, start, least);
   make_room_for_weights();
 }
 

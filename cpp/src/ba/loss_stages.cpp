@@ -9,16 +9,21 @@ using optim::State;
 
 // A detour's scale, of the one it comes back to.
 constexpr double kWide = 2.0;
-// A detour that lowers the cost by less than this share is the last.
+// A detour that lowers the cost by less than this share is the last of its kind.
 constexpr double kLeastGain = 1e-5;
 
 }  // namespace
 
 LossStages::LossStages(ImageResiduals& images,
-                       const PointRescues& rescues,
+                       const PointRescues& points,
+                       const CameraRescues& cameras,
                        const State& start,
                        double least)
-    : images_(images), rescues_(rescues), falling_scale_(images, least) {
+    : images_(images),
+      points_(points),
+      cameras_(cameras),
+      start_(start),
+      falling_scale_(images, least) {
   set_scale(falling_scale_.at(start));
 }
 
@@ -32,7 +37,7 @@ bool LossStages::sharpen(State& state) {
   if (scale_moves_ && move_scale(state)) return true;
   if (rescues_left_ == 0 || !images_.single_observations()) return false;
   --rescues_left_;
-  return rescues_.rescue(state) > 0;
+  return points_.rescue(state) > 0;
 }
 
 bool LossStages::move_scale(const State& state) {
@@ -47,16 +52,32 @@ bool LossStages::move_scale(const State& state) {
 bool LossStages::leave(State& state, double cost) {
   if (minimum_) {
     const double gain = minimum_->cost - cost;
+    if (!(gain >= kLeastGain * cost)) end_kind();
     if (!(gain > 0.0)) {
       go_back(state);
       return true;
     }
-    if (gain < kLeastGain * cost) detours_left_ = 0;
     minimum_.reset();
   }
-  if (detours_left_ == 0 || falling_scale_.keeps_all(images_.loss().scale, state)) return false;
-  --detours_left_;
-  minimum_ = {state, cost};
+  LeftMinimum here{state, cost};
+  while (detours_ < kDetours) {
+    if (set_out(state)) {
+      minimum_ = std::move(here);
+      return true;
+    }
+    end_kind();
+  }
+  return false;
+}
+
+// The next detour; whether there is anything to be found on it.
+bool LossStages::set_out(State& state) {
+  ++detours_;
+  if (detours_ > kWideDetours) {
+    rescues_left_ = 1;
+    return cameras_.rescue(start_, state) > 0;
+  }
+  if (falling_scale_.keeps_all(images_.loss().scale, state)) return false;
   is_wide_ = true;
   set_scale(kWide * images_.loss().scale);
   return true;
@@ -75,7 +96,6 @@ void LossStages::go_back(State& state) {
     throw InvalidArgument("saved numbers: not those of this problem");
   state = std::move(minimum_->state);
   minimum_.reset();
-  detours_left_ = 0;
 }
 
 void LossStages::keep(optim::Memory& memory) {
@@ -83,7 +103,7 @@ void LossStages::keep(optim::Memory& memory) {
   memory.keep(scale);
   memory.keep(scale_moves_);
   memory.keep(rescues_left_);
-  memory.keep(detours_left_);
+  memory.keep(detours_);
   memory.keep(is_wide_);
   bool left = minimum_.has_value();
   memory.keep(left);

@@ -86,6 +86,21 @@ def test_a_group_of_constraints_refuses_it_by_name() -> None:
         sfmcpp.solve(problem, constraints=[group])
 
 
+@pytest.mark.parametrize("camera_model", ["calibrated", "bal"])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_camera_of_few_views_that_begins_far_off_is_put_back(camera_model: str, seed: int) -> None:
+    problem, wrong = half_wrong(seed, camera_model, cameras=16)
+    rows = np.random.default_rng(seed).permutation(np.flatnonzero(problem.camera_index == 3))
+    kept = np.ones(problem.num_observations, dtype=np.bool_)
+    kept[rows[20:]] = False
+    problem, right = problem.with_observations(kept), ~wrong[kept]
+    far = sfmcpp.perturb(problem, position_sigma_m=0.5, rotation_sigma_deg=3.0, seed=seed)
+    problem.cameras[3] = far.cameras[3]
+    scale = sfmcpp.solve(problem, loss="auto", max_iterations=200).loss_scale_px
+    weights = sfmcpp.linearize(problem, loss="auto", loss_scale_px=scale).observation_weights
+    assert np.mean(weights[(problem.camera_index == 3) & right] > 0.5) > 0.9
+
+
 SEEDS = (0, 1, 2)
 
 

@@ -112,7 +112,8 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::vector<char> of_images_alone_;  // points that may move and that images alone are on
   HeldPoints held_;
   PointRefits refits_;
-  PointRescues rescues_;
+  PointRescues point_rescues_;
+  CameraRescues camera_rescues_;
   std::optional<LossStages> loss_stages_;
   std::vector<double> weights_;  // 1/σ_u √ρ′ where linearised last, of a robust loss
   ConstraintTerms constraints_;
