@@ -194,7 +194,7 @@ def _usable_cores() -> frozenset[int]:
 
 @contextmanager
 def interrupts_held(told: Callable[[], None] | None = None) -> Iterator[list[int]]:
-    """Let Ctrl-C and SIGTERM wait while the ranks pass each other something: half of it would part them.
+    """Let stops wait while the ranks pass each other something: half of it would part them.
 
     Each of them calls `told`. The list is of those that wait; what is taken out of it is forgotten.
     """
@@ -208,7 +208,7 @@ def interrupts_held(told: Callable[[], None] | None = None) -> Iterator[list[int
         if told is not None:
             told()
 
-    before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     held = {n: handler for n, handler in before.items() if callable(handler)}
     for number in held:
         signal.signal(number, note)

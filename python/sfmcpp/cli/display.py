@@ -6,6 +6,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.cli.exit_codes import say
 from sfmcpp.cli.targets import Targets
+from sfmcpp.cli.terminal import stderr_console
 from sfmcpp.study.report_files import peak_memory_bytes
 
 ROWS = 8
@@ -65,10 +67,10 @@ def print_summary(
 def rendered(table: Table) -> str:
     """Lines of a table, as wide as the terminal; elsewhere as files have it."""
     at_terminal = sys.stdout is not None and sys.stdout.isatty()
-    console = Console(width=None if at_terminal else WIDTH_OF_FILES)
-    with console.capture() as captured:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    lines = StringIO()
+    width = None if at_terminal else WIDTH_OF_FILES
+    Console(file=lines, force_terminal=at_terminal or None, width=width).print(table)
+    return "\n".join(line.rstrip() for line in lines.getvalue().splitlines())
 
 
 Row = tuple[str, "str | Text"]
@@ -153,7 +155,7 @@ def shown_progress(*, quiet: bool) -> Iterator[Listener | None]:
         yield None
         return
     recent = RecentIterations()
-    console = Console(stderr=True)
+    console = stderr_console()
     with Live(recent, console=console, refresh_per_second=REFRESHES_PER_SECOND, redirect_stdout=False):
         yield recent.add
 
@@ -192,7 +194,7 @@ def shown_stages(*, quiet: bool) -> Iterator[ShowStage]:
         MofNCompleteColumn(),
         TimeRemainingColumn(compact=True, elapsed_when_finished=True),
     )
-    console = Console(stderr=True)
+    console = stderr_console()
     tasks: dict[str, TaskID] = {}
     with Progress(
         *columns, console=console, refresh_per_second=REFRESHES_PER_SECOND, redirect_stdout=False

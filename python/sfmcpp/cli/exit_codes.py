@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from enum import IntEnum
 from functools import wraps
 from typing import ParamSpec
 
+from sfmcpp.cli.terminal import give_up
 from sfmcpp.errors import SfmcppError
 
 P = ParamSpec("P")
@@ -29,15 +29,20 @@ def say(text: str) -> None:
         return
     try:
         print(text, flush=True)
-    except BrokenPipeError:
-        # What is still buffered would fail once more when the interpreter flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        give_up(sys.stdout)
+        if not isinstance(error, BrokenPipeError):
+            raise OSError(f"standard output: {error.strerror}") from None
 
 
 def tell(message: str) -> None:
     """Write exactly one line to stderr, if there is one."""
-    if sys.stderr is not None:
+    if sys.stderr is None:
+        return
+    try:
         print("sfmcpp: " + "\\n".join(message.splitlines()), file=sys.stderr, flush=True)
+    except OSError:  # the exit code tells
+        give_up(sys.stderr)
 
 
 def tell_error(message: object) -> ExitCode:
@@ -47,7 +52,7 @@ def tell_error(message: object) -> ExitCode:
 
 
 def tell_interrupted() -> ExitCode:
-    """Tell that Ctrl-C or SIGTERM came before there was anything to keep."""
+    """Tell that a stop came before there was anything to keep."""
     tell("interrupted")
     return ExitCode.INTERRUPTED
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from sfmcpp.cli.exit_codes import ExitCode, tell_error, tell_interrupted
-from sfmcpp.cli.stopping import lost_interrupts_again, sigterm_as_ctrl_c
+from sfmcpp.cli.stopping import lost_interrupts_again, requests_as_ctrl_c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted by Ctrl-C or SIGTERM.
+        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted by Ctrl-C, SIGTERM or SIGHUP.
     """
     _replace_what_cannot_be_encoded()
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if empty is not None:
         return tell_error(f"argument {empty!r}: its value is empty")
     try:
-        with sigterm_as_ctrl_c(), lost_interrupts_again():
+        with requests_as_ctrl_c(), lost_interrupts_again():
             return _dispatch(given)
     except ModuleNotFoundError as error:
         return tell_error(

@@ -17,6 +17,7 @@ from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.running import made, require_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
+from sfmcpp.cli.terminal import stderr_console
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
@@ -104,7 +105,6 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield _unseen
         return
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (
@@ -113,7 +113,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
         TextColumn("{task.description}"),
     )
     options: dict[str, Any] = {"refresh_per_second": REFRESHES_PER_SECOND, "redirect_stdout": False}
-    progress = Progress(*columns, console=Console(stderr=True), **options)
+    progress = Progress(*columns, console=stderr_console(), **options)
     task = progress.add_task("", total=num_frames)
     shown = -math.inf
 

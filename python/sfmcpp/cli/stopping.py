@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end commands in order: both alike, and not while results are written."""
+"""Ctrl-C, SIGTERM and SIGHUP end commands in order: all alike, and not while results are written."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from types import FrameType
 from typing import Any
 
 _AGAIN_S = 0.01
+# A request to terminate, and a terminal or a connection that is closed; nohup lets the latter be ignored.
+_REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
-def sigterm_as_ctrl_c() -> Iterator[None]:
-    """Let a request to terminate end commands as Ctrl-C does: with the best state and a report."""
-    if not _in_main_thread() or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+def requests_as_ctrl_c() -> Iterator[None]:
+    """Let a request to end end commands as Ctrl-C does: with the best state and a report."""
+    taken = [n for n in _REQUESTS if _in_main_thread() and signal.getsignal(n) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -51,7 +53,7 @@ def lost_interrupts_again() -> Iterator[None]:
 
 @contextmanager
 def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
-    """Take note of the first Ctrl-C or SIGTERM, so that nothing is left half done; the next ends at once."""
+    """Take note of the first stop, so that nothing is left half done; the next ends at once."""
     if not _in_main_thread():
         yield lambda: False
         return
@@ -65,7 +67,7 @@ def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, note) for number in _heeded()}
     try:
         yield asked.is_set
     finally:
@@ -74,7 +76,7 @@ def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def one_interrupt() -> Iterator[Callable[[], None]]:
-    """Heed Ctrl-C or SIGTERM once: what a terminal sends to all, a launcher of processes sends again.
+    """Heed a stop once: what a terminal sends to all, a launcher of processes sends again.
 
     What it gives is called where the one has come to another process, and is heeded already.
     """
@@ -88,12 +90,16 @@ def one_interrupt() -> Iterator[Callable[[], None]]:
     if not _in_main_thread():
         yield asked.set
         return
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, interrupt) for number in _heeded()}
     try:
         yield asked.set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _heeded() -> list[signal.Signals]:
+    return [n for n in (signal.SIGINT, *_REQUESTS) if signal.getsignal(n) is not signal.SIG_IGN]
 
 
 def _in_main_thread() -> bool:

@@ -202,3 +202,16 @@ def test_an_encoding_without_the_table_s_characters_does_not_stop_a_solve(
     result = run("solve", write_noisy_circle(tmp_path))
     assert (result.returncode, result.stderr) == (0, "")
     assert "converged" in result.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_full_disk_behind_a_stream_is_named_and_changes_no_exit_code(tmp_path: Path) -> None:
+    source, target = write_noisy_circle(tmp_path), tmp_path / "out.npz"
+    with Path("/dev/full").open("w") as full:
+        told = subprocess.run(
+            [*COMMAND, "solve", source, "-o", target], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+        untold = subprocess.run([*COMMAND, "solve", tmp_path / "none.npz"], stderr=full)
+    assert told.stderr == "sfmcpp: error: standard output: No space left on device\n"
+    assert (told.returncode, untold.returncode) == (2, 2)
+    sfmcpp.read(target)

@@ -58,7 +58,7 @@ def read_terminal(terminal: int) -> bytes:
         return b""
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_solve_writes_its_best_state_and_report_and_says_so(
     long_problem: Path, tmp_path: Path, by: signal.Signals
 ) -> None:
@@ -71,6 +71,20 @@ def test_an_interrupted_solve_writes_its_best_state_and_report_and_says_so(
     assert content["termination"] == "interrupted"
     assert content["final_cost"] < content["initial_cost"]
     assert sfmcpp.cost(sfmcpp.read(output)) == pytest.approx(content["final_cost"], rel=1e-9)
+
+
+def test_a_terminal_that_goes_away_takes_no_result_along(long_problem: Path, tmp_path: Path) -> None:
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    ours, theirs = pty.openpty()
+    results = ["-o", output, "--report", report]
+    limits = ["--function-tolerance", "0", "--max-iterations", "4"]
+    command = [*COMMAND, "solve", *map(str, [long_problem, *results, *limits])]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+        os.close(theirs)
+        read_terminal(ours)
+        os.close(ours)
+        assert process.wait(TIMEOUT_S) == 0
+    assert sfmcpp.cost(sfmcpp.read(output)) == pytest.approx(strict_json(report)["final_cost"], rel=1e-9)
 
 
 def test_an_interrupted_solve_without_an_output_says_that_nothing_is_kept(
