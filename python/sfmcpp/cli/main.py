@@ -36,6 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return tell_error(
             f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"
         )
+    except ImportError as error:  # no memory for it, say
+        return tell_error(f"a part of the program cannot be loaded: {error}")
     except OSError as error:
         return tell_error(error)
     except KeyboardInterrupt:  # while modules are loaded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -215,3 +216,14 @@ def test_a_full_disk_behind_a_stream_is_named_and_changes_no_exit_code(tmp_path:
     assert told.stderr == "sfmcpp: error: standard output: No space left on device\n"
     assert (told.returncode, untold.returncode) == (2, 2)
     sfmcpp.read(target)
+
+
+def test_a_module_that_cannot_be_loaded_is_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "typer.py").write_text("raise ImportError('libblas.so: failed to map segment')\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    result = run("--version")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert "failed to map segment" in result.stderr
