@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from typing import TypeVar
+
+from sfmcpp.model.on_threads import on_threads
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -40,14 +42,10 @@ def in_order(
     """
     results: list[Result] = []
     _told(progress, stage, 0, len(tasks))
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        try:
-            for result in pool.map(function, tasks):
-                results.append(result)
-                _told(progress, stage, len(results), len(tasks))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with closing(on_threads(function, tasks, threads)) as found:
+        for result in found:
+            results.append(result)
+            _told(progress, stage, len(results), len(tasks))
     return results
 
 

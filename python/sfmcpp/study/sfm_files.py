@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.on_threads import on_threads
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.files import failures_named
@@ -101,9 +101,8 @@ class _Pictures:
         photos = self._report.run.graph.photos
         chosen = photos[:: max(1, -(-len(photos) // MOST_THUMBNAILS))]
         make: Callable[..., bytes | None] = self._report.thumbnail
-        with ThreadPoolExecutor(_READERS) as readers:
-            made = readers.map(make, chosen)
-            return {photo.name: jpeg for photo, jpeg in zip(chosen, made, strict=True) if jpeg}
+        made = on_threads(make, chosen, _READERS)
+        return {photo.name: jpeg for photo, jpeg in zip(chosen, made, strict=True) if jpeg}
 
 
 def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:

@@ -12,7 +12,6 @@ motion", 3DV 2013).
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_seed
+from sfmcpp.model.on_threads import on_threads
 from sfmcpp.model.photos import Features
 from sfmcpp.sources.vision.matching import Descriptors, match
 
@@ -252,8 +252,7 @@ def _common_matches(features: Sequence[Features], pairs: list[IndexPair], thread
     def count(pair: IndexPair) -> int:
         return len(match(largest[pair[0]], largest[pair[1]], threads=1))
 
-    with ThreadPoolExecutor(threads or cpu_count()) as pool:
-        return list(pool.map(count, pairs))
+    return list(on_threads(count, pairs, threads or cpu_count() or 1))
 
 
 def _pair(image: int, other: int) -> IndexPair:
