@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 
@@ -95,6 +95,47 @@ def number_array(name: str, value: ArrayLike) -> NDArray[Any]:
         return np.asarray(value)
     except ValueError:
         raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
+
+
+def typed_array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """`value` as a C-contiguous array of that dtype and shape (−1: any length), or InvalidArgument."""
+    array = number_array(name, value)
+    empty = [max(n, 0) for n in shape]
+    if array.size == 0 and array.ndim <= 1 and 0 in empty:
+        array = array.reshape(empty)
+    if array.dtype != dtype and not np.can_cast(array.dtype, dtype, casting="same_kind"):
+        raise InvalidArgument(f"{name}: dtype {array.dtype} cannot be used as {np.dtype(dtype).name}")
+    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if n == -1 else str(n) for n in shape)
+        raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
+    if np.dtype(dtype) == np.int32:
+        require_int32(name, array)
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def chosen_rows(value: ArrayLike, count: int) -> NDArray[Any]:
+    """The argument `chosen` as numbers from 0 to `count` − 1, or as a mask of `count`."""
+    rows = number_array("chosen", value)
+    if rows.dtype == np.bool_:
+        if rows.shape != (count,):
+            raise InvalidArgument(f"chosen: mask of shape {rows.shape}, must be ({count},)")
+        return rows
+    return numbers_below("chosen", rows, count)
+
+
+def each_once(value: ArrayLike, count: int, what: str) -> NDArray[np.intp]:
+    """The argument `chosen` as numbers of `count` things, by numbers or a mask; none is named twice."""
+    rows: NDArray[np.intp] = np.arange(count)[chosen_rows(value, count)]
+    if len(np.unique(rows)) < len(rows):
+        raise InvalidArgument(f"chosen: a {what} is named twice")
+    return rows
+
+
+def new_numbers(kept: NDArray[Any], count: int) -> IndexArray:
+    """(count,) place of each number in `kept`, all different; −1 where it is not there."""
+    numbers = np.full(count, -1, dtype=np.int32)
+    numbers[kept] = np.arange(len(kept), dtype=np.int32)
+    return numbers
 
 
 def require_increasing(name: str, stamps: FloatArray) -> None:

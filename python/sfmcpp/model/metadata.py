@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, number_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, new_numbers, number_array
 
 # Entries of `Metadata.extra` with a number for each observation, and for each point.
 KEYPOINTS = "colmap_keypoint_index"
@@ -17,6 +18,14 @@ KEYPOINTS = "colmap_keypoint_index"
 LOOSE = ("colmap_loose_image", "colmap_loose_keypoint_index", "colmap_loose_pixels")
 _OF_OBSERVATIONS = (KEYPOINTS, "bundler_keys", "nvm_keys")
 _OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
+# For each camera, row of intrinsics, frame and sensor.
+_OF_CAMERAS = ("colmap_image_ids", "nvm_measurement_distortion")
+_OF_INTRINSICS = ("colmap_camera_ids", "colmap_camera_sizes", "colmap_camera_models")
+_FRAME_IDS, _RIG_IDS, _SENSOR_ROWS = "colmap_frame_ids", "colmap_rig_ids", "colmap_sensor_rows"
+# (D, 3): the camera, the keypoint's number in its image, and COLMAP's id of the point of second sightings.
+SECOND_SIGHTINGS = "colmap_second_sightings"
+# Which of the cameras of the file are those of the problem.
+REGISTERED = "bundler_registered"
 # What entries are arrays of, in the letters of `numpy.dtype.kind`, and their shapes.
 _INTEGERS, _NUMBERS, _YES_OR_NO = ("iu", "integers"), ("iuf", "numbers"), ("b", "booleans")
 _LIST, _PAIRS, _TRIPLES = (ANY,), (ANY, 2), (ANY, 3)
@@ -25,12 +34,10 @@ _ARRAYS = {
     LOOSE[2]: (_NUMBERS, _PAIRS),
     "colmap_camera_ids": (_INTEGERS, _LIST),
     "colmap_image_ids": (_INTEGERS, _LIST),
-    "colmap_frame_ids": (_INTEGERS, _LIST),
-    "colmap_rig_ids": (_INTEGERS, _LIST),
-    "colmap_sensor_rows": (_INTEGERS, _LIST),
+    **dict.fromkeys((_FRAME_IDS, _RIG_IDS, _SENSOR_ROWS), (_INTEGERS, _LIST)),
     "colmap_camera_sizes": (_INTEGERS, _PAIRS),
-    "colmap_second_sightings": (_INTEGERS, _TRIPLES),
-    "bundler_registered": (_YES_OR_NO, _LIST),
+    SECOND_SIGHTINGS: (_INTEGERS, _TRIPLES),
+    REGISTERED: (_YES_OR_NO, _LIST),
     "nvm_measurement_distortion": (_NUMBERS, _LIST),
 }
 _TEXTS = ("colmap_camera_models", "unregistered_images")
@@ -94,6 +101,88 @@ class Metadata:
         colors = None if self.point_colors is None else self.point_colors[chosen]
         return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
 
+    def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
+        """Those of some of `count` cameras, by number: keypoints of the others are gone."""
+        require_entries(self.extra)
+        extra, number = _rows_of(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
+        if LOOSE[0] in extra:
+            images = _renumbered(extra[LOOSE[0]], number)
+            extra |= {name: np.asarray(extra[name])[images >= 0] for name in LOOSE[1:]}
+            extra[LOOSE[0]] = images[images >= 0]
+        if SECOND_SIGHTINGS in extra:
+            sightings = np.array(extra[SECOND_SIGHTINGS], dtype=np.int64)
+            sightings[:, 0] = _renumbered(sightings[:, 0], number)
+            extra[SECOND_SIGHTINGS] = sightings[sightings[:, 0] >= 0]
+        places = np.flatnonzero(extra.get(REGISTERED, ()))
+        if len(places) == count and (np.diff(chosen) > 0).all():
+            extra[REGISTERED] = np.isin(np.arange(len(extra[REGISTERED])), places[chosen])
+        elif REGISTERED in extra:  # in another order the file's cameras are not told any more
+            del extra[REGISTERED]
+        names = [self.image_names[i] for i in chosen] if self.image_names else []
+        sizes = None if self.image_sizes is None else self.image_sizes[chosen]
+        return replace(self, image_names=names, image_sizes=sizes, extra=extra)
+
+    def of_intrinsics(self, chosen: NDArray[np.int64], number: IndexArray) -> Metadata:
+        """Those of some of the rows of intrinsics, and what has become the `number` of each; −1: it is gone.
+
+        A row that is chosen again is a camera of its own, with an identifier of its own.
+        """
+        require_entries(self.extra)
+        extra = _rows_of(self.extra, _OF_INTRINSICS, chosen, len(number))
+        if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen):
+            again = np.setdiff1d(np.arange(len(ids)), np.unique(ids, return_index=True)[1])
+            ids[again] = _next_numbers(self.extra["colmap_camera_ids"], len(again))
+        if _SENSOR_ROWS in extra:
+            extra[_SENSOR_ROWS] = _renumbered(extra[_SENSOR_ROWS], number)
+            if (extra[_SENSOR_ROWS] < 0).any():
+                del extra[_SENSOR_ROWS]
+        return replace(self, extra=extra)
+
+    def of_rigs(self, frames: NDArray[Any], sensors: NDArray[Any], num_sensors: int) -> Metadata:
+        """Those of some frames, and of some of `num_sensors` sensors, by number."""
+        extra = _rows_of(self.extra, (_RIG_IDS, _SENSOR_ROWS), sensors, num_sensors)
+        if len(ids := extra.get(_FRAME_IDS, ())) > frames.max(initial=-1):
+            extra[_FRAME_IDS] = np.asarray(ids)[frames]
+        return replace(self, extra=extra)
+
+    def with_added_points(self, count: int, camera_index: IndexArray, added: IndexArray) -> Metadata:
+        """With those of `count` points more, black, seen by a new keypoint of each of the cameras `added`.
+
+        Parameters
+        ----------
+        count : int
+            How many points.
+        camera_index, added : (M,) and (k,) int32
+            Cameras of the observations that are there, and of those that are new.
+        """
+        require_entries(self.extra)
+        extra = dict(self.extra)
+        for name in _OF_POINTS:
+            if name in extra:
+                extra[name] = np.concatenate([extra[name], _next_numbers(extra[name], count)])
+        for name in _OF_OBSERVATIONS:
+            if len(extra.get(name, ())) == len(camera_index) and name in extra:
+                images, numbers = camera_index, np.asarray(extra[name])
+                if name == KEYPOINTS and LOOSE[0] in extra:
+                    images = np.concatenate([images, extra[LOOSE[0]]])
+                    numbers = np.concatenate([numbers, extra[LOOSE[1]]])
+                extra[name] = np.concatenate([extra[name], _next_of_images(images, numbers, added)])
+        colors = self.point_colors
+        if colors is not None:
+            colors = np.concatenate([colors, np.zeros((count, 3), colors.dtype)])
+        return replace(self, point_colors=colors, extra=extra)
+
+    def copy(self) -> Metadata:
+        """An independent copy."""
+        extra = {name: copy(value) for name, value in self.extra.items()}
+        return replace(
+            self,
+            image_names=copy(self.image_names),
+            image_sizes=copy(self.image_sizes),
+            point_colors=copy(self.point_colors),
+            extra=extra,
+        )
+
 
 def keypoint_entries(
     observed: NDArray[Any], loose_image: NDArray[Any], loose_number: NDArray[Any], loose_pixels: FloatArray
@@ -133,5 +222,36 @@ def _rows_of(
     extra: dict[str, Any], names: tuple[str, ...], chosen: NDArray[Any], count: int
 ) -> dict[str, Any]:
     """`extra` with some rows of the named entries, where these have `count` of them."""
-    fitting = [name for name in names if name in extra and np.shape(extra[name]) == (count,)]
-    return extra | {name: np.asarray(extra[name])[chosen] for name in fitting}
+    fitting = [name for name in names if name in extra and len(extra[name]) == count]
+    return extra | {name: _some(extra[name], chosen) for name in fitting}
+
+
+def _some(values: Any, chosen: NDArray[Any]) -> Any:
+    if _are_texts(values):
+        return np.array(values, dtype=object)[chosen].tolist()
+    return np.asarray(values)[chosen]
+
+
+def _renumbered(values: Any, number: IndexArray) -> NDArray[np.int64]:
+    """What `number` has become of each value; −1 also of values that it does not know."""
+    old = np.asarray(values, dtype=np.int64)
+    known = (old >= 0) & (old < len(number))
+    result = np.full(len(old), -1, dtype=np.int64)
+    result[known] = number[old[known]]
+    return result
+
+
+def _next_numbers(known: Any, count: int) -> NDArray[np.int64]:
+    """The `count` numbers after the largest that is known; from 1 on where none is."""
+    return np.arange(1, count + 1) + int(np.max(known, initial=0))
+
+
+def _next_of_images(images: NDArray[Any], numbers: NDArray[Any], added: NDArray[Any]) -> NDArray[np.int64]:
+    """(k,) numbers of new keypoints of the images `added`, after those (n,) that each image has."""
+    ends = np.full(int(max(images.max(initial=-1), added.max(initial=-1))) + 1, -1, dtype=np.int64)
+    np.maximum.at(ends, images, numbers)
+    order = np.argsort(added, kind="stable")
+    first = np.searchsorted(added[order], added[order])
+    result = np.empty(len(added), dtype=np.int64)
+    result[order] = ends[added[order]] + 1 + np.arange(len(added)) - first
+    return result

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import selecting
 from sfmcpp.model.arrays import (
     BoolArray,
     FloatArray,
     IndexArray,
-    number_array,
-    numbers_below,
-    require_int32,
+    typed_array,
 )
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
@@ -30,6 +28,11 @@ from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 @dataclass(eq=False)
 class Problem:
     """A bundle adjustment problem: C cameras, G rows of intrinsics, N points, M observations.
+
+    Arrays of the right dtype are taken as they are, without a copy, and a solve changes `cameras`,
+    `intrinsics` and `points` in place: also for whoever made the problem of them, and for other problems of
+    the same arrays. :meth:`copy` is independent, and so is what each method ``with_…`` returns, which keeps
+    the metadata too; ``Problem(…)`` has only the metadata that it is given.
 
     Parameters
     ----------
@@ -92,17 +95,19 @@ class Problem:
 
     def __post_init__(self) -> None:
         model = camera_model(self.camera_model)
-        self.cameras = _array("cameras", self.cameras, np.float64, (-1, 3, 4))
-        self.intrinsics = _array("intrinsics", self.intrinsics, np.float64, (-1, len(model.intrinsics)))
-        self.points = _array("points", self.points, np.float64, (-1, model.point_size))
-        self.camera_index = _array("camera_index", self.camera_index, np.int32, (-1,))
+        self.cameras = typed_array("cameras", self.cameras, np.float64, (-1, 3, 4))
+        self.intrinsics = typed_array("intrinsics", self.intrinsics, np.float64, (-1, len(model.intrinsics)))
+        self.points = typed_array("points", self.points, np.float64, (-1, model.point_size))
+        self.camera_index = typed_array("camera_index", self.camera_index, np.int32, (-1,))
         count = self.num_observations
-        self.point_index = _array("point_index", self.point_index, np.int32, (count,))
-        self.pixels = _array("pixels", self.pixels, np.float64, (count, 2))
+        self.point_index = typed_array("point_index", self.point_index, np.int32, (count,))
+        self.pixels = typed_array("pixels", self.pixels, np.float64, (count, 2))
         if self.sigma_px is not None:
-            self.sigma_px = _array("sigma_px", self.sigma_px, np.float64, (count,))
+            self.sigma_px = typed_array("sigma_px", self.sigma_px, np.float64, (count,))
         if self.covariance_px2 is not None:
-            self.covariance_px2 = _array("covariance_px2", self.covariance_px2, np.float64, (count, 2, 2))
+            self.covariance_px2 = typed_array(
+                "covariance_px2", self.covariance_px2, np.float64, (count, 2, 2)
+            )
             require_one_uncertainty(self.sigma_px, self.covariance_px2)
         if self.rigs is not None:
             _require_fitting_rigs(self.rigs, self.num_cameras)
@@ -120,10 +125,10 @@ class Problem:
         if self.fixed_intrinsics is None:
             free = set(free)
             self.fixed_intrinsics = np.tile([name not in free for name in names], (groups, 1))
-        self.intrinsics_index = _array("intrinsics_index", self.intrinsics_index, np.int32, (cameras,))
-        self.fixed_cameras = _array("fixed_cameras", self.fixed_cameras, np.bool_, (cameras,))
-        self.fixed_points = _array("fixed_points", self.fixed_points, np.bool_, (points,))
-        self.fixed_intrinsics = _array(
+        self.intrinsics_index = typed_array("intrinsics_index", self.intrinsics_index, np.int32, (cameras,))
+        self.fixed_cameras = typed_array("fixed_cameras", self.fixed_cameras, np.bool_, (cameras,))
+        self.fixed_points = typed_array("fixed_points", self.fixed_points, np.bool_, (points,))
+        self.fixed_intrinsics = typed_array(
             "fixed_intrinsics", self.fixed_intrinsics, np.bool_, (groups, len(names))
         )
 
@@ -196,7 +201,7 @@ class Problem:
         return self
 
     def with_observations(self, chosen: ArrayLike) -> Problem:
-        """The same cameras, intrinsics and points with some of the observations.
+        """A copy with all cameras, intrinsics and points, and some of the observations.
 
         Parameters
         ----------
@@ -206,28 +211,18 @@ class Problem:
         Returns
         -------
         Problem
-            Standard deviations, covariances and metadata are theirs; other arrays are shared. The others stay
-            keypoints that see no point, where the metadata number keypoints.
+            With standard deviations, covariances and metadata of these. The others stay keypoints that see no
+            point, where the metadata number keypoints.
 
         Raises
         ------
         InvalidArgument
             If a number is out of range, or a mask has another length.
         """
-        rows = _chosen(chosen, self.num_observations)
-        uncertainty = self.uncertainty.of_some(rows)
-        return replace(
-            self,
-            camera_index=self.camera_index[rows],
-            point_index=self.point_index[rows],
-            pixels=self.pixels[rows],
-            sigma_px=uncertainty.sigma_px,
-            covariance_px2=uncertainty.covariance_px2,
-            metadata=self.metadata.of_observations(rows, self.camera_index, self.pixels),
-        )
+        return selecting.of_observations(self, chosen)
 
     def with_points(self, chosen: ArrayLike) -> Problem:
-        """The same cameras and intrinsics with some of the points, and all observations of these.
+        """A copy with all cameras and intrinsics, some of the points, and all observations of these.
 
         Parameters
         ----------
@@ -237,32 +232,93 @@ class Problem:
         Returns
         -------
         Problem
-            Metadata are theirs; arrays of cameras and intrinsics are shared.
+            With metadata of these.
 
         Raises
         ------
         InvalidArgument
             If a number is out of range or there twice, or a mask has another length.
         """
-        points = np.arange(self.num_points)[_chosen(chosen, self.num_points)]
-        number = np.full(self.num_points, -1, dtype=np.int32)
-        number[points] = np.arange(len(points), dtype=np.int32)
-        if np.count_nonzero(number >= 0) < len(points):
-            raise InvalidArgument("chosen: a point is named twice")
-        kept = self.with_observations(number[self.point_index] >= 0)
-        return replace(
-            kept,
-            points=self.points[points],
-            fixed_points=self.fixed_points[points],
-            point_index=number[kept.point_index],
-            metadata=kept.metadata.of_points(points, self.num_points),
-        )
+        return selecting.of_points(self, chosen)
+
+    def with_cameras(self, chosen: ArrayLike) -> Problem:
+        """A copy with some of the cameras, all observations by these, and all points, seen or not.
+
+        Parameters
+        ----------
+        chosen : (c,) int or (C,) bool
+            Which cameras, by number, each once, or as a mask; they are numbered anew in this order.
+
+        Returns
+        -------
+        Problem
+            With metadata of these, and the rows of intrinsics, rigid frames and sensors that they use.
+
+        Raises
+        ------
+        InvalidArgument
+            If a number is out of range or there twice, or a mask has another length.
+        """
+        return selecting.of_cameras(self, chosen)
+
+    def with_shared_intrinsics(self, groups: ArrayLike | None = None) -> Problem:
+        """A copy in which cameras share intrinsics, as photos of one camera and one zoom do.
+
+        Parameters
+        ----------
+        groups : (C,) int, optional
+            Cameras of the same number share one row, which starts as that of the first of them, in values and
+            in what is fixed. Default: all share one.
+
+        Returns
+        -------
+        Problem
+            With one row for each group, in ascending order of their numbers, and metadata of these.
+
+        Raises
+        ------
+        InvalidArgument
+            If `groups` is not one number for each camera, or a group has images of several sizes.
+        """
+        return selecting.with_shared_intrinsics(self, groups)
+
+    def with_added_points(
+        self,
+        points: ArrayLike,
+        camera_index: ArrayLike,
+        point_index: ArrayLike,
+        pixels: ArrayLike,
+        *,
+        sigma_px: ArrayLike | None = None,
+    ) -> Problem:
+        """A copy with more points, such as ground control points with their marks in the images.
+
+        Parameters
+        ----------
+        points : (n, 3)
+            New points; they become points N to N + n − 1, black and not fixed.
+        camera_index, point_index : (k,) int
+            Camera of each new observation, and which of the new points it sees, from 0.
+        pixels : (k, 2)
+            Where [px].
+        sigma_px : (k,) or float, optional
+            Standard deviation of each of these observations [px]. Default: 1 px.
+
+        Returns
+        -------
+        Problem
+            With metadata of all: new points have identifiers of their own, and new observations keypoints.
+
+        Raises
+        ------
+        InvalidArgument
+            If a shape is wrong or a number is out of range.
+        """
+        return selecting.with_added_points(self, points, camera_index, point_index, pixels, sigma_px)
 
     def copy(self) -> Problem:
-        """An independent copy; the metadata is shared."""
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        copied = {k: v.copy() for k, v in values.items() if isinstance(v, np.ndarray | Rigs)}
-        return Problem(**values | copied)
+        """An independent copy, of the metadata too."""
+        return selecting.changed(self)
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -284,32 +340,6 @@ class Problem:
             f"{' with covariances' if self.covariance_px2 is not None else ''}"
             f"{'' if self.rigs is None else f', {self.rigs.num_frames} rigid frames'})"
         )
-
-
-def _array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """`value` as a C-contiguous array of that dtype and shape (−1: any length), or InvalidArgument."""
-    array = number_array(name, value)
-    empty = [max(n, 0) for n in shape]
-    if array.size == 0 and array.ndim <= 1 and 0 in empty:
-        array = array.reshape(empty)
-    if array.dtype != dtype and not np.can_cast(array.dtype, dtype, casting="same_kind"):
-        raise InvalidArgument(f"{name}: dtype {array.dtype} cannot be used as {np.dtype(dtype).name}")
-    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
-        wanted = ", ".join("any" if n == -1 else str(n) for n in shape)
-        raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
-    if np.dtype(dtype) == np.int32:
-        require_int32(name, array)
-    return np.ascontiguousarray(array, dtype=dtype)
-
-
-def _chosen(value: ArrayLike, count: int) -> NDArray[Any]:
-    """`value` as numbers from 0 to `count` − 1, or as a mask of `count`."""
-    rows = number_array("chosen", value)
-    if rows.dtype == np.bool_:
-        if rows.shape != (count,):
-            raise InvalidArgument(f"chosen: mask of shape {rows.shape}, must be ({count},)")
-        return rows
-    return numbers_below("chosen", rows, count)
 
 
 def _require_fitting_rigs(rigs: Rigs, cameras: int) -> None:

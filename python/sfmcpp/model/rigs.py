@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -241,6 +242,29 @@ class Rigs:
         free = np.ones(self.num_sensors, bool)
         free[first] = False
         return replace(self, free_sensors=free)
+
+    def of_cameras(self, chosen: NDArray[Any]) -> tuple[Rigs, NDArray[np.int64], NDArray[np.int64]]:
+        """Those of some cameras, with the frames and the sensors that these have; both are numbered anew.
+
+        Parameters
+        ----------
+        chosen : (c,) int
+            Numbers of cameras, all different.
+
+        Returns
+        -------
+        Rigs, (f,) int64, (s,) int64
+            And the former numbers of its frames and sensors.
+        """
+        frames, frame_of_camera = np.unique(self.frame_of_camera[chosen], return_inverse=True)
+        sensors, sensor_of_camera = np.unique(self.sensor_of_camera[chosen], return_inverse=True)
+        part = Rigs(
+            self.sensors[sensors],
+            frame_of_camera.astype(np.int32),
+            sensor_of_camera.astype(np.int32),
+            self.free_sensors[sensors],
+        )
+        return part, frames.astype(np.int64), sensors.astype(np.int64)
 
     def scaled(self, scale: float) -> Rigs:
         """The same rigs in a world whose lengths are `scale` times as large.

@@ -59,6 +59,14 @@ class Uncertainty:
             None if self.covariance_px2 is None else self.covariance_px2[chosen],
         )
 
+    def followed_by(self, sigma_px: FloatArray, count: int) -> Uncertainty:
+        """That of `count` observations, and after them of some with standard deviations (k,) [px]."""
+        if self.covariance_px2 is not None:
+            more = sigma_px[:, None, None] ** 2 * np.eye(2)
+            return Uncertainty(covariance_px2=np.concatenate([self.covariance_px2, more]))
+        known = np.ones(count) if self.sigma_px is None else self.sigma_px
+        return Uncertainty(sigma_px=np.concatenate([known, sigma_px]))
+
 
 def _cross(covariances: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (covariances[:, 0, 1] + covariances[:, 1, 0]))

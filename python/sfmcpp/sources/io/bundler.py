@@ -18,6 +18,7 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
+from sfmcpp.model.metadata import REGISTERED
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
@@ -42,7 +43,6 @@ from sfmcpp.sources.io.rows import (
 
 MAGIC = b"# Bundle file v0.3"
 KEYS = "bundler_keys"
-REGISTERED = "bundler_registered"
 _CAMERA_LINES, _CAMERA_NUMBERS, _POINT_LINES, _VIEW = 5, 15, 3, 4
 
 

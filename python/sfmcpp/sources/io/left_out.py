@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sfmcpp.model import Problem
-from sfmcpp.model.metadata import LOOSE
+from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS
 from sfmcpp.model.world_origin import WorldOrigin
-from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import has_distortion

@@ -7,10 +7,9 @@ import numpy as np
 from sfmcpp.geometry.quaternions import rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.metadata import keypoint_entries
+from sfmcpp.model.metadata import SECOND_SIGHTINGS, keypoint_entries
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
 from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
-from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,

@@ -85,5 +85,5 @@ def _folder_of(argument: str) -> Iterator[Path]:
         try:
             yield folder
         except DatasetError as error:
-            where = Path(error.path).stem if Path(error.path) != folder else "it"
-            raise InvalidArgument(f"{argument}: {where}: {error.reason}") from error
+            where = "" if Path(error.path) == folder else f"{Path(error.path).stem}: "
+            raise InvalidArgument(f"{argument}: {where}{error.reason}") from error

@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
-from sfmcpp.model.metadata import KEYPOINTS, LOOSE
+from sfmcpp.model.metadata import KEYPOINTS, LOOSE, SECOND_SIGHTINGS
 from sfmcpp.sources.io.checks import LARGEST_COUNT
 from sfmcpp.sources.io.colmap.tables import Int64Array, rows_of_ids
-
-# In `Metadata.extra`: (D, 3) int64, the camera, the keypoint's number in its image, COLMAP's id of the point.
-SECOND_SIGHTINGS = "colmap_second_sightings"
 
 
 def with_second_sightings(problem: Problem, point_ids: Int64Array) -> Problem:

@@ -22,8 +22,8 @@ from io_helpers import (
     residuals,
 )
 from sfmcpp import DatasetError, Problem
+from sfmcpp.model.metadata import SECOND_SIGHTINGS
 from sfmcpp.sources.io import read, write
-from sfmcpp.sources.io.colmap.second_sightings import SECOND_SIGHTINGS
 
 FORMATS = ["colmap-text", "colmap-binary"]
 MODELS = {

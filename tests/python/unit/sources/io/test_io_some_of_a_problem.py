@@ -64,3 +64,67 @@ def test_some_points_keep_their_identifiers_and_colours(tmp_path: Path) -> None:
 def test_a_point_is_chosen_once(tmp_path: Path) -> None:
     with pytest.raises(InvalidArgument, match="chosen: a point is named twice"):
         colmap_scene(tmp_path).with_points([1, 2, 1])
+
+
+def keypoints_of(model: Path) -> dict[str, list[list[float]]]:
+    pycolmap = pytest.importorskip("pycolmap")
+    images = pycolmap.Reconstruction(str(model)).images.values()
+    return {image.name: [point.xy.tolist() for point in image.points2D] for image in images}
+
+
+@pytest.mark.parametrize("format", ["colmap-binary", "colmap-text"])
+def test_a_camera_that_is_left_out_is_no_image_of_the_model(tmp_path: Path, format: str) -> None:
+    problem, before = colmap_scene(tmp_path), keypoints_of(tmp_path / "model")
+    sfmcpp.write(problem.with_cameras([0, 1, 3]), tmp_path / "fewer", format=format)
+    gone = problem.metadata.image_names[2]
+    assert keypoints_of(tmp_path / "fewer") == {name: xy for name, xy in before.items() if name != gone}
+
+
+@pytest.mark.parametrize("format", ["colmap-binary", "colmap-text"])
+def test_marks_of_new_points_are_further_keypoints(tmp_path: Path, format: str) -> None:
+    problem, before = colmap_scene(tmp_path), keypoints_of(tmp_path / "model")
+    marks = np.arange(6.0).reshape(3, 2)
+    more = problem.with_added_points(np.eye(3)[:2], [1, 3, 1], [0, 0, 1], marks)
+    sfmcpp.write(more, tmp_path / "more", format=format)
+    names, expected = problem.metadata.image_names, dict(before)
+    expected[names[1]] = [*before[names[1]], *marks[[0, 2]].tolist()]
+    expected[names[3]] = [*before[names[3]], marks[1].tolist()]
+    assert keypoints_of(tmp_path / "more") == expected
+    again = sfmcpp.read(tmp_path / "more")
+    assert again.num_points == problem.num_points + 2
+    assert len(np.unique(again.metadata.extra["colmap_point_ids"])) == again.num_points
+
+
+def test_shared_intrinsics_are_one_camera_of_the_images_as_they_were(tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    problem, before = colmap_scene(tmp_path), keypoints_of(tmp_path / "model")
+    problem.metadata.extra["colmap_camera_sizes"][:] = [2000, 1125]
+    sfmcpp.write(problem.with_shared_intrinsics(), tmp_path / "shared")
+    assert keypoints_of(tmp_path / "shared") == before
+    (camera,) = pycolmap.Reconstruction(str(tmp_path / "shared")).cameras.values()
+    assert (camera.width, camera.height) == (2000, 1125)
+
+
+@pytest.mark.parametrize("suffix", [".out", ".nvm", ".g2o", ".npz"])
+def test_other_formats_have_the_rows_of_new_points_and_of_fewer_cameras(tmp_path: Path, suffix: str) -> None:
+    scene = sfmcpp.circle_scene(4, 30, camera_model="bal", seed=0)
+    scene.intrinsics[:, 1:] = 0
+    sfmcpp.write(scene, tmp_path / f"first{suffix}")
+    problem = sfmcpp.read(tmp_path / f"first{suffix}")
+    changed = problem.with_added_points([[0, 0, 1]], [1, 3], [0, 0], [[1, 2], [3, 4]]).with_cameras([0, 1, 3])
+    sfmcpp.write(changed, tmp_path / f"second{suffix}")
+    again = sfmcpp.read(tmp_path / f"second{suffix}")
+    assert (again.num_cameras, again.num_points) == (3, 31)
+    assert again.num_observations == changed.num_observations
+    assert sfmcpp.cost(again) == pytest.approx(sfmcpp.cost(changed), rel=1e-9)
+
+
+@pytest.mark.parametrize("cameras", [[0, 1, 2, 3, 4, 5], [0, 2, 4, 6], [1, 2, 3]])
+def test_rigs_are_written_without_the_cameras_that_are_left_out(tmp_path: Path, cameras: list[int]) -> None:
+    whole = sfmcpp.rig_walk_scene(seed=0)
+    sfmcpp.write(whole, tmp_path / "rig")
+    problem = sfmcpp.read(tmp_path / "rig")
+    sfmcpp.write(problem.with_cameras(cameras), tmp_path / "fewer")
+    again = sfmcpp.read(tmp_path / "fewer")
+    np.testing.assert_allclose(again.cameras, problem.cameras[cameras], atol=1e-9)
+    assert again.metadata.image_names == [problem.metadata.image_names[k] for k in cameras]

@@ -277,3 +277,12 @@ def test_what_no_file_of_colmap_can_hold_is_refused_by_name() -> None:
     problem.points[3, 1] = np.nan
     with pytest.raises(sfmcpp.InvalidArgument, match=r"^problem: .*points\[3"):
         sfmcpp.to_pycolmap(problem)
+
+
+def test_metadata_that_do_not_fit_are_named() -> None:
+    problem = sfmcpp.circle_scene(4, 30, camera_model="perspective", seed=0)
+    problem.metadata.extra["colmap_point_ids"] = np.arange(1, 30)
+    with pytest.raises(
+        sfmcpp.InvalidArgument, match=r"^problem: metadata colmap_point_ids has 29 entries: must be 30"
+    ):
+        sfmcpp.to_pycolmap(problem)
