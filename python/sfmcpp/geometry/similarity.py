@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.so3 import hat, nearest_rotation
+from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import is_rotation, require_positive
@@ -70,6 +71,23 @@ class Similarity:
         # Row by row: a pose must go to the same bits alone and among others.
         centres = self.apply(poses[..., None, :, 3])[..., 0, :]
         return np.concatenate([rotations, centres[..., None]], axis=-1)
+
+    def move(self, problem: Problem) -> None:
+        """Move a problem of metric cameras, in place: its points, cameras, and the sensors of its rigs.
+
+        An origin of the world that its metadata tell stays as it is.
+
+        Raises
+        ------
+        InvalidArgument
+            If the problem is projective.
+        """
+        if not problem.is_metric:
+            raise InvalidArgument(f"problem: {problem.camera_model} cameras are not moved by a similarity")
+        problem.cameras[:] = self.apply_to_poses(problem.cameras)
+        problem.points[:] = self.apply(problem.points)
+        if problem.rigs is not None:
+            problem.rigs = problem.rigs.scaled(self.scale)
 
     def inverse(self) -> Similarity:
         """The map back."""

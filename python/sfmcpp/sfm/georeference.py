@@ -226,10 +226,7 @@ def _georeferenced(
         _require_off_a_line(metres[good], [names[image] for image in images[~good]])
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
         placed = _placed(problem.centres[images[good]], metres[good], weights[good])
-        problem.cameras[:] = placed.apply_to_poses(problem.cameras)
-        problem.points[:] = placed.apply(problem.points)
-        if problem.rigs is not None:
-            problem.rigs = problem.rigs.scaled(placed.scale)
+        placed.move(problem)
         moved(placed)
         group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
         apart = problem.centres[images] - metres

@@ -144,9 +144,7 @@ def frame_conflict(problem: Problem, group: Group) -> str | None:
         f"{here}: its positions are {distance:.3g} from the cameras, {distance / max(extent, 1e-300):.3g} "
         "times their extent: they must be in the frame of the cameras. Align first, by "
         "sfmcpp.sfm.georeference or by hand: "
-        f"h = sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.{measured}), then "
-        "problem.cameras[:] = h.apply_to_poses(problem.cameras) and "
-        "problem.points[:] = h.apply(problem.points)"
+        f"sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.{measured}).move(problem)"
     )
 
 

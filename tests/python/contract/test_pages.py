@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import run_pages
+import sfmcpp
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 README = Path("README.md")
@@ -90,3 +93,39 @@ def test_links_lead_to_where_pages_are_on_the_site() -> None:
     assert told == "[a](drives.md#honest) [b](../SECURITY.md) [c](https://x.org/y) [d](#here)"
     told = run_pages.with_links_of_site("[a](../ARCHITECTURE.md)", REPOSITORY / "docs/drives.md", "drives.md")
     assert told == "[a](architecture.md)"
+
+
+def run_section(page: str, section: str, names: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Run the first block below a heading; `names` of the session before it."""
+    path = REPOSITORY / "docs" / page
+    text = path.read_text(encoding="utf-8")
+    begin = text.index(section)
+    block = next(block for block, end in run_pages.blocks_of(path, text) if end > begin)
+    with run_pages.working_in(folder):
+        block.run(names)
+    return names
+
+
+def test_ground_control_brings_points_to_where_they_are(tmp_path: Path) -> None:
+    """Held against a scene that the page has not touched."""
+    known = {"np": np, "sfmcpp": sfmcpp}
+    names = run_section("how-to/gps.md", "## Ground control points", known, tmp_path)
+    truth = sfmcpp.circle_scene(40, 300, pixel_sigma_px=0.5, seed=3)
+    model, joined = names["model"], names["joined"]
+    before_m, after_m = (
+        np.linalg.norm(p.points[: model.num_points] - truth.points[8:], axis=1) for p in (model, joined)
+    )
+    assert before_m.mean() > 2.0
+    assert after_m.mean() < 0.03
+    np.testing.assert_array_equal(names["truth"].points, truth.points)
+    np.testing.assert_array_equal(names["truth"].cameras, truth.cameras)
+
+
+def test_the_shared_camera_of_the_page_keeps_what_the_file_tells(tmp_path: Path) -> None:
+    scene = sfmcpp.circle_scene(4, 30, camera_model="perspective", seed=0)
+    scene.metadata.image_names = ["a.jpg", "b.jpg", "c.jpg", "d.jpg"]
+    sfmcpp.write(scene, tmp_path / "scene.npz")
+    known = {"np": np, "sfmcpp": sfmcpp}
+    shared = run_section("how-to/intrinsics.md", "## Share a camera", known, tmp_path)["shared"]
+    assert len(shared.intrinsics) == 1
+    assert shared.metadata.image_names == scene.metadata.image_names

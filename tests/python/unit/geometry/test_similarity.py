@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+import sfmcpp
 from mvg_helpers import Array
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import Similarity, fit_pose_similarity, fit_similarity
@@ -181,3 +182,26 @@ def test_what_a_camera_sees_does_not_change_under_a_similarity() -> None:
 def test_pairs_that_fit_nothing_are_refused(arguments: tuple[np.ndarray, ...], told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         fit_similarity(*arguments)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_a_problem_that_is_moved_sees_what_it_saw(free: bool) -> None:
+    problem = sfmcpp.rig_walk_scene(seed=0)
+    assert problem.rigs is not None
+    if free:
+        problem.rigs = problem.rigs.freed()
+    cost, centres, map_ = (
+        sfmcpp.cost(problem),
+        problem.centres.copy(),
+        random_similarity(np.random.default_rng(4)),
+    )
+    map_.move(problem)
+    assert sfmcpp.cost(problem) == pytest.approx(cost, rel=1e-9)
+    np.testing.assert_allclose(problem.centres, map_.apply(centres))
+    np.testing.assert_allclose(problem.rigs.rigid(problem.cameras), problem.cameras, atol=1e-9)
+
+
+def test_cameras_without_poses_are_not_moved() -> None:
+    problem = sfmcpp.as_projective(sfmcpp.circle_scene(4, 30, seed=0))
+    with pytest.raises(InvalidArgument, match="projective cameras are not moved by a similarity"):
+        Similarity.identity().move(problem)

@@ -359,8 +359,7 @@ def test_positions_in_another_frame_are_refused_with_the_alignment_to_use(
     assert "Align first" in warning
     if kind == "pose":
         return
-    h = fit_similarity(start.centres[group.cameras], group.values)
-    start.cameras[:], start.points[:] = h.apply_to_poses(start.cameras), h.apply(start.points)
+    fit_similarity(start.centres[group.cameras], group.values).move(start)
     noisy = gps(truth, 0.1)
     noisy.values += utm
     (chosen,) = choose(start, noisy)
