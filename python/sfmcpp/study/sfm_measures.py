@@ -92,8 +92,16 @@ class ModelMeasures:
 
     @property
     def mean_error_px(self) -> float | None:
-        """Mean error [px], as COLMAP tells it; None without observations."""
+        """Mean error of the observations [px]; None without any."""
         return float(self.errors_px.mean()) if self.num_observations else None
+
+    @property
+    def mean_point_error_px(self) -> float | None:
+        """Mean over points of the mean error of each [px], as COLMAP tells it; None without observations."""
+        if not self.num_observations:
+            return None
+        sums = np.bincount(self._local.problem.point_index, self.errors_px, minlength=self.num_points)
+        return float((sums / self.track_lengths).mean())
 
     @cached_property
     def observations_of_images(self) -> Counts:
@@ -226,6 +234,7 @@ class ModelMeasures:
             "observations": self.num_observations,
             "rms_px": self.rms_px,
             "mean_error_px": self.mean_error_px,
+            "mean_point_error_px": self.mean_point_error_px,
             "mean_track_length": float(lengths.mean()) if len(lengths) else None,
             "track_lengths": dict(zip(values.tolist(), counts.tolist(), strict=True)),
             "cameras": [self.camera_dict(camera) for camera in self.cameras],

@@ -28,6 +28,7 @@ THUMBNAIL_PX = 256
 # How a run was carried out changes no result: the report leaves it out, so that it is the same for all.
 _OF_THE_MACHINE = frozenset({"threads", "resume", "cache", "progress"})
 _REASONS_LISTED = 5
+_ERRORS = ("rms_px", "mean_error_px", "mean_point_error_px", "mean_track_length")
 _FOLDERS_OF_ANY_SET = frozenset({"images", "photos", "pictures", "img", "jpg"})
 
 
@@ -108,7 +109,7 @@ class SfmReport(ReportTable):
                 "models": len(run.models),
                 **{name: largest.get(name, 0) for name in ("points", "observations")},
             },
-            **{name: largest.get(name) for name in ("rms_px", "mean_error_px", "mean_track_length")},
+            **{name: largest.get(name) for name in _ERRORS},
             "track_lengths": largest.get("track_lengths", {}),
             "cameras": largest.get("cameras", []),
             "models": [measures.to_dict() for measures in self.measures],
@@ -245,4 +246,8 @@ def _model_line(measures: ModelMeasures) -> str:
     counts = f"{measures.num_images:,} images, {measures.num_points:,} points"
     if measures.mean_error_px is None:
         return counts
-    return f"{counts}, mean error {measures.mean_error_px:.3f} px, RMS length {measures.rms_px:.3f} px"
+    return (
+        f"{counts}, mean error {measures.mean_error_px:.3f} px of observations, "
+        f"{measures.mean_point_error_px:.3f} px of points (COLMAP's mean), "
+        f"RMS length {measures.rms_px:.3f} px"
+    )

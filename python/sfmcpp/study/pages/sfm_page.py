@@ -88,7 +88,8 @@ def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
         largest = report.measures[0]
         yield "points", f"{largest.num_points:,}"
         if largest.mean_error_px is not None:
-            yield "mean error", f"{largest.mean_error_px:.3f} px"
+            yield "mean error of observations", f"{largest.mean_error_px:.3f} px"
+            yield "mean error of points, COLMAP's", f"{largest.mean_point_error_px:.3f} px"
             yield "RMS length of errors", f"{largest.rms_px:.3f} px"
             yield "images that see a point", f"{largest.track_lengths.mean():.2f}"
         if largest.cameras:

@@ -61,6 +61,9 @@ def test_errors_are_those_of_the_observations() -> None:
     errors = np.linalg.norm(scene.pixels - projected(scene), axis=1)
     report = SfmReport(run).to_dict()
     assert report["mean_error_px"] == pytest.approx(errors.mean(), rel=1e-9)
+    of_points = [errors[scene.point_index == point].mean() for point in range(scene.num_points)]
+    assert report["mean_point_error_px"] == pytest.approx(np.mean(of_points), rel=1e-9)
+    assert f"{np.mean(of_points):.3f} px of points (COLMAP's mean)" in str(SfmReport(run))
     assert report["rms_px"] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-9)
     for i, name in enumerate(scene.metadata.image_names):
         mine = scene.camera_index == i
