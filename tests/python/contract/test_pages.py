@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,14 @@ def test_links_lead_to_where_pages_are_on_the_site() -> None:
     assert told == "[a](drives.md#honest) [b](../SECURITY.md) [c](https://x.org/y) [d](#here)"
     told = run_pages.with_links_of_site("[a](../ARCHITECTURE.md)", REPOSITORY / "docs/drives.md", "drives.md")
     assert told == "[a](architecture.md)"
+
+
+def test_the_page_of_the_installation_says_what_all_is() -> None:
+    settings = (REPOSITORY / "pyproject.toml").read_text(encoding="utf-8")
+    held = re.search(r'^all = \["sfmcpp\[(.*)\]"\]$', settings, re.MULTILINE)
+    assert held is not None
+    page = (REPOSITORY / "docs/install.md").read_text(encoding="utf-8")
+    assert f"and {held[1].replace(',', ', ')};" in page
 
 
 def run_section(page: str, section: str, names: dict[str, Any], folder: Path) -> dict[str, Any]:
