@@ -58,7 +58,7 @@ def doctor(
         write(repaired.problem, fix)
     if not quiet:
         say(_text(source, problem, diagnosis))
-        for line in _mended(fix, repaired):
+        for line in _mended(fix, repaired, diagnosis):
             say(line)
     return ExitCode.DONE
 
@@ -95,10 +95,12 @@ def _write_report(
     write_report({"input": size, **diagnosis.to_dict(), "repaired": done}, path)
 
 
-def _mended(path: Path | None, repaired: Repair | None) -> list[str]:
+def _mended(path: Path | None, repaired: Repair | None, diagnosis: Diagnosis) -> list[str]:
     if path is None or repaired is None:
         return []
-    return [*(f"mended   {line}" for line in repaired.done or ["nothing"]), f"written  {path}"]
+    unmended = "nothing" if diagnosis.is_healthy else "nothing: no finding has a safe repair, do as they say"
+    done = repaired.done or [unmended]
+    return [*(f"mended   {line}" for line in done), f"written  {path}"]
 
 
 def _text(source: Path, problem: Problem, diagnosis: Diagnosis) -> str:

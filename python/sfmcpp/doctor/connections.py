@@ -183,7 +183,7 @@ def _weak_cameras(case: Case) -> Iterator[Finding]:
             "warning",
             f"too few points that others see, in {counted(len(weak), 'camera')}: {useful[list(weak)].min()} "
             f"at least, {wanted[list(weak)].max()} tell the pose and a wrong point",
-            "match them with more images, fix them, or leave them out",
+            "match them with more images, fix them, or leave them out (Problem.with_cameras)",
             case.named_cameras(weak),
             cameras=weak,
         )
@@ -204,7 +204,7 @@ def _unobserved(case: Case) -> Iterator[Finding]:
             "unobserving-cameras",
             "note",
             f"no observations in {counted(len(cameras), 'camera')}: a solve leaves them as given",
-            "nothing to do, or leave them out",
+            "nothing to do, or leave them out (Problem.with_cameras)",
             case.named_cameras(cameras),
             cameras=cameras,
         )
@@ -219,7 +219,7 @@ def _unobserved(case: Case) -> Iterator[Finding]:
                 "note",
                 f"{text[0]} observation of {counted(len(points), 'point')} "
                 f"({len(points) / case.problem.num_points:.1%}): {text[1]}",
-                "leave them out: they tell nothing about the cameras",
+                "leave them out (Problem.with_points): they tell nothing about the cameras",
                 named("point", points),
                 points=points,
             )

@@ -74,7 +74,8 @@ def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.floa
         "warning",
         f"most observations of {counted(len(cameras), 'camera')} are off by more than {GROSS:g} σ after a "
         f"robust adjustment, {shares[worst]:.0%} of those of camera {case.name_of_camera(worst)}",
-        "their start, calibration or matches are wrong: estimate these poses anew, or leave them out",
+        "their start, calibration or matches are wrong: estimate these poses anew, or leave "
+        "them out (Problem.with_cameras)",
         case.named_cameras(cameras),
         cameras=cameras,
         measures={"share": float(shares[worst])},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import sfmcpp
@@ -48,6 +49,21 @@ def test_a_repaired_file_is_healthy_and_says_what_was_done(tmp_path: Path) -> No
     assert "mended   duplicate-cameras: 60 of 360 observations dropped" in result.stdout
     assert "mended   mirrored-y" in result.stdout
     assert sfmcpp.diagnose(sfmcpp.read(fixed)).is_healthy
+
+
+def test_what_is_left_as_it_is_says_why(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(12, 150, seed=4)
+    sfmcpp.write(problem, tmp_path / "sound.npz")
+    rotations = problem.rotations.transpose(0, 2, 1).copy()
+    problem.cameras[:, :, 3] = -np.einsum("nij,nj->ni", rotations, problem.centres)
+    problem.cameras[:, :, :3] = rotations
+    sfmcpp.write(problem, tmp_path / "inverse.npz")
+    sound, inverse = (
+        run_here("doctor", tmp_path / name, "--fix", tmp_path / "fixed.npz").stdout.splitlines()
+        for name in ("sound.npz", "inverse.npz")
+    )
+    assert "mended   nothing" in sound
+    assert "mended   nothing: no finding has a safe repair, do as they say" in inverse
 
 
 def test_after_a_solve_variances_are_looked_at_too(tmp_path: Path) -> None:
