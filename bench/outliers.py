@@ -72,7 +72,7 @@ def runs(scene: str, share: float, kind: str, seed: int, ways: Sequence[str]) ->
     """Each way on a scene with wrong observations."""
     start = SCENES[scene](seed)
     problem, wrong = SPOILED[kind](start, share, np.random.default_rng(seed))
-    clean = problem.with_observations(~wrong).copy()
+    clean = problem.with_observations(~wrong)
     sfmcpp.solve(clean, max_iterations=300, function_tolerance=1e-9)
     squared_s = _solve(problem.copy(), "squared")[1]
     views = np.bincount(clean.point_index, minlength=clean.num_points)[problem.point_index]

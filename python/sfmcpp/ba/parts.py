@@ -102,9 +102,6 @@ def part_of(problem: Problem, points: NDArray[np.int64]) -> Part:
     chosen, colors = problem.with_observations(rows), problem.metadata.point_colors
     part = replace(
         chosen,
-        cameras=problem.cameras.copy(),
-        intrinsics=problem.intrinsics.copy(),
-        rigs=None if problem.rigs is None else problem.rigs.copy(),
         points=problem.points[points],
         fixed_points=problem.fixed_points[points],
         point_index=number[chosen.point_index],

@@ -153,10 +153,10 @@ class WeightFits:
         Problem
             The start with the fitted cameras, intrinsics and points, and all its observations.
         """
-        state = start.copy()
-        subset = state.with_observations(keep)
+        subset = start.with_observations(keep)
         self._adjust(subset, weights, self._changed(max_iterations=steps, initial_damping=_SUBSET_DAMPING))
-        return replace(state, cameras=subset.cameras, intrinsics=subset.intrinsics, points=subset.points)
+        moved = {name: getattr(subset, name) for name in ("cameras", "intrinsics", "points", "rigs")}
+        return replace(start, **moved)
 
     def linearize(self, problem: Problem, weights: FloatArray) -> LinearModel:
         """The linear model at a state and weights (k,)."""

@@ -171,17 +171,9 @@ class MetricModel:
 
     def counting(self) -> tuple[Problem, NDArray[np.intp]]:
         """The problem of the observations that count, and which points it has."""
-        whole, rows = self.problem, np.flatnonzero(self.counts)
-        points, index = np.unique(whole.point_index[rows], return_inverse=True)
-        colors = whole.metadata.point_colors
-        part = replace(
-            whole.copy().with_observations(rows),
-            points=whole.points[points],
-            point_index=index.astype(np.int32),
-            fixed_points=whole.fixed_points[points],
-            metadata=replace(whole.metadata, point_colors=None if colors is None else colors[points]),
-        )
-        return part, points.astype(np.intp)
+        part = self.problem.with_observations(self.counts)
+        points = np.unique(part.point_index)
+        return part.with_points(points), points.astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,26 +197,10 @@ class Kept:
 def kept_of(model: MetricModel, free: tuple[str, ...]) -> Kept:
     """What counts of a model, the intrinsics `free` free."""
     part, points = model.counting()
-    cameras, index = np.unique(part.camera_index, return_inverse=True)
-    groups, group_index = np.unique(part.intrinsics_index[cameras], return_inverse=True)
-    data = part.metadata
-    metadata = replace(
-        data,
-        image_names=[data.image_names[i] for i in cameras] if data.image_names else [],
-        image_sizes=None if data.image_sizes is None else data.image_sizes[cameras],
-    )
-    result = replace(
-        part,
-        cameras=part.cameras[cameras],
-        camera_index=index.astype(np.int32),
-        intrinsics=part.intrinsics[groups],
-        intrinsics_index=group_index.astype(np.int32),
-        fixed_intrinsics=part.fixed_intrinsics[groups],
-        fixed_cameras=part.fixed_cameras[cameras],
-        metadata=metadata,
-    )
+    cameras = np.unique(part.camera_index).astype(np.intp)
+    result = part.with_cameras(cameras)
     result.set_free_intrinsics(*free)
-    return Kept(result, cameras.astype(np.intp), points, np.flatnonzero(model.counts))
+    return Kept(result, cameras, points, np.flatnonzero(model.counts))
 
 
 def model_in_frame(
