@@ -193,7 +193,13 @@ def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:
     source, centres = scene(tmp_path, names=True)
     alien = write_csv(tmp_path / "alien.csv", "name,x,y,z", [["x.jpg", 1, 2, 3]])
     few = write_csv(tmp_path / "few.csv", "index,x,y,z", [[k, *centres[k]] for k in range(3)])
+    degrees = geodetic_of(centres - UTM, [46.84, -91.99, 198.0])[:, [1, 0, 2]]
+    named = write_csv(tmp_path / "degrees.csv", "x,y,z", degrees.tolist())
+    looks = (
+        "x and y are -91.99 and 46.84 to within 0.0016, which look like degrees: must be metres, or be named"
+    )
     for table, reason in (
+        (named, f"{looks} lat, lon, height (geodetic=True)"),
         (alien, "none of its names (x.jpg) is the name of an image"),
         (few, "3 images of the model have a position, 5 are needed"),
         (tmp_path / "missing.csv", "no such file or directory"),
