@@ -95,9 +95,9 @@ def solve(
     gps: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.csv",
+            metavar="FILE.csv|FOLDER",
             help="Positions of the cameras, to align to and to solve with: name or index, lat, lon, height "
-            "or x, y, z; and sigma_x, sigma_y, sigma_z if known.",
+            "or x, y, z; and sigma_x, sigma_y, sigma_z if known. Or the photos, for those of their EXIF.",
         ),
     ] = None,
     rigs: Annotated[
@@ -125,7 +125,10 @@ def solve(
 @with_exit_code
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write, or folder for COLMAP.")],
+    target: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="File to write, or folder for COLMAP; csv, geojson: positions."),
+    ],
     parts: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Make OUT a folder of N parts, for ranks of MPI.")
     ] = None,

@@ -7,9 +7,10 @@ from pathlib import Path
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed
-from sfmcpp.cli.targets import require_writable_problem
+from sfmcpp.cli.targets import Targets, require_writable_problem
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io import transforms
@@ -17,6 +18,7 @@ from sfmcpp.sources.io.api import format_of, named_format, read_part, write, wri
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
+from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
 
 
 def convert_file(
@@ -28,8 +30,8 @@ def convert_file(
 ) -> ExitCode:
     """Write the problem of a file to another, or to a folder of so many parts.
 
-    The name of the target tells its format, unless that is given. Of a transforms.json, the names of images
-    lead to the folder `images`.
+    The name of the target tells its format, unless that is given: to a file of positions go those of the
+    cameras, as they are. Of a transforms.json, the names of images lead to the folder `images`.
 
     Raises
     ------
@@ -44,6 +46,8 @@ def convert_file(
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
+    if parts is None and format is None and images is None and target.suffix.lower() in POSITION_SUFFIXES:
+        return _convert_to_positions(source, target)
     if parts is None:
         return _convert_one(source, target, format, images)
     problem = read_and_tell(source)
@@ -70,6 +74,17 @@ def _convert_one(source: Path, target: Path, format: str | None, images: Path | 
     else:
         transforms.write_transforms(problem, target, transforms.folder_from(target, images))
     _tell_written(problem, target, chosen)
+    return ExitCode.DONE
+
+
+def _convert_to_positions(source: Path, target: Path) -> ExitCode:
+    targets = Targets(positions=target)
+    targets.check(source)
+    problem = read_and_tell(source)
+    targets.check_fits(problem)
+    Gps().check_fits(target, problem)
+    write_camera_positions(target, problem, None)
+    say(f"{target}: positions of {problem.num_cameras:,} cameras")
     return ExitCode.DONE
 
 

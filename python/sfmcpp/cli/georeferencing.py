@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sfmcpp.cli.exit_codes import tell
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.world_origin import WorldOrigin
@@ -26,7 +27,7 @@ class Gps:
     Attributes
     ----------
     source : Path or None
-        File of positions; None: none are used.
+        File of positions, or folder of photos whose EXIF blocks tell them; None: none are used.
     """
 
     source: Path | None = None
@@ -49,6 +50,15 @@ class Gps:
         for option, path in (("--gps", self.source), ("--positions-out", target)):
             if path is not None:
                 raise InvalidArgument(f"{option}: for one process, not for ranks of MPI")
+
+    def tell_if_missing(self, source: Path, problem: Problem) -> None:
+        """Warn where a solve is about to move a problem away from positions that it was brought to before."""
+        held = problem.fixed_cameras.any() or problem.fixed_points.any()
+        if self.source is None and WorldOrigin.of(problem.metadata) is not None and not held:
+            tell(
+                f"warning: {source}: was brought to positions, which this solve does not have: cameras may "
+                "move away from them (--gps gives them; sfmcpp convert writes them without a solve)"
+            )
 
     def georeference(self, problem: Problem, options: dict[str, Any]) -> Georeferenced | None:
         """Bring a problem to the positions, in place; None without them.
@@ -74,7 +84,15 @@ class Gps:
 
     @cached_property
     def _told(self) -> NamedPositions | None:
-        return None if self.source is None else read_position_csv(self.source, numbered=True)
+        if self.source is None:
+            return None
+        if self.source == Path("exif") and not self.source.exists():
+            raise InvalidArgument("--gps exif: where are the photos? --gps FOLDER takes what they tell")
+        if self.source.is_dir():
+            from sfmcpp.sfm.gps_wish import positions_of_photos
+
+            return positions_of_photos(self.source)
+        return read_position_csv(self.source, numbered=True)
 
 
 def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None) -> None:

@@ -81,10 +81,11 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
     with ctrl_c_noted():
         written = report.write(folder)
     if run.model is None:
+        more = f"{folder / PAGE} tells more" if written else f"{folder} keeps the model of an earlier run"
         if run.interrupted:
-            tell(f"interrupted before there was a model: {folder / PAGE} tells more, --resume goes on")
+            tell(f"interrupted before there was a model: {more}, --resume goes on")
             return ExitCode.INTERRUPTED
-        return tell_error(f"{source}: {report.verdict()}; {folder / PAGE} tells more")
+        return tell_error(f"{source}: {report.verdict()}; {more}")
     if targets.positions is not None:
         write_camera_positions(targets.positions, run.problem(), run.gps)
         written.append(targets.positions)

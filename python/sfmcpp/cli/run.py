@@ -92,6 +92,8 @@ def solve_file(job: Job) -> ExitCode:
     problem = _problem(job)
     job.targets.check_fits(problem)
     job.gps.check_fits(job.targets.positions, problem)
+    if not job.quiet and job.options.get("max_iterations") != 0:
+        job.gps.tell_if_missing(job.source, problem)
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
     summary = _solve(job, problem, georeferenced)

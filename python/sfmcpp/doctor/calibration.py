@@ -19,7 +19,7 @@ from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
 # Beyond, a lens that is merely simplified (no distortion, a principal point in the middle) is no excuse.
-_FOCAL_OFF, _CENTRE_OFF = 0.1, 0.1
+FOCAL_OFF, CENTRE_OFF = 0.1, 0.1
 # A fifth of the image: no lens sits so; K of an image twice or half as large is off by a half or a quarter.
 _OFF_MIDDLE = 0.2
 # Sizes of images that a calibration may be of: this one, half of it, twice as large.
@@ -44,9 +44,9 @@ def calibration(case: Case) -> Iterator[Finding]:
 
 
 def _contradicted(case: Case, trial: Trial) -> Iterator[Finding]:
-    good = _without_gross_errors(case, trial)
+    good = without_gross_errors(case, trial)
     given, freed = adjusted(good, case.constraints, "squared"), _freed(case, good)
-    if isinstance(given, str) or freed is None or not _is_significant(case, given, freed):
+    if isinstance(given, str) or freed is None or not is_significant(case, given, freed):
         return
     seen = np.unique(good.camera_index)
     before, after = (
@@ -67,7 +67,7 @@ def _freed(case: Case, problem: Problem) -> Trial | None:
     return None
 
 
-def _without_gross_errors(case: Case, trial: Trial) -> Problem:
+def without_gross_errors(case: Case, trial: Trial) -> Problem:
     """The trial's problem for a sum of squares, or the one it began with if it came to nothing.
 
     Where a robust loss would make all but a few residuals of short tracks vanish, a square does not.
@@ -96,17 +96,17 @@ def _with_free_calibration(problem: Problem) -> Problem:
     )
 
 
-def _is_significant(case: Case, given: Trial, freed: Trial) -> bool:
-    """Whether the squared error falls by far more than three parameters a row, that tell nothing, would."""
-    squares = [_square(case, t) for t in (given, freed)]
+def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
+    """Whether the squared error falls by far more than so many parameters a row, that tell nothing, would."""
+    squares = [square(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
-    parameters = 3 * len(problem.intrinsics)
-    return squares[0] - squares[1] > _SIGNIFICANT * parameters * squares[1] / redundancy
+    count = parameters * len(problem.intrinsics)
+    return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy
 
 
-def _square(case: Case, trial: Trial) -> float:
+def square(case: Case, trial: Trial) -> float:
     """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
     return float((np.minimum(trial.errors_px, case.extent_px) ** 2).sum())
 
@@ -118,7 +118,7 @@ def _judged(
     shift = after[2:] - before[2:]
     better = f"; the median error falls from {given.median_px:.3g} to {freed.median_px:.3g} px"
     measures = {"focal_ratio": ratio, "shift_x_px": float(shift[0]), "shift_y_px": float(shift[1])}
-    focal_off = abs(np.log(ratio)) > np.log1p(_FOCAL_OFF)
+    focal_off = abs(np.log(ratio)) > np.log1p(FOCAL_OFF)
     if focal_off and _fits_larger_image(case, given, freed, ratio):
         yield Finding(
             "calibration-of-another-size",
@@ -135,7 +135,7 @@ def _judged(
             "check its unit and the size of the image it belongs to, or let it be refined (--refine f)",
             measures=measures,
         )
-    elif np.abs(shift).max() > _CENTRE_OFF * case.extent_px:
+    elif np.abs(shift).max() > CENTRE_OFF * case.extent_px:
         yield Finding(
             "wrong-principal-point",
             "warning",
@@ -181,7 +181,7 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
     for intrinsics in (whole, focal):
         start = replace(freed.problem, intrinsics=intrinsics, fixed_intrinsics=fixed)
         trial = adjusted(start, case.constraints, "squared")
-        squares.append(np.inf if isinstance(trial, str) else _square(case, trial))
+        squares.append(np.inf if isinstance(trial, str) else square(case, trial))
     return squares[0] < squares[1]
 
 

@@ -15,10 +15,13 @@ from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotatio
 from sfmcpp.doctor.connections import connections
 from sfmcpp.doctor.conventions import behind, conventions
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates, second_observations
+from sfmcpp.doctor.far_start import far_start
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
+from sfmcpp.doctor.image_fill import image_fill
 from sfmcpp.doctor.mounting import mounting
 from sfmcpp.doctor.outliers import outliers, sigmas
+from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
@@ -35,11 +38,14 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     connections,
     behind,
     solution,
+    image_fill,
     calibration,
+    principal_point,
     undetermined,
     mounting,
     sigmas,
     outliers,
+    far_start,
     angles,
     gauge,
 )

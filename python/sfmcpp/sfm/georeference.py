@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
 _ROUNDS = 8
+# Positions that a warning names, at most.
+_NAMED = 5
 # Cameras whose covariance tells the accuracy of all, at most.
 _JUDGED = 300
 # What of the options of a solve a linear model takes.
@@ -253,10 +255,18 @@ def _georeferenced(
             *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
             *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
             *(_UNCHECKED.format(names[image]) for image in images[alone]),
+            *_disagreeing([names[image] for image in images[~good]]),
         ],
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
+
+
+def _disagreeing(lies: list[str]) -> list[str]:
+    if not lies:
+        return []
+    told = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
+    return [f"{told} with the images: left out {', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"]
 
 
 def _require_enough(metres: FloatArray) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike, fspath
+from pathlib import Path
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, positions_of
-from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.position_csv import NamedPositions, Triple, read_position_csv
+from sfmcpp.sources.vision.photos import open_photos
 
 WORDS = ("auto", "exif", "none")
 
@@ -22,6 +24,30 @@ def known_positions(gps: str | PathLike[str]) -> NamedPositions | None:
         If the file cannot be read.
     """
     return None if fspath(gps) in WORDS else read_position_csv(gps)
+
+
+def positions_of_photos(folder: Path) -> NamedPositions:
+    """What the EXIF blocks of the photos in a folder tell of where they were taken.
+
+    Raises
+    ------
+    DatasetError
+        If there is no photo, or none tells.
+    InvalidArgument
+        If Pillow is not installed.
+    """
+    try:
+        photos = open_photos(folder).photos
+    except ModuleNotFoundError as error:  # it says how to install what is missing
+        raise InvalidArgument(str(error)) from None
+    told = _told_by(photos)
+    if not told:
+        raise DatasetError(folder, "no photo tells its position")
+    return NamedPositions(told, geodetic=True)
+
+
+def _told_by(photos: Sequence[Photo]) -> dict[str, Triple]:
+    return {photo.name: photo.position for photo in photos if photo.position is not None}
 
 
 def positions_wanted(
@@ -51,7 +77,7 @@ def positions_wanted(
     names = [photo.name for photo in photos]
     if known is not None:
         return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
-    told = {photo.name: photo.position for photo in photos if photo.position is not None}
+    told = _told_by(photos)
     if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
         return None
     if not told:

@@ -294,10 +294,6 @@ def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: boo
         return
     world.update_errors()
     found.warnings += found.gps.warnings
-    lies = found.gps.outliers
-    if lies:
-        told = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
-        found.warnings.append(f"{told} with the images: {', '.join(lies[:5])}")
 
 
 def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:

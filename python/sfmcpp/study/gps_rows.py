@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
-    """σ of the positions, accuracy of the model, positions that lie, origin."""
+    """σ of the positions, accuracy of the model, positions that were left out, origin."""
     yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
     if gps.outliers:
-        yield "GPS lies", listed(gps.outliers)
+        yield "GPS left out", listed(gps.outliers)
     if np.any(gps.origin):
         yield "origin", told_origin(gps)
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.on_threads import on_threads
-from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.colmap import binary, text
+from sfmcpp.sources.io.colmap.formats import write_colmap_of_both_kinds
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.sources.io.ply import write_ply
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sfmcpp.study.sfm_report import SfmReport
 
 _MODEL_FILES = (*text.FILES, *binary.FILES, ORIGIN)
+MODEL = "model"
 REPORT, TIMINGS, PAGE = "report.json", "timings.json", "report.html"
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000
@@ -39,11 +40,15 @@ _READERS = 4
 def write_files(report: SfmReport, folder: Path) -> list[Path]:
     """Write all files of a reconstruction, and go on where one fails; without a model, report and page alone.
 
+    Beside the model of an earlier run these would tell of what is not there: then nothing is written.
+
     Raises
     ------
     DatasetError
         If any could not be written.
     """
+    if not report.run.models and (folder / MODEL).exists():
+        return []
     written = write_steps(_steps(report), folder)
     if report.run.models:
         _remove_further_models(folder, len(report.run.models))
@@ -52,7 +57,7 @@ def write_files(report: SfmReport, folder: Path) -> list[Path]:
 
 def _remove_further_models(folder: Path, number: int) -> None:
     """Remove what an earlier run has written as model `number` and behind: they are no part of this one."""
-    while (old := folder / f"model_{number}").is_dir():
+    while (old := folder / f"{MODEL}_{number}").is_dir():
         with failures_named(old):
             for name in _MODEL_FILES:
                 (old / name).unlink(missing_ok=True)
@@ -65,7 +70,8 @@ def _steps(report: SfmReport) -> Iterator[Step]:
     pictures = _Pictures(report)
     for number in range(len(report.run.models)):
         problem = report.run.problem(number)
-        yield "model" if number == 0 else f"model_{number}", partial(_write_model, problem)
+        name = MODEL if number == 0 else f"{MODEL}_{number}"
+        yield name, partial(_write_model, problem)
         if number == 0:
             yield "transforms.json", partial(_write_transforms, report, problem)
             yield "points.ply", partial(write_ply, problem, cameras=False)
@@ -76,8 +82,8 @@ def _steps(report: SfmReport) -> Iterator[Step]:
 
 
 def _write_model(problem: Problem, folder: Path) -> None:
-    for name in ("colmap-text", "colmap-binary"):
-        write(problem, folder, format=name)
+    with failures_named(folder):
+        write_colmap_of_both_kinds(problem, folder)
 
 
 def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:

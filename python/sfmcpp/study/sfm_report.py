@@ -171,6 +171,8 @@ class SfmReport(ReportTable):
     def write(self, folder: str | PathLike[str]) -> list[Path]:
         """Write models, report and pages; without a model the report and its page alone.
 
+        Without a model, nothing is written into a folder that has one of an earlier run.
+
         Parameters
         ----------
         folder : path-like

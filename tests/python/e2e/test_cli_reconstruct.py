@@ -208,6 +208,18 @@ def test_without_a_model_it_is_bad_input_and_the_reasons_are_told(
     ]
 
 
+def test_a_run_without_a_model_leaves_that_of_an_earlier_one_with_its_report(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ending(monkeypatch, complete_run())
+    assert main(["reconstruct", "photos", "-o", "out"]) == 0
+    before = {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()}
+    ending(monkeypatch, run_without_model())
+    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert capsys.readouterr().err.endswith("; out keeps the model of an earlier run\n")
+    assert {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()} == before
+
+
 @pytest.mark.parametrize("quiet", [False, True])
 def test_a_partial_model_is_named_as_such(
     photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], quiet: bool

@@ -13,6 +13,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.io.position_csv import read_position_csv
+from sfmcpp.sources.synthetic.photos.writing import Told, write_photo
 
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 
@@ -52,9 +53,10 @@ def test_a_file_ends_in_the_world_of_its_positions(tmp_path: Path, names: bool) 
     assert told["origin"] == {"x_m": 691_000.0, "y_m": 5_334_000.0, "z_m": 0.0}
     there = sfmcpp.read(output).centres + list(told["origin"].values())
     assert np.linalg.norm(there - centres, axis=1).max() < 0.3
-    shown = [line.split(maxsplit=2) for line in result.stdout.splitlines()]
-    assert ["GPS", "lies", str(labels[11])] in shown
-    assert ["origin", "x_m", "691000, y_m 5334000, z_m 0"] in shown
+    shown = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert f"GPS left out {labels[11]}" in shown
+    assert f"warning 1 position disagrees with the images: left out {labels[11]}" in shown
+    assert "origin x_m 691000, y_m 5334000, z_m 0" in shown
 
 
 def test_positions_without_names_or_numbers_go_by_their_line_and_have_deviations(tmp_path: Path) -> None:
@@ -103,14 +105,60 @@ def test_a_model_keeps_its_origin(tmp_path: Path, output: str) -> None:
     table = write_csv(tmp_path / "gps.csv", "lat,lon,height", geodetic_of(centres - UTM, origin).tolist())
     model, again = tmp_path / output, tmp_path / "again.geojson"
     assert run_here("solve", source, "--gps", table, "-o", model).returncode == 0
-    assert run_here("solve", model, "--positions-out", again).returncode == 0
+    solved = run_here("solve", model, "--positions-out", again)
+    assert solved.returncode == 0
+    assert "was brought to positions, which this solve does not have" in solved.stderr
     features = strict_json(again)["features"]
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
     # Without positions, a solve leaves them by what its images tell otherwise.
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.5)
     assert "position, rotation and scale mean nothing" not in run_here("doctor", model).stdout
+    assert run_here("solve", model, "--max-iterations", "0").stderr == ""
+    assert run_here("solve", model, "--gps", table).stderr == ""
     assert run_here("convert", source, model).returncode == 0
     assert run_here("solve", model, "--positions-out", again).returncode == 2
+
+
+@pytest.mark.parametrize("suffix", ["csv", "geojson"])
+def test_positions_are_written_without_a_solve(tmp_path: Path, suffix: str) -> None:
+    source, _ = scene(tmp_path, names=True)
+    problem, origin = sfmcpp.read(source), np.array([46.5, 9.25, 800.0])
+    problem.metadata.extra["origin_geodetic"] = origin
+    sfmcpp.write(problem, tmp_path / "model")
+    places = tmp_path / f"out.{suffix}"
+    result = run_here("convert", tmp_path / "model", places)
+    assert (result.returncode, result.stdout) == (0, f"{places}: positions of 40 cameras\n")
+    if suffix == "csv":
+        told = np.array(list(read_position_csv(places).positions.values()))
+    else:
+        features = strict_json(places)["features"]
+        told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
+    np.testing.assert_allclose(east_north_up(told, origin), problem.centres, atol=1e-6)
+
+
+def test_a_problem_of_no_positions_becomes_no_geojson_and_no_other_file(tmp_path: Path) -> None:
+    source, _ = scene(tmp_path, names=False)
+    refused = run_here("convert", source, tmp_path / "own.geojson")
+    assert refused.returncode == 2
+    assert "GeoJSON holds latitudes and longitudes" in refused.stderr
+    assert not (tmp_path / "own.geojson").exists()
+
+
+def test_positions_of_exif_are_those_of_a_folder_of_photos(tmp_path: Path) -> None:
+    source, centres = scene(tmp_path, names=True)
+    origin = np.array([46.5, 9.25, 800.0])
+    picture = np.zeros((6, 8, 3), dtype=np.uint8)
+    for name, place in zip(
+        sfmcpp.read(source).metadata.image_names or (), geodetic_of(centres - UTM, origin), strict=True
+    ):
+        write_photo(tmp_path / "photos" / name, picture, Told(position=tuple(place.tolist())))
+    output = tmp_path / "out.npz"
+    assert run_here("solve", source, "--gps", tmp_path / "photos", "-o", output).returncode == 0
+    solved = sfmcpp.read(output)
+    places = geodetic_of(solved.centres, solved.metadata.extra["origin_geodetic"])
+    np.testing.assert_allclose(east_north_up(places, origin), centres - UTM, atol=0.1)
+    hint = run_here("solve", source, "--gps", "exif", cwd=tmp_path).stderr
+    assert "--gps FOLDER" in hint
 
 
 def test_an_origin_that_is_damaged_is_named(tmp_path: Path) -> None:
@@ -146,7 +194,13 @@ def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:
     source, centres = scene(tmp_path, names=True)
     alien = write_csv(tmp_path / "alien.csv", "name,x,y,z", [["x.jpg", 1, 2, 3]])
     few = write_csv(tmp_path / "few.csv", "index,x,y,z", [[k, *centres[k]] for k in range(3)])
+    degrees = geodetic_of(centres - UTM, [46.84, -91.99, 198.0])[:, [1, 0, 2]]
+    named = write_csv(tmp_path / "degrees.csv", "x,y,z", degrees.tolist())
+    looks = (
+        "x and y are -91.99 and 46.84 to within 0.0016, which look like degrees: must be metres, or be named"
+    )
     for table, reason in (
+        (named, f"{looks} lat, lon, height (geodetic=True)"),
         (alien, "none of its names (x.jpg) is the name of an image"),
         (few, "3 images of the model have a position, 5 are needed"),
         (tmp_path / "missing.csv", "no such file or directory"),

@@ -18,13 +18,17 @@ _HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude
 _GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
 _METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
 _SIGMAS = (
-    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h"),
-    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h"),
-    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v"),
+    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", "x y z"),
+    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", "x y z"),
+    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", "x y z"),
 )
 _SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
 # Those of RTKLIB, in one word.
 _SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
+# Metashape names an axis in two ways at once: X/Longitude, Y/North.
+_AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
+# So many numbers are a line of a table, no header.
+_NUMBERS = 3
 _WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
 
@@ -76,8 +80,11 @@ class PositionColumns:
         Raises
         ------
         ValueError
-            If some are missing, or a unit is unknown.
+            If some are missing, a unit is unknown, or they are no names but numbers.
         """
+        if sum(map(_is_number, headers)) >= _NUMBERS:
+            rule = "must be a header, such as name,lat,lon,height or name,x,y,z"
+            raise ValueError(f"the first line holds numbers ({', '.join(headers)}): {rule}")
         titles = [_plain(header) for header in headers]
         name = _place(titles, _NAMES)
         latitude_first, cartesian = (_places(titles, groups) for groups in (_GEODETIC, _METRIC))
@@ -114,7 +121,16 @@ def _split(header: str) -> tuple[str, str]:
 
 
 def _words(header: str) -> list[str]:
-    return re.findall(r"[^\W_]+", _split(header)[0].lower().replace("gps", "", 1))
+    title = _AXIS_TWICE.sub("", _split(header)[0].lower(), count=1)
+    return re.findall(r"[^\W_]+", title.replace("gps", "", 1))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _plain(header: str) -> str:

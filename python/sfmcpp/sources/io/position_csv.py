@@ -8,7 +8,8 @@ For example::
 or, in a metric frame of the user's own, ``name,x,y,z``. Units may stand in brackets, as ``height [ft]``; else
 they are degrees and metres. Standard deviations along the axes are in ``sigma_x,sigma_y,sigma_z``, or
 ``sigma_e,sigma_n,sigma_u``, or ``sigma_horizontal,sigma_vertical``. Other common names are known too
-(:mod:`position_columns`), tabs and semicolons separate as well, and then decimals may have commas.
+(:mod:`position_columns`), tabs and semicolons separate as well, and then decimals may have commas. Lines that
+begin with ``#`` are comments, but for a header: the last of them before the first other line.
 """
 
 from __future__ import annotations
@@ -68,9 +69,9 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     Raises
     ------
     DatasetError
-        If it cannot be read, a column is missing or of an unknown unit, a cell is no number, a comma may be
-        one of decimals or of thousands, a latitude or longitude is out of its range, a standard deviation is
-        not positive, or a name stands there twice.
+        If it cannot be read, the header or a column is missing, a unit is unknown, a cell is no number, a
+        comma may be one of decimals or of thousands, a latitude or longitude is out of its range, a standard
+        deviation is not positive, or a name stands there twice.
     """
     source = Path(path)
     headers, rows = _table(source)
@@ -96,7 +97,7 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
 
 def _table(source: Path) -> tuple[Row, list[Row]]:
     """The header and the other lines: their numbers and cells, as many as the header has."""
-    lines = list(numbered_lines(source))
+    lines = _without_comments(list(numbered_lines(source)))
     if not lines:
         raise DatasetError(source, "is empty")
     separator = separator_of(lines[0][1])
@@ -111,6 +112,16 @@ def _table(source: Path) -> tuple[Row, list[Row]]:
             raise DatasetError(source, f"the line holds {len(cells)} cells: {rule}", number)
     header, *rows = [(number, (cells + [""] * count)[:count]) for number, cells in split]
     return header, rows
+
+
+def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The header, which may begin as comments do, and the lines that do not."""
+    is_comment = [line.lstrip().startswith("#") for _, line in lines]
+    rows = [line for line, comment in zip(lines, is_comment, strict=True) if not comment]
+    leading = lines[: is_comment.index(False) if rows else len(lines)]
+    if leading and (separator_of(leading[-1][1]) in leading[-1][1] or not rows):
+        return [leading[-1], *rows]
+    return rows
 
 
 def _label(columns: PositionColumns, count: int, cells: list[str]) -> str:

@@ -111,3 +111,4 @@ def _geojson(named: NamedPositions, facts: Facts) -> str:
 
 _GEOJSON = ".geojson"
 _WRITERS: dict[str, Callable[[NamedPositions, Facts], str]] = {".csv": _csv, _GEOJSON: _geojson}
+POSITION_SUFFIXES = tuple(_WRITERS)

@@ -96,7 +96,7 @@ def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
             yield "focal length", f"{largest.intrinsics_of(largest.cameras[0])['f']:,.1f} px"
     if run.gps is not None:
         yield "accuracy in the world (1 σ)", f"{run.gps.accuracy_m:.3g} m"
-        yield "GPS positions that lie", f"{len(run.gps.outliers):,}"
+        yield "GPS positions left out", f"{len(run.gps.outliers):,}"
     if len(run.models) > 1:
         yield "models", f"{len(run.models):,}"
     matched = sum(pair.geometry.kind != "none" for pair in run.graph.pairs)

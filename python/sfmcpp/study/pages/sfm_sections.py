@@ -168,7 +168,7 @@ def gps(report: SfmReport) -> str:
         [html.escape(name), f"{found.residuals_m[name]:.2f}" if name in found.residuals_m else "–"]
         for name in found.outliers
     ]
-    listed = "<h3>Positions that lie</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
+    listed = "<h3>Positions left out</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
     return told + _figure("Distance of each image from its GPS position", chart) + listed
 
 

@@ -288,6 +288,17 @@ def test_zero_is_a_place_where_the_others_are_near() -> None:
     assert local_positions(rows, geodetic=False).known.all()
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2)])
+def test_degrees_under_x_and_y_are_refused_and_small_scenes_are_not(order: tuple[int, ...]) -> None:
+    metres = np.random.default_rng(0).uniform(-1, 1, (12, 3))
+    degrees = geodetic_of(metres * [300.0, 200.0, 20.0], [46.84, -91.99, 198.0])
+    no_fix = np.zeros((1, 3))
+    with pytest.raises(InvalidArgument, match="which look like degrees: must be metres"):
+        local_positions(np.concatenate([degrees[:, order], no_fix]), geodetic=False)
+    for table_top in (0.15 * metres + 2.0, 0.02 * metres + 0.5):
+        np.testing.assert_array_equal(local_positions(table_top, geodetic=False).metres, table_top)
+
+
 def test_a_far_lie_does_not_put_the_others_on_a_line() -> None:
     truth = flight(GRID, 3)
     gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)

@@ -142,7 +142,7 @@ def test_positions_that_lie_are_named() -> None:
     assert (told["sigma_m"], told["accuracy_m"]) == (0.6, 0.12)
     assert told["origin"] == {"latitude_deg": 48.2, "longitude_deg": 16.37, "height_m": 180.0}
     assert report.to_dict()["images"]["set/photo 0003.jpg"]["gps_residual_m"] == 20.0
-    assert "GPS lies        set/photo 0003.jpg" in report.table()
+    assert "GPS left out    set/photo 0003.jpg" in report.table()
 
 
 def test_the_report_is_plain_and_nothing_of_it_depends_on_the_machine() -> None:

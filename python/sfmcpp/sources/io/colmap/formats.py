@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -69,12 +68,13 @@ def _problem(tables: Tables, rigs: RigModel | None, source_format: str) -> Probl
 
 def write_colmap_text(problem: Problem, folder: Path) -> None:
     """Write cameras.txt, images.txt and points3D.txt, and rigs; see :func:`write_colmap_binary`."""
-    _write(problem, folder, _Files(text.FILES, text.text_files, TEXT_FILES, text_rig_files))
+    _write(problem, folder, _TEXT)
 
 
 def write_colmap_binary(problem: Problem, folder: Path) -> None:
     """Write cameras.bin, images.bin and points3D.bin into `folder`, which is made if it does not exist.
 
+    Text files of a model that are there are replaced with them, so that the folder has one model.
     A problem with rigs becomes rigs.bin and frames.bin as well, the first sensor of each rig its origin.
 
     The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
@@ -88,7 +88,12 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
         or shares one, `folder` already has rigs or frames (of a model that would be replaced), or a file
         cannot be written.
     """
-    _write(problem, folder, _Files(binary.FILES, binary.binary_files, BINARY_FILES, binary_rig_files))
+    _write(problem, folder, _BINARY)
+
+
+def write_colmap_of_both_kinds(problem: Problem, folder: Path) -> None:
+    """Write all files of :func:`write_colmap_text` and :func:`write_colmap_binary` together."""
+    _write(problem, folder, *_KINDS)
 
 
 @dataclass(frozen=True)
@@ -100,26 +105,40 @@ class _Files:
     rig_names: tuple[str, str]
     rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
 
+    def named_contents(self, folder: Path, problem: Problem, tables: Tables) -> _Named:
+        """Names of files and their contents, in pieces."""
+        yield from zip(self.names, self.contents(tables), strict=True)
+        if problem.rigs is not None:
+            paths = [folder / name for name in self.rig_names]
+            model = rig_model_of(problem, problem.rigs, tables, paths)
+            yield from zip(self.rig_names, self.rig_contents(model), strict=True)
 
-def _write(problem: Problem, folder: Path, files: _Files) -> None:
+
+_Named = Iterator[tuple[str, Iterable[bytes]]]
+_TEXT = _Files(text.FILES, text.text_files, TEXT_FILES, text_rig_files)
+_BINARY = _Files(binary.FILES, binary.binary_files, BINARY_FILES, binary_rig_files)
+_KINDS = (_TEXT, _BINARY)
+
+
+def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
+    """Write these kinds, and any other that is there: a folder has one model, however often."""
     if folder.exists() and not folder.is_dir():
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
-    _require_no_rigs(folder, files.rig_names)
+    _require_no_rigs(folder)
     tables = tables_from_problem(problem, folder)
-    names, contents, origin = files.names, files.contents(tables), origin_files(problem)
-    if problem.rigs is not None:
-        paths = [folder / name for name in files.rig_names]
-        model = rig_model_of(problem, problem.rigs, tables, paths)
-        names, contents = (*names, *files.rig_names), chain(contents, files.rig_contents(model))
-    with atomic_folder(folder, (*names, *origin)) as streams:
-        for stream, content in zip(streams, chain(contents, origin.values()), strict=True):
+    kinds = [kind for kind in _KINDS if kind in wanted or _has_any(folder, kind.names)]
+    contents = list(chain.from_iterable(kind.named_contents(folder, problem, tables) for kind in kinds))
+    origin = origin_files(problem)
+    contents += origin.items()
+    with atomic_folder(folder, [name for name, _ in contents]) as streams:
+        for stream, (_, content) in zip(streams, contents, strict=True):
             stream.writelines(content)
     if not origin and (folder / ORIGIN).exists():
         (folder / ORIGIN).unlink()
 
 
-def _require_no_rigs(folder: Path, names: tuple[str, str]) -> None:
-    for name in names:
+def _require_no_rigs(folder: Path) -> None:
+    for name in (*TEXT_FILES, *BINARY_FILES):
         if (folder / name).exists():
             reason = "the model that is there would be replaced, and this file contradict the new poses"
             raise DatasetError(folder / name, f"{reason}; write to another folder")
@@ -156,7 +175,7 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
-    target_check=partial(_require_no_rigs, names=TEXT_FILES),
+    target_check=_require_no_rigs,
     lacks=_LACKS,
 )
 BINARY = Format(
@@ -166,6 +185,6 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
-    target_check=partial(_require_no_rigs, names=BINARY_FILES),
+    target_check=_require_no_rigs,
     lacks=_LACKS,
 )

@@ -136,14 +136,31 @@ def test_residual_is_that_of_the_definition(tmp_path: Path) -> None:
 def test_binary_is_read_where_a_folder_has_both(tmp_path: Path) -> None:
     original = read(small_model(tmp_path))
     original.points += 1
-    write(original, tmp_path, format="colmap-binary")
+    write(original, tmp_path / "other", format="colmap-binary")
+    for file in (tmp_path / "other").iterdir():
+        file.rename(tmp_path / file.name)
     np.testing.assert_array_equal(read(tmp_path).points, original.points)
     np.testing.assert_array_equal(read(tmp_path, format="colmap-text").points, original.points - 1)
 
 
-def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path) -> None:
+@pytest.mark.parametrize("other", FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_folder_has_one_model_whatever_kinds_of_files(tmp_path: Path, format: str, other: str) -> None:
     problem = read(small_model(tmp_path))
-    (tmp_path / "frames.bin").write_bytes(b"")
+    folder = tmp_path / "model"
+    write(problem, folder, format=other)
+    kinds = {format, other}
+    problem.points += 1
+    write(problem, folder, format=format)
+    for kind in kinds:
+        np.testing.assert_array_equal(read(folder, format=kind).points, problem.points)
+    assert len(list(folder.iterdir())) == 3 * len(kinds)
+
+
+@pytest.mark.parametrize("name", ["frames.bin", "rigs.txt"])
+def test_a_model_is_not_mixed_with_the_rigs_of_another(tmp_path: Path, name: str) -> None:
+    problem = read(small_model(tmp_path))
+    (tmp_path / name).write_bytes(b"")
     with pytest.raises(DatasetError, match=r"would be replaced, .* write to another folder"):
         write(problem, tmp_path, format="colmap-binary")
     assert not (tmp_path / "cameras.bin").exists()

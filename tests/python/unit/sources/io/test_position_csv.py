@@ -91,6 +91,25 @@ def test_logs_of_receivers_are_read_as_they_are(tmp_path: Path, separator: str, 
             None,
         ),
         ("#Label,East,North,Height,Accuracy H,Accuracy V\na,1,2,3,4,5\n", (1.0, 2.0, 3.0), (4.0, 4.0, 5.0)),
+        (
+            '#CoordinateSystem: GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]]\n'
+            "#Label,X/Longitude,Y/Latitude,Z/Altitude,Accuracy_X/Y_(m),Accuracy_Z_(m),Yaw\n"
+            "a,2,1,3,4,5,9\n# Total error,0,0,0\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 4.0, 5.0),
+        ),
+        (
+            "# CoordinateSystem: WGS 84 / UTM zone 32N (EPSG::32632)\n"
+            "Label,X/Easting,Y/Northing,Z/Altitude,X/East_accuracy,Y/North_accuracy,Z/Altitude_accuracy\n"
+            "a,1,2,3,4,5,6\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 5.0, 6.0),
+        ),
+        (
+            "#Label,X/East,Y/North,Z/Altitude,Error_(m),X_error,X_est,Accuracy_X/Y/Z_(m)\na,1,2,3,9,9,9,4\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 4.0, 4.0),
+        ),
         ("name,lat,lon,alt,sdn(m),sde(m),sdu(m)\na,1,2,3,4,5,6\n", (1.0, 2.0, 3.0), (5.0, 4.0, 6.0)),
     ],
 )
@@ -106,6 +125,8 @@ def test_common_names_of_columns_are_known(
     ("text", "line", "reason"),
     [
         ("", None, "is empty"),
+        ("# Exported by a program\n", 1, "must have name and lat, lon, height"),
+        ("IMG_1.JPG,46.1,-91.9,198.3\nIMG_2.JPG,46.2,-91.8,198.4\n", 1, "must be a header, such as name,lat"),
         ("name,lat,lon\na,1,2\n", 1, "must have name and lat, lon, height"),
         ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a finite number"),
         ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a finite number"),

@@ -1,0 +1,45 @@
+"""Starts far from where an adjustment goes, as of problems that were changed after their last one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding, numbers
+from sfmcpp.doctor.outliers import fits_poorly
+from sfmcpp.geometry.point_tests import reprojection_errors_px
+
+# Tens of pixels, and of what an adjustment leaves.
+_FAR_PX, _TIMES = 20.0, 10.0
+_NAMED = 3
+
+
+def far_start(case: Case) -> Iterator[Finding]:
+    """Find starts off by tens of pixels, gross errors left aside, and the cameras that are off most."""
+    trial = case.trial
+    if case.is_misread or trial is None or fits_poorly(case, trial):
+        return
+    part, good = case.part, ~trial.gross(case.sigma_px)
+    if not good.any():
+        return
+    errors = np.minimum(reprojection_errors_px(part, part.points)[good], case.extent_px)
+    rms = float(np.sqrt(np.mean(errors**2)))
+    if rms < max(_FAR_PX, _TIMES * trial.sigma_px):
+        return
+    views = np.bincount(part.camera_index[good], minlength=part.num_cameras)
+    sums = np.bincount(part.camera_index[good], errors**2, part.num_cameras)
+    of_cameras = np.sqrt(sums / np.maximum(views, 1))
+    worst = numbers(np.argsort(-of_cameras, kind="stable")[:_NAMED])
+    listed = ", ".join(f"{case.name_of_camera(k)} {of_cameras[k]:.3g} px" for k in worst)
+    yield Finding(
+        "far-start",
+        "note",
+        f"the start is off by {rms:.3g} px RMS, where a robust adjustment leaves {trial.median_px:.3g} px in "
+        f"the median; most in cameras {listed}",
+        "nothing to do for a first estimate; what was adjusted before starts near its minimum: poses, pixels "
+        "or calibration have changed since",
+        cameras=worst,
+        measures={"rms_px": rms, "median_px": trial.median_px},
+    )

@@ -1,0 +1,84 @@
+"""Fixed principal points that free focal lengths cover up: no residual is large, but the shape is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sfmcpp.doctor.calibration import CENTRE_OFF, FOCAL_OFF, is_significant, square, without_gross_errors
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.outliers import fits_poorly
+from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+
+# Lenses that are merely simplified gain a hundredth of their squared error by a free principal point.
+_NOTABLE, _LARGE = 0.05, 0.5
+# Cameras that share a calibration: of fewer, noise moves the principal point about.
+_SHARED_BY = 4
+_CENTRE = slice(2, 4)
+
+
+def principal_point(case: Case) -> Iterator[Finding]:
+    """Find principal points whose freedom takes the focal length elsewhere, or half of the error away."""
+    trial = case.trial
+    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
+        return
+    given = adjusted(without_gross_errors(case, trial), case.constraints, "squared")
+    if isinstance(given, str):
+        return
+    freed = adjusted(_with_free_centre(given.problem), case.constraints, "squared")
+    if isinstance(freed, str) or not is_significant(case, given, freed, parameters=2):
+        return
+    less = 1 - square(case, freed) / square(case, given)
+    before, after = _calibration(given), _calibration(freed)
+    focal_off = abs(np.log(after[0] / before[0])) > np.log1p(FOCAL_OFF)
+    is_far = bool(focal_off or np.abs(after - before)[_CENTRE].max() > CENTRE_OFF * case.extent_px)
+    if less > (_NOTABLE if is_far else _LARGE):
+        yield _contradicted(before, after, less, is_far)
+
+
+def _may_be_tested(problem: Problem) -> bool:
+    """Whether few rows of intrinsics have a free focal length, and a principal point that is fixed."""
+    if problem.camera_model == "bal":
+        return False
+    seen = np.unique(problem.camera_index)
+    rows = np.unique(problem.intrinsics_index[seen])
+    fixed = problem.fixed_intrinsics[rows]
+    shared = _SHARED_BY * len(rows) <= len(seen)
+    return bool(shared and fixed[:, _CENTRE].all() and not fixed[:, 0].any())
+
+
+def _with_free_centre(problem: Problem) -> Problem:
+    fixed = problem.fixed_intrinsics.copy()
+    fixed[:, _CENTRE] = False
+    return replace(problem, fixed_intrinsics=fixed)
+
+
+def _calibration(trial: Trial) -> FloatArray:
+    """(4,) the median f, aspect, cx, cy of the cameras that observe."""
+    seen = np.unique(trial.problem.camera_index)
+    rows = pinhole_rows(trial.problem.intrinsics)[trial.problem.intrinsics_index[seen], :4]
+    return np.asarray(np.median(rows, axis=0))
+
+
+def _contradicted(before: FloatArray, after: FloatArray, less: float, is_far: bool) -> Finding:
+    return Finding(
+        "wrong-principal-point",
+        "warning" if is_far else "note",
+        f"the principal point ({before[2]:.5g}, {before[3]:.5g}) contradicts the images: where it is free, "
+        f"too, it goes to ({after[2]:.5g}, {after[3]:.5g}), f from {before[0]:.5g} to {after[0]:.5g} px, and "
+        f"the squared error falls by {less:.0%}",
+        "check the size of the images, and whether they were cropped, or let it be refined "
+        "(--refine f,cx,cy)",
+        measures={
+            "focal_ratio": float(after[0] / before[0]),
+            "shift_x_px": float(after[2] - before[2]),
+            "shift_y_px": float(after[3] - before[3]),
+            "less": less,
+        },
+    )
