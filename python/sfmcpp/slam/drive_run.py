@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -136,7 +137,7 @@ def run(
         Of all random samples.
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True.
+        False, as a solve does.
     checkpoint, resume : CheckpointFolder, optional
         Where to save checkpoints, and where to take an earlier run up; see :func:`run_slam`.
     **opening
@@ -244,5 +245,5 @@ class _Listener:
         self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.ended = self._callback is not None and self._callback(frame, result) is True
-        return self.ended
+        self.ended = self._callback is not None and not goes_on(self._callback(frame, result))
+        return not self.ended
