@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
 from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.let_go import warnings_about_the_loss
@@ -76,7 +76,8 @@ def adjust(
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     about_loss = warnings_about_the_loss(arrays, summary)
-    return replace(summary, warnings=[*summary.warnings, *doubts, *about_loss, *checkpoints.warnings])
+    told = [*summary.warnings, *doubts, *about_loss, *checkpoints.warnings]
+    return replace(summary, warnings=told, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 
 def adjust_on_ranks(
@@ -138,12 +139,13 @@ def adjust_on_ranks(
         ranks.agreed(listener.reraise)
         summary = _summary(core, options)
         loads = ranks.everyones(_load(parts.mine, core, exchange))
+        unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
         iterations = listener.all_with_bytes(summary.iterations)
         about_loss = warnings_about_the_loss(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
-    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
+    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
 
 
 def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
