@@ -75,7 +75,7 @@ class Iteration:
         camera, point = self.step_lengths
         outcome = "accepted" if self.accepted else "rejected"
         return (
-            f"Iteration({self.iteration}: cost {self.cost:.6e}, {outcome}, "
+            f"Iteration(iteration={self.iteration}: cost {self.cost:.6e}, {outcome}, "
             f"damping {self.damping:.3g}, step lengths {camera:.4g} and {point:.4g})"
         )
 

@@ -18,7 +18,7 @@ from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.euroc import EurocFolder, euroc_folder
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.sources.io.sensor_csv import read_sensor_csv
+from sfmcpp.sources.io.sensor_csv import columns_of, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
@@ -88,10 +88,15 @@ class Drive:
         for kind in kinds:
             if kind in self.streams:
                 return self.streams[kind]
-        wanted = " or ".join(kinds)
+        wanted = " or ".join(map(_with_columns, kinds))
         if self.sensor_file is not None:
             raise DatasetError(self.sensor_file, f"holds no {wanted}, which the sensor {name!r} needs")
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
+
+
+def _with_columns(kind: str) -> str:
+    columns = columns_of(kind)
+    return kind if columns == kind else f"{kind} (columns {columns})"
 
 
 def open_drive(

@@ -60,6 +60,13 @@ _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
 _KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
 _UNUSED = {"ax", "ay", "az", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z"}
 
+# Groups that make a kind of measurement which has not the name of one; each way by itself.
+_GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
+    "orientation": (("quaternion",), ("rotation_vector",)),
+    "pose": (("position", "quaternion"), ("position", "rotation_vector")),
+    "geodetic": (("latitude_longitude", "height"),),
+}
+
 _HEADER = re.compile(r"#?\s*([^\[\]]+?)\s*(?:\[\s*([^\]]*?)\s*\])?\s*")
 
 # Beside the columns, the line of the file that each row stands on.
@@ -245,6 +252,12 @@ class Column:
     group: str
     name: str
     factor: float
+
+
+def columns_of(kind: str) -> str:
+    """Names of the columns that give a kind of measurement, in words."""
+    groups = _GROUPS_OF_KIND.get(kind, ((kind,),))
+    return " or ".join(" ".join(name for group in way for name in GROUPS[group][1]) for way in groups)
 
 
 def parse_column(header: str) -> Column | None:
