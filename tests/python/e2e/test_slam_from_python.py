@@ -145,9 +145,7 @@ def test_what_a_drive_lacks_is_named(files: tuple[Path, Path]) -> None:
         slam.run(drive, ["radar"])
     with pytest.raises(InvalidArgument, match="one is named twice"):
         slam.run(drive, ["odometer", "odometer"], sensor_file=speed)
-    with pytest.raises(
-        DatasetError, match=r"speed\.csv: holds no pose \(columns .*'ins' needs"
-    ):
+    with pytest.raises(DatasetError, match=r"speed\.csv: holds no pose \(columns .*'ins' needs"):
         slam.run(drive, ["ins"], sensor_file=speed)
     with pytest.raises(DatasetError, match="camera, fps, corners: are for images"):
         open_drive(drive, camera=(700, 320, 240))
