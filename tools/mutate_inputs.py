@@ -33,13 +33,14 @@ from scipy.io import savemat
 import sfmcpp
 from sfmcpp.errors import SfmcppError
 from sfmcpp.map.files import read_map
-from sfmcpp.sources.cameras import mounting_of, read_intrinsics
+from sfmcpp.sources.cameras import read_intrinsics
 from sfmcpp.sources.io.image_tracks import read_image_tracks
 from sfmcpp.sources.io.mat import mat_variables
 from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
+from sfmcpp.sources.mounting_files import mounting_of
 from sfmcpp.sources.vision import open_frames, open_photos
 from sfmcpp.study.evaluation.image_poses import read_image_poses
 

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
+from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.let_go import warnings_about_the_loss
 from sfmcpp.ba.options import SolveOptions
@@ -65,7 +64,7 @@ def adjust(
     DatasetError
         If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
-    report = None if callback is None else lambda core: _goes_on(callback(_iteration(core)))
+    report = None if callback is None else lambda core: goes_on(callback(_iteration(core)))
     if checkpoint is not None or resume is not None:
         _require_names_of_losses(constraints, options, "in a run that is saved")
         require_named(problem.camera_model, "in a run that is saved")
@@ -77,7 +76,8 @@ def adjust(
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     about_loss = warnings_about_the_loss(arrays, summary)
-    return replace(summary, warnings=[*summary.warnings, *doubts, *about_loss, *checkpoints.warnings])
+    told = [*summary.warnings, *doubts, *about_loss, *checkpoints.warnings]
+    return replace(summary, warnings=told, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 
 def adjust_on_ranks(
@@ -139,12 +139,13 @@ def adjust_on_ranks(
         ranks.agreed(listener.reraise)
         summary = _summary(core, options)
         loads = ranks.everyones(_load(parts.mine, core, exchange))
+        unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
         iterations = listener.all_with_bytes(summary.iterations)
         about_loss = warnings_about_the_loss(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
-    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
+    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
 
 
 def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
@@ -181,11 +182,6 @@ def _saved_and_taken(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any
     return saved, None if taken is None else dict(taken.arrays)
 
 
-def _goes_on(answer: object) -> bool:
-    """What a callback says by its answer: only False, Python's or NumPy's, stops."""
-    return not isinstance(answer, bool | np.bool_) or bool(answer)
-
-
 class _RankListener:
     """Hears of the iterations on one rank. What a callback raises waits until all ranks have stopped."""
 
@@ -208,7 +204,7 @@ class _RankListener:
         sent = self._exchange.bytes_sent
         self._sent_for[core.iteration], self._sent = sent - self._sent, sent
         try:
-            return self._callback is None or _goes_on(self._callback(self.with_bytes(_iteration(core))))
+            return self._callback is None or goes_on(self._callback(self.with_bytes(_iteration(core))))
         except Exception as error:
             self._failure = error
             return False

@@ -90,3 +90,16 @@ def _measured(group: ConstraintGroup) -> dict[str, Any]:
         "points": np.concatenate([np.zeros((0, 3)), *group.points]),
         "points_begin": np.cumsum([0, *sizes], dtype=np.int32),
     }
+
+
+def has_own_sigmas(arrays: dict[str, Any]) -> bool:
+    """Whether any observation of a problem's arrays has another σ than 1 px."""
+    sigma = arrays["sigma_px"]
+    return arrays["covariance_px2"] is not None or (
+        sigma is not None and bool((np.asarray(sigma) != 1).any())
+    )
+
+
+def unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
+    """What residuals are in, by whether any part of a problem has σ of its own."""
+    return "σ" if any(own_sigmas) else "px"

@@ -75,7 +75,7 @@ class Iteration:
         camera, point = self.step_lengths
         outcome = "accepted" if self.accepted else "rejected"
         return (
-            f"Iteration({self.iteration}: cost {self.cost:.6e}, {outcome}, "
+            f"Iteration(iteration={self.iteration}: cost {self.cost:.6e}, {outcome}, "
             f"damping {self.damping:.3g}, step lengths {camera:.4g} and {point:.4g})"
         )
 
@@ -166,7 +166,9 @@ class Summary:
     initial_cost, final_cost : float
         ½ Σ ρ(‖r‖²) with residuals over their standard deviation, and the costs of the constraints.
     initial_rms_px, final_rms_px : float
-        sqrt(Σ‖r‖² / 2M), without the loss (thesis eq. 3.27).
+        sqrt(Σ‖r‖² / 2M), without the loss (thesis eq. 3.27), in `rms_unit`.
+    rms_unit : str
+        ``"px"`` where every observation has σ = 1 px, else ``"σ"``: residuals are then over their own.
     termination : str
         ``"converged"``, ``"max_iterations"``, ``"max_seconds"``, ``"interrupted"``,
         ``"stopped_by_callback"``, ``"stalled"`` (the cost fell, and then no step lowered it although the
@@ -235,6 +237,7 @@ class Summary:
     point_steps: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     version: str = ""
+    rms_unit: str = "px"
 
     @property
     def converged(self) -> bool:
@@ -280,11 +283,11 @@ class Summary:
         steps = max(len(self.iterations) - 1, 0)
         return (
             f"Summary({self.termination} after {steps} steps: cost {self.initial_cost:.6e} → "
-            f"{self.final_cost:.6e}, RMS {self.initial_rms_px:.6g} → {self.final_rms_px:.6g} px)"
+            f"{self.final_cost:.6e}, RMS {self.initial_rms_px:.6g} → {self.final_rms_px:.6g} {self.rms_unit})"
         )
 
     def __str__(self) -> str:
-        return "\n".join(f"{name:<22}{value}" for name, value in self._rows())
+        return "\n".join(f"{name:<21} {value}" for name, value in self._rows())
 
     def _repr_html_(self) -> str:
         """The same as a table, for notebooks."""
@@ -300,7 +303,7 @@ class Summary:
                 for name, (initial, final) in self.constraint_costs.items()
             ),
             *((f"weight of {chosen.name!r}", chosen.describe()) for chosen in self.group_weights),
-            ("RMS [px]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
+            (f"RMS [{self.rms_unit}]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message}"),
             ("iterations", f"{tried} ({accepted} accepted)"),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),

@@ -66,7 +66,7 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.",
+        help="A folder of images, EuRoC's mav0 or a video; or tracks: a KITTI drive (.mat), or a text file.",
     ),
 ]
 Camera = Annotated[
@@ -82,7 +82,8 @@ Fps = Annotated[
     float | None,
     typer.Option(
         callback=_fps,
-        help="Images per second; else times.txt beside them, the video's own, or 10 for a folder.",
+        help="Images per second; else times.txt beside them (in seconds, or nanoseconds since 1970), EuRoC's "
+        "data.csv, names of images that are nanoseconds, the video's own rate, or 10 for a folder.",
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners of images to follow")]
@@ -123,8 +124,8 @@ MountingOption = Annotated[
         "--mounting",
         metavar="HOW",
         help="Axes of the sensors: camera (x right, y down, z ahead), forward (x ahead, y left, z up, the "
-        "camera looks ahead), or a file with body_from_camera, rows of [R | t]; else what a drive tells, or "
-        "camera.",
+        "camera looks ahead), or a file with body_from_camera, rows of [R | t], or EuRoC's sensor.yaml; "
+        "else what a drive or its sensor.yaml tells, or camera.",
     ),
 ]
 View = Annotated[

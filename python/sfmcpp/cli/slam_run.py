@@ -60,7 +60,7 @@ def run_slam_files(
             def listen(frame: int, result: SlamResult) -> bool:
                 show(frame, result)
                 page(frame, result)
-                return asked_to_stop()
+                return not asked_to_stop()
 
             run = slam.run(
                 drive, callback=listen, checkpoint=checkpoints.save, resume=checkpoints.resume, **settings

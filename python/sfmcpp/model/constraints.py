@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Sized
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from unicodedata import combining
 
 import numpy as np
@@ -13,7 +13,7 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
-from sfmcpp.model.checks import looked_up
+from sfmcpp.model.checks import looked_up, require_positive
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import ConstraintKindName
 
@@ -58,7 +58,7 @@ class ConstraintGroup(MemberGroup):
     squared error (thesis table 5.1): the squared error over its number of entries d, of points for the forms
     that compare images. A sensor of standard deviation σ, in the unit of its error, has the weight d / σ²
     where observations are over theirs; of σ radians about each axis, 9 / (2 σ²) for a matrix of nine entries
-    and 3 / σ² for the logarithm. Files of problems do not hold constraints.
+    and 3 / σ² for the logarithm: `sigma` makes that of it. Files of problems do not hold constraints.
 
     With ``[R | t]`` the pose of a camera (rotation world_from_camera, centre in the world), hats for the
     values and "previous" for the first of two cameras:
@@ -95,11 +95,19 @@ class ConstraintGroup(MemberGroup):
     loss_scale : float, optional
         Where the loss leaves the parabola, in standard deviations of the sensor, with the weight d / σ².
         Default: 95 % efficiency on normal errors, as for observations; of one of your own: 1.
+    sigma : float, (n,) or (n, d) float64, optional
+        In place of both weights: standard deviation of the sensor, of each member, or of each number of kinds
+        whose values are vectors of d numbers. In metres, if those are the world's unit; of rotations in
+        radians about each axis; of what compares images in pixels; of "focal" as a share of f; of "pose",
+        "displacement-pose" and "smoothing" in metres, and 1 / √2 of it in radians. It is as strong as
+        observations whose own σ is 1 px, or what their covariance says. Not kept: it sets `weight` and
+        `member_weights`.
 
     Raises
     ------
     InvalidArgument
-        If a shape is wrong or a number is not finite. Indices, rotations and weights wait for the solve.
+        If a shape is wrong, a number is not finite, a σ is not positive or stands beside a weight. Indices,
+        rotations and weights wait for the solve.
     """
 
     kind: ConstraintKindName | str
@@ -111,6 +119,16 @@ class ConstraintGroup(MemberGroup):
     points: Sequence[FloatArray] = field(default=(), repr=False)
     loss: LossFunction | str = "squared"
     loss_scale: float | None = None
+    sigma: InitVar[ArrayLike | None] = None
+
+    def __post_init__(self, sigma: ArrayLike | None) -> None:
+        weighted = self.member_weights is not None or self.weight != 1.0
+        self.validate()
+        if sigma is None:
+            return
+        if weighted:
+            raise InvalidArgument(f"{self._label('sigma')}: gives the weights: must be alone, without others")
+        self._weigh(sigma)
 
     @property
     def num_members(self) -> int:
@@ -130,9 +148,31 @@ class ConstraintGroup(MemberGroup):
         if self.loss_scale is not None:
             self.loss_scale = self._number("loss_scale", self.loss_scale)
 
-    def _number(self, field_name: str, value: float) -> float:
+    def _weigh(self, sigma: ArrayLike) -> None:
+        """Set both weights so that each error counts over its σ."""
+        kind, label = constraint_kind(self.kind), self._label("sigma")
+        given = number_array(label, sigma)
+        if given.ndim == 0:
+            require_positive(label, self._number("sigma", sigma))
+        each = self._by_member(label, given if given.ndim else np.full(self.num_members, given), kind)
+        if each.size and each.min() <= 0:
+            raise InvalidArgument(f"{label} = {each.min():g}: must be positive")
+        if kind.spread is None:  # as many as each member has points
+            self.member_weights = np.array([len(x) for x in self.points]) / each**2
+        elif given.ndim:
+            self.weight, self.member_weights = kind.spread, 1 / each**2
+        else:
+            self.weight = kind.spread / float(given) ** 2
+
+    def _by_member(self, label: str, values: FloatArray, kind: ConstraintKind) -> FloatArray:
+        """A number for each member, or for each number of kinds whose values are vectors."""
+        by_entry = values.ndim == 2 and kind.values is not None and len(kind.values) == 1
+        count = self.num_members
+        return finite_array(label, values, (count, *kind.values) if by_entry and kind.values else (count,))
+
+    def _number(self, field_name: str, value: object) -> float:
         try:
-            return float(value)
+            return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
             raise InvalidArgument(f"{self._label(field_name)} = {value!r}: must be a number") from None
 
@@ -151,9 +191,7 @@ class ConstraintGroup(MemberGroup):
         if self.member_weights is None:
             return np.ones(count)
         label = self._label("member_weights")
-        weights = number_array(label, self.member_weights)
-        by_entry = weights.ndim == 2 and kind.values is not None and len(kind.values) == 1
-        return finite_array(label, weights, (count, *kind.values) if by_entry and kind.values else (count,))
+        return self._by_member(label, number_array(label, self.member_weights), kind)
 
     def _points(self, kind: ConstraintKind, count: int) -> list[FloatArray]:
         if not isinstance(self.points, Sized):

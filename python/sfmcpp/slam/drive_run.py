@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -136,7 +139,7 @@ def run(
         Of all random samples.
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True.
+        False, as a solve does.
     checkpoint, resume : CheckpointFolder, optional
         Where to save checkpoints, and where to take an earlier run up; see :func:`run_slam`.
     **opening
@@ -155,6 +158,9 @@ def run(
     InvalidArgument
         If an option breaks its rule, or the input lacks what a sensor needs.
     """
+    if isinstance(sensors, str):
+        raise InvalidArgument(f"sensors = {sensors!r}: must be a sequence of names, such as [{sensors!r}]")
+    _require_known(opening)
     settings = SlamSettings(
         window=window,
         weights=weights,
@@ -168,6 +174,16 @@ def run(
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
     frames = len(result.path.times)
     return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
+
+
+def _require_known(opening: Mapping[str, Any]) -> None:
+    """Raise TypeError, as Python does for an argument that there is not, by the name of the user's call."""
+    known = [*inspect.signature(run).parameters][1:-1] + [*inspect.signature(open_drive).parameters][1:]
+    for name in opening:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {close[0]!r}?" if close else f": must be one of {', '.join(known)}"
+            raise TypeError(f"run() got an unexpected keyword argument {name!r}{hint}")
 
 
 @checked()
@@ -244,5 +260,5 @@ class _Listener:
         self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.ended = self._callback is not None and self._callback(frame, result) is True
-        return self.ended
+        self.ended = self._callback is not None and not goes_on(self._callback(frame, result))
+        return not self.ended

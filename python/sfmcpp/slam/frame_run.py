@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
 from sfmcpp.slam.result import SlamResult
@@ -41,7 +42,7 @@ def run_slam(
         What measures the motion beside the camera.
     callback : callable, optional
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        True. In a run that is begun again, too: that ends it, and leaves the first one.
+        False, as a solve does. In a run that is begun again, too: that ends it, and leaves the first one.
     checkpoint : CheckpointFolder, optional
         Where to save, from time to time and where the callback ends the run, what a later call needs to go
         on. If that fails once the run goes, it goes on, and a warning of the result names the file.
@@ -75,7 +76,7 @@ def run_slam(
             continue
         slam.step(frame)
         slam.result.seconds = time.perf_counter() - begin_s
-        ended = callback is not None and callback(frame.number, slam.result) is True
+        ended = callback is not None and not goes_on(callback(frame.number, slam.result))
         checkpoints.offer(frame, slam.state(), ended)
         if ended:
             break
@@ -100,7 +101,7 @@ def _in_hindsight(
     again = Slam(source.intrinsics, slam.settings, sensors)
     for frame in frames:
         again.step(frame)
-        if callback is not None and callback(frame.number, again.result) is True:
+        if callback is not None and not goes_on(callback(frame.number, again.result)):
             return slam
     again.finish()
     if again.result.world is None or again.in_hindsight() is not None:

@@ -1,4 +1,4 @@
-"""Cameras and mountings of a drive, as the user says them or as data sets put them beside their images.
+"""Cameras of a drive, as the user says them or as data sets put them beside their images.
 
 ``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
 one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
@@ -18,7 +18,6 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import Mounting
 from sfmcpp.sources.io.calibration import Calibration, read_calibration
 from sfmcpp.sources.io.documents import DOCUMENTS
 from sfmcpp.sources.io.files import failures_named, read_bytes
@@ -33,6 +32,11 @@ def places_beside(source: Path) -> tuple[Path, ...]:
     """Folders in which files about a folder of images or a video are looked for, the nearest first."""
     folder = source.resolve()
     return (folder, folder.parent) if folder.is_dir() else (folder.parent,)
+
+
+def file_beside(source: Path, name: str) -> Path | None:
+    """The file of that name nearest to a folder of images or a video; None if there is none."""
+    return next((place / name for place in places_beside(source) if (place / name).is_file()), None)
 
 
 def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
@@ -109,42 +113,6 @@ def camera_file(path: str | Path) -> tuple[Path, str]:
     file, colon, name = str(path).rpartition(":")
     named = colon and Path(file).suffix.lower() in DOCUMENTS
     return (Path(file), name) if named else (Path(path), "")
-
-
-def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
-    """How the camera sits on the body of the sensors.
-
-    Parameters
-    ----------
-    given : str, Path, Mounting or None
-        ``"camera"``: the sensors have the axes of the camera (x right, y down, z ahead). ``"forward"``: those
-        of a vehicle (ISO 8855: x ahead, y left, z up), whose camera looks ahead. Else a file with the pose
-        body_from_camera: three rows ``[R | t]``, or four, the last 0 0 0 1.
-
-    Raises
-    ------
-    DatasetError
-        If the file cannot be read, or holds no pose.
-    """
-    if given is None or isinstance(given, Mounting):
-        return given
-    if given == "camera":
-        return Mounting(np.eye(3), np.zeros(3))
-    return Mounting.forward_looking() if given == "forward" else _read_mounting(Path(given))
-
-
-def _read_mounting(path: Path) -> Mounting:
-    with failures_named(path):
-        numbers = NumberText(path, read_bytes(path).replace(b",", b" "), comments=True).values
-    if len(numbers) not in (12, 16):
-        raise DatasetError(path, f"holds {len(numbers)} numbers: must be 12 or 16, the rows of [R | t]")
-    pose = numbers.reshape(-1, 4)
-    if len(pose) == 4 and not np.array_equal(pose[3], [0, 0, 0, 1]):
-        raise DatasetError(path, f"its last row is {pose[3].tolist()}: must be 0 0 0 1")
-    try:
-        return Mounting(pose[:3, :3].T, pose[:3, 3])
-    except InvalidArgument as error:
-        raise DatasetError(path, f"body_from_camera holds no rotation: {error}") from error
 
 
 def _square(path: Path, data: bytes) -> FloatArray:

@@ -14,14 +14,16 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up
 from sfmcpp.model.sensor_kinds import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
-from sfmcpp.sources.cameras import mounting_of
+from sfmcpp.sources.cameras import find_camera
+from sfmcpp.sources.euroc import EurocFolder, euroc_folder
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.sources.io.sensor_csv import read_sensor_csv
+from sfmcpp.sources.io.sensor_csv import columns_of, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
-_ACCEPTED = "a folder of images, a video, a KITTI drive (.mat) or a text file of tracks"
+_ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,10 +88,15 @@ class Drive:
         for kind in kinds:
             if kind in self.streams:
                 return self.streams[kind]
-        wanted = " or ".join(kinds)
+        wanted = " or ".join(map(_with_columns, kinds))
         if self.sensor_file is not None:
             raise DatasetError(self.sensor_file, f"holds no {wanted}, which the sensor {name!r} needs")
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
+
+
+def _with_columns(kind: str) -> str:
+    columns = columns_of(kind)
+    return kind if columns == kind else f"{kind} (columns {columns})"
 
 
 def open_drive(
@@ -108,13 +115,14 @@ def open_drive(
     Parameters
     ----------
     path : path-like
-        A folder of images or a video; or tracks: a KITTI drive (.mat), or a text file.
+        A folder of images or a video; ``mav0`` of EuRoC, or the folder that holds it, with the images of
+        ``cam0``, rates of ``imu0`` and the truth; or tracks: a KITTI drive (.mat), or a text file.
     sensor_file : path-like, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
         Default: those that the input holds.
     mounting : str, Path or Mounting, optional
-        How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.cameras.mounting_of`.
-        Default: what a drive tells.
+        How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
+        Default: what a drive tells, or ``T_BS`` of a camera in EuRoC's form.
     camera : path-like or sequence of float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     fps : float, optional
@@ -186,8 +194,7 @@ def _read_input(
     if stereo and suffix != ".mat":
         raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if source.is_dir() or suffix in VIDEOS:
-        stamps = None if apart is None else apart.image_t_s
-        return *open_images(source, camera, fps, corners, stamps), _Sensors()
+        return _read_images(source, camera, fps, corners, None if apart is None else apart.image_t_s)
     if (camera, fps, corners) != (None, None, CORNERS[0]):
         raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
     if suffix == ".mat":
@@ -197,3 +204,26 @@ def _read_input(
         sequence = TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
         return sequence, drive.truth, _sensors_of(drive)
     return TrackSequence(**vars(read_tracks(source))), None, _Sensors()
+
+
+def _read_images(
+    source: Path, camera: CameraArgument, fps: float | None, corners: str, stamps: FloatArray | None
+) -> tuple[FrameSource, Trajectory | None, _Sensors]:
+    euroc = euroc_folder(source)
+    images = source if euroc is None else euroc.images
+    frames, truth = open_images(images, camera, fps, corners, stamps)
+    mounting = _mounting_beside(images, camera)
+    return (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_of_euroc(euroc, mounting))
+
+
+def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
+    """What the camera's file tells of how it sits on the body."""
+    if camera is not None and not isinstance(camera, (str, PathLike)):
+        return None
+    return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
+
+
+def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
+    streams = {} if folder.rates is None else read_sensor_csv(folder.rates)
+    truth = None if mounting is None else folder.camera_truth(mounting)
+    return truth, _Sensors(streams, mounting)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -26,25 +26,16 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.sources.cameras import (
-    find_camera,
-    intrinsics_of,
-    places_beside,
-    read_camera,
-)
+from sfmcpp.sources.cameras import file_beside, find_camera, intrinsics_of, read_camera
+from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
-from sfmcpp.sources.io.files import failures_named, read_bytes
-from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
 
-_FOLDER_FPS = 10.0
-_TIMES = "times.txt"
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
 _DISTORTED = len(camera_model("perspective").intrinsics)
 
-TimeOf = Callable[[int], float]
 CameraArgument = str | PathLike[str] | Sequence[float] | None
 
 
@@ -271,9 +262,10 @@ def open_images(
     Returns
     -------
     stream : ImageStream
-        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, the frame rate of the video,
-        ten a second. While it runs, it raises a DatasetError that names the image which cannot be read, or
-        has no time.
+        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, EuRoC's ``data.csv``, names
+        of images that are nanoseconds, the frame rate of the video, ten a second; see
+        :mod:`sfmcpp.sources.frame_times`. While it runs, it raises a DatasetError that names the image which
+        cannot be read, or has no time.
     truth : Trajectory or None
         As many poses as images, at their times unless it has its own.
 
@@ -289,7 +281,7 @@ def open_images(
     images = open_frames(source)
     calibration = _calibration(source, camera)
     intrinsics = pinhole_rows(calibration.intrinsics)
-    time_of, assumed_fps = _time_of(images, fps, stamps)
+    time_of, assumed_fps = times_of_images(images, fps, stamps)
     truth = _truth(images, time_of)
     _require_fitting(images, intrinsics, calibration.size)
     stream = ImageStream(images, intrinsics, time_of, settings)
@@ -303,60 +295,6 @@ def _calibration(source: Path, camera: CameraArgument) -> Calibration:
     return read_camera(find_camera(source) if camera is None else Path(camera))
 
 
-def _time_of(images: Frames, fps: float | None, stamps: FloatArray | None) -> tuple[TimeOf, float | None]:
-    """Times of images, and their rate where that had to be assumed."""
-    if fps is not None:
-        require_positive("fps", fps)
-        return _even(fps, 0.0 if stamps is None else float(stamps[0])), None
-    if stamps is not None:
-        if len(stamps) < len(images):
-            reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
-            raise DatasetError(images.path, reason)
-        return _looked_up(images.path, stamps), None
-    listed = _beside(images.path, _TIMES)
-    if listed is not None:
-        return _looked_up(images.path, _listed_times(listed, images)), None
-    own_fps = _own_fps(images)
-    return _even(own_fps), own_fps if images.fps is None else None
-
-
-def _even(fps: float, start_s: float = 0.0) -> TimeOf:
-    return lambda number: start_s + number / fps
-
-
-def _looked_up(source: Path, t_s: FloatArray) -> TimeOf:
-    def time_of(number: int) -> float:
-        if number >= len(t_s):
-            raise DatasetError(source, f"image {number} has no time: {len(t_s)} are known; give --fps")
-        return float(t_s[number])
-
-    return time_of
-
-
-def _own_fps(images: Frames) -> float:
-    if images.fps is not None:
-        return images.fps
-    if images.path.is_dir():
-        return _FOLDER_FPS
-    raise DatasetError(images.path, "the video tells no frame rate: give --fps")
-
-
-def _beside(source: Path, name: str) -> Path | None:
-    return next((place / name for place in places_beside(source) if (place / name).is_file()), None)
-
-
-def _listed_times(path: Path, images: Frames) -> FloatArray:
-    with failures_named(path):
-        text = NumberText(path, read_bytes(path), comments=True)
-    text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
-    _require_as_many(path, len(text.values), "times", images)
-    later = np.diff(text.values, prepend=-np.inf) > 0
-    if not later.all():
-        worst = int(np.argmin(later))
-        raise text.error(f"time {text.values[worst]:.9g} s: must be later than the one before", worst)
-    return text.values
-
-
 def _numbered_densely(tracks: IndexArray) -> IndexArray:
     if tracks.max(initial=-1) <= max(len(tracks), _DENSE_ENOUGH):
         return tracks
@@ -364,20 +302,14 @@ def _numbered_densely(tracks: IndexArray) -> IndexArray:
 
 
 def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:
-    path = _beside(images.path, _TRUTH)
+    path = file_beside(images.path, _TRUTH)
     if path is None:
         return None
     truth = read_trajectory(path)
     if truth.stamped:
         return truth
-    _require_as_many(path, len(truth), "poses", images)
+    require_as_many(path, len(truth), "poses", images)
     return Trajectory(np.array([time_of(number) for number in range(len(truth))]), truth.poses)
-
-
-def _require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
-    """As many as images; what a video says of itself can be a few too many."""
-    if count not in range(images.fewest, len(images) + 1):
-        raise DatasetError(path, f"holds {count} {what} for {len(images)} images: must be as many")
 
 
 def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:

@@ -83,7 +83,7 @@ def test_a_run_gives_the_map_and_ends_where_the_callback_says(files: tuple[Path,
 
     def until_the_tenth(frame: int, result: SlamResult) -> bool:
         seen.append(frame)
-        return frame == 9
+        return frame < 9
 
     whole, part = slam.run(files[0]), slam.run(files[0], callback=until_the_tenth)
     assert (whole.frames, whole.interrupted, part.frames, part.interrupted) == (24, False, 10, True)
@@ -145,7 +145,7 @@ def test_what_a_drive_lacks_is_named(files: tuple[Path, Path]) -> None:
         slam.run(drive, ["radar"])
     with pytest.raises(InvalidArgument, match="one is named twice"):
         slam.run(drive, ["odometer", "odometer"], sensor_file=speed)
-    with pytest.raises(DatasetError, match=r"speed\.csv: holds no pose, which the sensor 'ins' needs"):
+    with pytest.raises(DatasetError, match=r"speed\.csv: holds no pose \(columns .*'ins' needs"):
         slam.run(drive, ["ins"], sensor_file=speed)
     with pytest.raises(DatasetError, match="camera, fps, corners: are for images"):
         open_drive(drive, camera=(700, 320, 240))

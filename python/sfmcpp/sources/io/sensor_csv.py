@@ -7,14 +7,14 @@ For example::
     0.04,36.0,,,
 
 A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
-file. EuRoC's ``imu0/data.csv`` is read as it is.
+file. Cells may be apart by ``;`` or tabs, then with decimal commas, too. Columns of other names are left
+out. EuRoC's ``imu0/data.csv`` is read as it is.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -26,7 +26,7 @@ from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
-from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
+from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, separator_of, with_decimal_points
 from sfmcpp.sources.io.units import DEGREES, LENGTH, unit_factor
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
@@ -57,7 +57,15 @@ _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alo
 _ALIASES = {"time": "t", "timestamp": "t", "alt": "height", "latitude": "lat", "longitude": "lon"}
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
 # The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
+_KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
 _UNUSED = {"ax", "ay", "az", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z"}
+
+# Groups that make a kind of measurement which has not the name of one; each way by itself.
+_GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
+    "orientation": (("quaternion",), ("rotation_vector",)),
+    "pose": (("position", "quaternion"), ("position", "rotation_vector")),
+    "geodetic": (("latitude_longitude", "height"),),
+}
 
 _HEADER = re.compile(r"#?\s*([^\[\]]+?)\s*(?:\[\s*([^\]]*?)\s*\])?\s*")
 
@@ -90,14 +98,17 @@ def read_sensor_csv(
     Raises
     ------
     DatasetError
-        If the file cannot be read; a column is unknown or lacks its unit or its companions; a cell is no
+        If the file cannot be read; no column is known; one lacks its unit or its companions; a cell is no
         finite number; the times do not increase; or a stream breaks a rule of :class:`SensorStream`, such as
         a unit that cannot be right.
     """
     source = Path(path)
     lines = numbered_lines(source)
-    columns = _columns(source, *next(lines, (1, "")))
-    cells = _cells(source, columns, lines)
+    number, header = next(lines, (1, ""))
+    separator = separator_of(header)
+    columns = _columns(source, number, _split(header, separator))
+    rows = [(number, _split(line, separator)) for number, line in lines]
+    cells = _cells(source, columns, rows)
     try:
         streams = _streams(source, cells, max_gap_s)
         return {kind: stream.shifted(clock_offset_s) for kind, stream in streams.items()}
@@ -105,9 +116,12 @@ def read_sensor_csv(
         raise DatasetError(source, str(error)) from error
 
 
-def _columns(path: Path, number: int, header: str) -> list[Column | None]:
+def _columns(path: Path, number: int, headers: list[str]) -> list[Column | None]:
     try:
-        columns = [parse_column(cell.strip()) for cell in header.split(",")]
+        columns = [None if _is_foreign(header) else parse_column(header) for header in headers]
+        if {column.name for column in columns if column is not None} <= {"t"}:
+            for header in headers:  # whichever is unknown is told
+                parse_column(header)
     except ValueError as error:
         raise DatasetError(path, str(error), number) from None
     names = [column.name for column in columns if column is not None]
@@ -125,9 +139,24 @@ def _columns(path: Path, number: int, header: str) -> list[Column | None]:
     return columns
 
 
-def _cells(path: Path, columns: list[Column | None], lines: Iterator[tuple[int, str]]) -> Table:
+def _split(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def _is_foreign(header: str) -> bool:
+    """Whether a column is left out, such as a temperature; not one whose name is known but for its case."""
+    match = _HEADER.fullmatch(header)
+    return match is not None and match[1].lower() not in _KNOWN
+
+
+def _cells(path: Path, columns: list[Column | None], lines: list[tuple[int, list[str]]]) -> Table:
     """Columns by name, in our units, NaN where a cell is empty."""
-    rows = [_row(path, number, line, columns) for number, line in lines]
+    numeric = [place for place, column in enumerate(columns) if column is not None]
+    for number, cells in lines:
+        if len(cells) != len(columns):
+            raise DatasetError(path, f"the line holds {len(cells)} cells: must be {len(columns)}", number)
+    pointed = with_decimal_points(path, lines, numeric)
+    rows = [_row(path, number, cells, columns) for number, cells in pointed]
     if not rows:
         raise DatasetError(path, "holds no measurements")
     named = [column.name for column in columns if column is not None]
@@ -141,12 +170,9 @@ def _cells(path: Path, columns: list[Column | None], lines: Iterator[tuple[int, 
     return table | {_LINE: np.array([number for number, _ in rows])}
 
 
-def _row(path: Path, number: int, line: str, columns: list[Column | None]) -> tuple[int, list[float]]:
-    cells = line.split(",")
-    if len(cells) != len(columns):
-        raise DatasetError(path, f"the line holds {len(cells)} cells: must be {len(columns)}", number)
+def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]) -> tuple[int, list[float]]:
     return number, [
-        _number(path, number, cell.strip(), column)
+        _number(path, number, cell, column)
         for cell, column in zip(cells, columns, strict=True)
         if column is not None
     ]
@@ -226,6 +252,12 @@ class Column:
     group: str
     name: str
     factor: float
+
+
+def columns_of(kind: str) -> str:
+    """Names of the columns that give a kind of measurement, in words."""
+    groups = _GROUPS_OF_KIND.get(kind, ((kind,),))
+    return " or ".join(" ".join(name for group in way for name in GROUPS[group][1]) for way in groups)
 
 
 def parse_column(header: str) -> Column | None:

@@ -129,7 +129,11 @@ def _read_kitti(path: Path) -> Trajectory:
 
 
 def _read_euroc(path: Path) -> Trajectory:
-    text, table = _table(path, separator=b",")
+    try:
+        text, table = _table(path, separator=b",")
+    except DatasetError as error:
+        form = "its format is taken for EuRoC's, t [ns], position, quaternion wxyz"
+        raise DatasetError(path, f"{error.reason} ({form})", error.line) from None
     _require_columns(text, table, table.shape[1] >= 8, "8 or more: t [ns], position, quaternion wxyz")
     return _from_quaternions(text, table[:, 0] * _NS, table[:, 1:4], table[:, 4:8])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -38,10 +38,13 @@ class Frames(ABC):
         The folder, or the video.
     fps : float or None
         Frames per second, where the source tells.
+    names : sequence of str
+        Names of the files, of a folder; a video has none.
     """
 
     path: Path
     fps: float | None = None
+    names: Sequence[str] = ()
 
     @abstractmethod
     def __len__(self) -> int:
@@ -99,6 +102,7 @@ class _Folder(Frames):
             raise unreadable(path, error) from error
         if not self._files:
             raise DatasetError(path, f"holds no image: {where_images_are(path)}")
+        self.names = [file.name for file in self._files]
 
     def __len__(self) -> int:
         return len(self._files)

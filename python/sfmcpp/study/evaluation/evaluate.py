@@ -13,7 +13,7 @@ from sfmcpp.study.evaluation.associate import associate
 from sfmcpp.study.evaluation.metrics import Errors, Statistics, ape, mean_3d_error, rpe, scale_ratios
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """A trajectory measured against the truth; n pairs of poses.
 
@@ -41,6 +41,11 @@ class Evaluation:
     ape: Errors
     rpe: Errors
     rpe_delta: tuple[float, str]
+
+    def __repr__(self) -> str:
+        how = "aligned with scale" if self.alignment.with_scale else "aligned"
+        errors = f"mean 3-D error {self.mean_3d_error_m:.6g} m, of {self.truth.length_m:.6g} m"
+        return f"Evaluation({len(self.estimate)} pairs of poses, {how}: {errors})"
 
     @property
     def scale_ratio(self) -> Statistics | None:

@@ -83,6 +83,19 @@ def test_satellite_fixes_and_the_clock_offset(tmp_path: Path) -> None:
     np.testing.assert_allclose(stream.values[1], [49.0001, 8.4, 110])
 
 
+def test_columns_of_other_names_are_left_out_and_other_separators_read(tmp_path: Path) -> None:
+    plain = read_sensor_csv(write(tmp_path, "t [s],speed [m/s]", "0,1.5", "0.5,2.5"))["speed"]
+    for header, *lines in (
+        ("t [s],temperature [C],speed [m/s],frame_id", "0,,1.5,base link", "0.5,21,2.5,"),
+        ("t [s];speed [m/s]", "0;1.5", "0.5;2.5"),
+        ("t [s];speed [m/s];state", "0;1,5;on, or so", "0,5;2,5;off"),
+        ("t [s]\tspeed [m/s]", "0\t1.5", "0.5\t2.5"),
+    ):
+        stream = read_sensor_csv(write(tmp_path, header, *lines))["speed"]
+        np.testing.assert_array_equal(stream.t_s, plain.t_s)
+        np.testing.assert_array_equal(stream.values, plain.values)
+
+
 HEADER = "t [s],speed [m/s]"
 
 
@@ -92,6 +105,8 @@ HEADER = "t [s],speed [m/s]"
         ("t [s],speed", ["0,1"], 1, r"column 'speed' names no unit: must be one of \[m/s\], \[km/h\]"),
         ("t [s],speed [knots]", ["0,1"], 1, r"'speed \[knots\]' has the unknown unit 'knots'"),
         ("t [s],sonar [m]", ["0,1"], 1, r"column 'sonar \[m\]' is unknown: must be one of t, speed"),
+        ("t [s],speed [m/s],WX [rad/s]", ["0,1,1"], 1, r"column 'WX \[rad/s\]' is unknown"),
+        ("t [s];speed [m/s]", ["0;1,000"], 2, "the comma in '1,000' may be decimal or of thousands"),
         ("Time,X,Y,Z", ["0,1,2,3"], 1, "column 'Time' is unknown"),
         ("t [s],wx [rad/s]", ["0,1"], 1, "lacks the column wy, wz of angular_rate"),
         ("speed [m/s]", ["1"], 1, "lacks the column t of time"),

@@ -119,7 +119,7 @@ def test_a_run_that_the_callback_ended_goes_on_from_its_folder(tmp_path: Path) -
     source, sensors = RUNS["winding"]()
     whole = bits(run_slam(source, SETTINGS, sensors))
     kept = CheckpointFolder(tmp_path / "kept")
-    first = run_slam(source, SETTINGS, sensors, lambda frame, _: frame == 40, checkpoint=kept)
+    first = run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 40, checkpoint=kept)
     assert len(first.path.times) == 41
     heard: list[int] = []
     again = run_slam(source, SETTINGS, sensors, lambda frame, _: heard.append(frame), resume=kept)
@@ -131,7 +131,7 @@ def test_a_run_that_the_callback_ended_goes_on_from_its_folder(tmp_path: Path) -
 def test_another_run_is_refused_by_name(tmp_path: Path) -> None:
     source, sensors = RUNS["winding"]()
     kept = CheckpointFolder(tmp_path / "kept")
-    run_slam(source, SETTINGS, sensors, lambda frame, _: frame == 10, checkpoint=kept)
+    run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 10, checkpoint=kept)
     with pytest.raises(DatasetError, match="other options: window = 8, this is 6"):
         run_slam(source, replace(SETTINGS, window=6), sensors, resume=kept)
     with pytest.raises(DatasetError, match="another problem: sensor 'gyro' differ"):
@@ -147,7 +147,7 @@ def test_images_that_have_changed_are_found_out(tmp_path: Path, monkeypatch: pyt
         TrackSequence, "identity", lambda self: {}
     )  # as for images, which are not read before
     kept = CheckpointFolder(tmp_path / "kept")
-    run_slam(source, SETTINGS, sensors, lambda frame, _: frame == 10, checkpoint=kept)
+    run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 10, checkpoint=kept)
     source._pixels[source._begin[10]] += 1e-9
     with pytest.raises(DatasetError, match="of other images: frame 10 sees something else"):
         run_slam(source, SETTINGS, sensors, resume=kept)

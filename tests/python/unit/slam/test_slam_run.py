@@ -126,6 +126,20 @@ def test_the_callback_sees_every_frame_and_the_growing_result() -> None:
     assert counts[-1] == len(result.poses)
 
 
+@pytest.mark.parametrize("answer", [False, np.False_, True, np.True_, None, 0, 1])
+def test_an_answer_means_what_it_means_in_a_solve_only_false_stops(answer: object) -> None:
+    seen: list[int] = []
+
+    def listen(frame: int, _: SlamResult) -> object:
+        seen.append(frame)
+        return answer
+
+    sequence = sequence_of(corridor())
+    run_slam(sequence, callback=listen)
+    stops = answer is False or answer is np.False_
+    assert len(seen) == (1 if stops else len(sequence))
+
+
 def test_tracks_too_short_for_the_usual_parallax_start_a_map_all_the_same() -> None:
     centres = np.arange(40)[:, None] * np.array([0.02, 0.0, 0.09])
     truth = path(centres, np.zeros((40, 3)))

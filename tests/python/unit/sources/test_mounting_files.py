@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.cameras import mounting_of
+from sfmcpp.sources.mounting_files import mounting_of
 
 ROWS = "0 0 1 0.5\n-1 0 0 0.1\n0 -1 0 -0.2\n"
 

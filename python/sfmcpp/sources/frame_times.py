@@ -1,0 +1,177 @@
+"""When images were taken, as the user says it or as data sets put it beside them.
+
+The first that there is counts: a frame rate of the user; stamps of the sensors' drive; ``times.txt``, a line
+for each image, in seconds or, of some clock since 1970, in nanoseconds; EuRoC's ``data.csv``, which tells the
+time of each image by its name; names of images that are nanoseconds since 1970; the frame rate of the video;
+ten a second. Files lie with the images or one folder above.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_positive
+from sfmcpp.sources.cameras import file_beside
+from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
+from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.sensor_csv import parse_column
+from sfmcpp.sources.vision import Frames
+
+_FOLDER_FPS = 10.0
+_TIMES, _EUROC = "times.txt", "data.csv"
+_NS = 1e-9
+# No clock of seconds is in the year 5138, nor one of nanoseconds in 1973.
+_NO_SECONDS, _SURELY_NS = 1e11, 1e17
+_NAMED_BY_NS = re.compile(r"\d{18,19}")
+
+TimeOf = Callable[[int], float]
+
+
+def times_of_images(
+    images: Frames, fps: float | None, stamps: FloatArray | None
+) -> tuple[TimeOf, float | None]:
+    """Times of images, and their rate where that had to be assumed.
+
+    Parameters
+    ----------
+    images : Frames
+        A folder or a video.
+    fps : float or None
+        Images per second; None: something else tells.
+    stamps : (n,) float64 or None
+        Times as the sensors' drive knows them [s]. With `fps` only the first counts.
+
+    Returns
+    -------
+    time_of : callable
+        Time of the image of a number [s]. It raises a DatasetError for one that has none.
+    assumed_fps : float or None
+        None where something tells the times.
+
+    Raises
+    ------
+    DatasetError
+        If a file of times cannot be read, does not fit the images, or its times do not increase.
+    InvalidArgument
+        If `fps` is not positive.
+    """
+    if fps is not None:
+        require_positive("fps", fps)
+        return _even(fps, 0.0 if stamps is None else float(stamps[0])), None
+    if stamps is not None:
+        if len(stamps) < len(images):
+            reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
+            raise DatasetError(images.path, reason)
+        return _looked_up(images.path, stamps), None
+    found = _found_times(images)
+    if found is not None:
+        return _looked_up(images.path, found), None
+    own_fps = _own_fps(images)
+    return _even(own_fps), own_fps if images.fps is None else None
+
+
+def require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
+    """As many as images; what a video says of itself can be a few too many.
+
+    Raises
+    ------
+    DatasetError
+        If `count` is another number.
+    """
+    if count not in range(images.fewest, len(images) + 1):
+        raise DatasetError(path, f"holds {count} {what} for {len(images)} images: must be as many")
+
+
+def _even(fps: float, start_s: float = 0.0) -> TimeOf:
+    return lambda number: start_s + number / fps
+
+
+def _looked_up(source: Path, t_s: FloatArray) -> TimeOf:
+    def time_of(number: int) -> float:
+        if number >= len(t_s):
+            raise DatasetError(source, f"image {number} has no time: {len(t_s)} are known; give --fps")
+        return float(t_s[number])
+
+    return time_of
+
+
+def _own_fps(images: Frames) -> float:
+    if images.fps is not None:
+        return images.fps
+    if images.path.is_dir():
+        return _FOLDER_FPS
+    raise DatasetError(images.path, "the video tells no frame rate: give --fps")
+
+
+def _found_times(images: Frames) -> FloatArray | None:
+    """Times that files or names tell [s]; None if none does."""
+    listed = file_beside(images.path, _TIMES)
+    if listed is not None:
+        return _listed_times(listed, images)
+    by_name = file_beside(images.path, _EUROC)
+    found = None if by_name is None or not images.names else _times_by_name(by_name, images)
+    return _times_of_names(images) if found is None else found
+
+
+def _listed_times(path: Path, images: Frames) -> FloatArray:
+    with failures_named(path):
+        text = NumberText(path, read_bytes(path), comments=True)
+    text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
+    require_as_many(path, len(text.values), "times", images)
+    values = text.values
+    if len(values) and values.min() >= _SURELY_NS:
+        values = values * _NS
+    elif (values >= _NO_SECONDS).any():
+        worst = int(np.argmax(values >= _NO_SECONDS))
+        rule = "must be in seconds, or all in nanoseconds since 1970"
+        raise text.error(f"time {values[worst]:.19g}: {rule}", worst)
+    later = np.diff(values, prepend=-np.inf) > 0
+    if not later.all():
+        worst = int(np.argmin(later))
+        raise text.error(f"time {values[worst]:.9g} s: must be later than the one before", worst)
+    return values
+
+
+def _times_by_name(path: Path, images: Frames) -> FloatArray | None:
+    """Times of images that EuRoC's list tells by their names; None if it is another file of that name."""
+    lines = numbered_lines(path)
+    head, header = next(lines, (1, ""))
+    titles = [cell.strip() for cell in header.split(",")]
+    if len(titles) != 2 or titles[1].lower() != "filename":
+        return None
+    try:
+        column = parse_column(titles[0])
+    except ValueError as error:
+        raise DatasetError(path, str(error), head) from None
+    factor = 1.0 if column is None else column.factor
+    rows = ((number, line.partition(",")) for number, line in lines)
+    told = {
+        name.strip(): finite_number(path, number, "timestamp", stamp.strip(), factor)
+        for number, (stamp, _, name) in rows
+    }
+    missing = next((name for name in images.names if name not in told), None)
+    if missing is not None:
+        raise DatasetError(path, f"tells no time of {images.path / missing}: give --fps, or remove one")
+    return _increasing(path, images, np.array([told[name] for name in images.names]))
+
+
+def _times_of_names(images: Frames) -> FloatArray | None:
+    stems = [Path(name).stem for name in images.names]
+    if not stems or not all(map(_NAMED_BY_NS.fullmatch, stems)):
+        return None
+    return _increasing(images.path, images, np.array([float(stem) for stem in stems]) * _NS)
+
+
+def _increasing(path: Path, images: Frames, t_s: FloatArray) -> FloatArray:
+    late = np.flatnonzero(np.diff(t_s) <= 0)
+    if len(late):
+        name, before = images.names[late[0] + 1], images.names[late[0]]
+        raise DatasetError(path, f"the time of {name} is {t_s[late[0] + 1]:.9f} s: must be after {before}")
+    return t_s
