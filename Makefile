@@ -30,6 +30,9 @@ INSTALL_STAMP := $(VENV)/stamp-installed
 SOURCES := $(shell find CMakeLists.txt pyproject.toml cpp python -type f -not -name '*.pyc' -not -name '*.so')
 CPP_FILES = $(shell find cpp bench tests examples -name '*.hpp' -o -name '*.h' -o -name '*.cpp')
 
+with_python = -DSFMCPP_BUILD_PYTHON=ON -DPYBIND11_FINDPYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python \
+  -Dpybind11_DIR=$$($(VENV)/bin/python -m pybind11 --cmakedir)
+
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
@@ -56,8 +59,10 @@ lint-mypy: install
 lint-clang-format: $(LINT_PACKAGES_STAMP)
 	@clang-format --dry-run -Werror $(CPP_FILES)
 
+# Only set up, for the compile command of every file: what is installed was compiled several in one.
 lint-clang-tidy: install $(LINT_PACKAGES_STAMP)
-	$(VENV)/bin/python tools/clang_tidy.py $(PYTHON_BUILD) $(CLANG_TIDY_JOBS)
+	cmake -B build/lint -G Ninja -DCMAKE_EXPORT_COMPILE_COMMANDS=ON $(with_python) > build/lint.log || { cat build/lint.log; exit 1; }
+	$(VENV)/bin/python tools/clang_tidy.py build/lint $(CLANG_TIDY_JOBS)
 
 format: install $(LINT_PACKAGES_STAMP) ## rewrite all sources in the project's format
 	$(VENV)/bin/ruff check --fix --select I
@@ -103,8 +108,7 @@ asan-python: SANITIZED_TESTS = tests/python/bindings
 tsan-python: SANITIZED_TESTS = tests/python/bindings/test_solve.py tests/python/bindings/test_callers_arrays.py
 
 asan-python tsan-python:
-	cmake --preset $(@:-python=) -DSFMCPP_BUILD_PYTHON=ON -DPYBIND11_FINDPYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python \
-	  -Dpybind11_DIR=$$($(VENV)/bin/python -m pybind11 --cmakedir)
+	cmake --preset $(@:-python=) $(with_python)
 	cmake --build --preset $(@:-python=) --target _core
 	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python build/$(@:-python=) $(SANITIZED_TESTS)
 

@@ -5,7 +5,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 pip=("$1/bin/python" -m pip --disable-pip-version-check --quiet)
-export CMAKE_EXPORT_COMPILE_COMMANDS=ON  # clang-tidy reads them
 settings=(
   build-dir="$2" build.targets=_core cmake.define.SFMCPP_BUILD_TESTS=ON cmake.define.SFMCPP_BUILD_BENCH=ON
   cmake.define.SFMCPP_WARNINGS_AS_ERRORS="${SFMCPP_WARNINGS_AS_ERRORS:-OFF}"
@@ -16,7 +15,7 @@ fail() { echo "sfmcpp: $*" >&2; exit 1; }
 "${pip[@]}" install scikit-build-core pybind11 || fail "pip could not install scikit-build-core and pybind11 into $1"
 # Minutes where all is new, in which pip says nothing.
 tell_progress() { while sleep 20; do echo "sfmcpp: $(find "$2" -name '*.o' 2>/dev/null | wc -l) files compiled after $SECONDS s"; done; }
-echo "sfmcpp: compiling the C++ core and installing the package with its extras into $1: about five minutes where all is new"
+echo "sfmcpp: compiling the C++ core and installing the package with its extras into $1: about three minutes where all is new"
 tell_progress "$@" &
 trap "kill $!" EXIT
 "${pip[@]}" install --no-build-isolation "${settings[@]/#/--config-settings=}" '.[all,dev]' ||

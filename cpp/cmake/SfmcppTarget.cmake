@@ -37,6 +37,7 @@ function(sfmcpp_add_isa_sources target)
     separate_arguments(flags)
     add_library(${target}_${isa} OBJECT ${ARGN})
     sfmcpp_target_defaults(${target}_${isa})
+    set_target_properties(${target}_${isa} PROPERTIES UNITY_BUILD OFF)  # kernels share the names of their helpers
     target_include_directories(${target}_${isa} PRIVATE "${CMAKE_CURRENT_SOURCE_DIR}/include")
     target_compile_definitions(${target}_${isa} PRIVATE SFMCPP_ISA=${isa} SFMCPP_LANES=${lanes})
     target_compile_options(${target}_${isa} PRIVATE ${flags} -ffp-contract=fast -fno-math-errno -fno-trapping-math)

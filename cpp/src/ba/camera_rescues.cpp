@@ -6,6 +6,8 @@
 
 #include <Eigen/Dense>
 
+#include "sfmcpp/ba/point_rescues.hpp"
+
 namespace sfmcpp::ba {
 namespace {
 
@@ -15,11 +17,9 @@ using optim::State;
 // The scale begins at so many times the last, and falls after some steps.
 constexpr double kWidest = 32.0, kFall = 0.7;
 constexpr int kStepsOfScale = 5, kStepsOfLastScale = 20;
-// Of what a view that is let go of costs: to be saved.
-constexpr double kLeastGain = 0.1;
 // Views that agree on a camera besides those that its unknowns can be fitted to, whichever they
 // are.
-constexpr int kSupport = 3;
+constexpr int kCameraSupport = 3;
 constexpr double kFirstDamping = 1e-3, kRaised = 10.0, kLowered = 0.1, kLeastDamping = 1e-9;
 constexpr int kRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
 
@@ -80,7 +80,7 @@ class CameraFits {
   // than can be made to.
   bool is_lower(int i, std::vector<double>& found, std::vector<double>& now, double gain) const {
     const Sums there = sums_of(i, found);
-    return there.support >= 0.5 * num_unknowns(i) + kSupport &&
+    return there.support >= 0.5 * num_unknowns(i) + kCameraSupport &&
            sums_of(i, now).cost - there.cost > gain;
   }
 
@@ -225,7 +225,7 @@ bool CameraRescues::is_possible() const {
 long CameraRescues::rescue(const State& start, State& state) const {
   if (!is_possible()) return 0;
   const Loss last = images_.loss();
-  const double gain = kLeastGain * last.rho(std::numeric_limits<double>::max());
+  const double gain = kLeastRescueGain * last.rho(std::numeric_limits<double>::max());
   CameraFits fits(images_, map_, free_intrinsics_);
   std::vector<double> costs = fits.linearize(last, state);
   std::vector<char> rescued(costs.size());

@@ -23,8 +23,6 @@ using optim::State;
 // meets so near the point that all right views agree.
 constexpr int kMostPairs = 120;
 constexpr int kViewsOfAllPairs = 16;
-// Of what a view that is let go of costs: to be saved.
-constexpr double kLeastGain = 0.1;
 // Views that agree on a place, where the point has so many: two rays always nearly meet somewhere.
 constexpr int kSupport = 3;
 // Views within so many scales of a place draw it, fewer from one time to the next: where the rays
@@ -180,7 +178,7 @@ class Search {
 }  // namespace
 
 long PointRescues::rescue(State& state) const {
-  const double gain = kLeastGain * images_.loss().rho(std::numeric_limits<double>::max());
+  const double gain = kLeastRescueGain * images_.loss().rho(std::numeric_limits<double>::max());
   const int count = images_.graph().num_points;
   return visit_camera(images_.problem().camera_model, [&](auto camera) {
     using Camera = decltype(camera);

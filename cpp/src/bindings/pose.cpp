@@ -52,15 +52,15 @@ WeightedConstraint constraint_of(const py::dict& arrays) {
   return result;
 }
 
-Constraints constraints_of(const std::vector<py::dict>& dicts) {
+Constraints pose_constraints_of(const std::vector<py::dict>& dicts) {
   Constraints result;
   for (const py::dict& arrays : dicts) result.push_back(constraint_of(arrays));
   return result;
 }
 
-using Array = py::array_t<double, py::array::c_style>;
+using Numbers = py::array_t<double, py::array::c_style>;
 
-const double* pose_in(const Array& pose, const char* name) {
+const double* pose_in(const Numbers& pose, const char* name) {
   if (pose.size() != 12) throw InvalidArgument(std::string(name) + ": must have shape (3, 4)");
   return pose.data();
 }
@@ -93,10 +93,10 @@ py::dict sweep(const py::dict& arrays,
                const std::vector<py::dict>& constraint_dicts,
                int selected,
                const std::vector<double>& weights,
-               const Array& start,
+               const Numbers& start,
                const ba::PoseSweepOptions& options) {
   const PoseView pose_view = view_of(arrays);
-  const Constraints constraints = constraints_of(constraint_dicts);
+  const Constraints constraints = pose_constraints_of(constraint_dicts);
   const double* from = pose_in(start, "start");
   ba::PoseSweep result;
   {
@@ -108,10 +108,10 @@ py::dict sweep(const py::dict& arrays,
 
 py::dict refine(const py::dict& arrays,
                 const std::vector<py::dict>& constraint_dicts,
-                const Array& start,
+                const Numbers& start,
                 const ba::PoseSweepOptions& options) {
   const ba::PoseRefinement fit = ba::refine_pose(
-      view_of(arrays), constraints_of(constraint_dicts), pose_in(start, "start"), options);
+      view_of(arrays), pose_constraints_of(constraint_dicts), pose_in(start, "start"), options);
   py::dict result;
   result["pose"] = py::array_t<double>({3, 4}, fit.pose.data());
   result["vision"] = fit.vision;
@@ -122,9 +122,9 @@ py::dict refine(const py::dict& arrays,
 
 py::dict linearize(const py::dict& arrays,
                    const std::vector<py::dict>& constraint_dicts,
-                   const Array& pose) {
-  const ba::PoseLinearization at =
-      ba::linearize_pose(view_of(arrays), constraints_of(constraint_dicts), pose_in(pose, "pose"));
+                   const Numbers& pose) {
+  const ba::PoseLinearization at = ba::linearize_pose(
+      view_of(arrays), pose_constraints_of(constraint_dicts), pose_in(pose, "pose"));
   py::dict result;
   result["vision_normal"] = at.vision_normal;
   result["vision_gradient"] = at.vision_gradient;

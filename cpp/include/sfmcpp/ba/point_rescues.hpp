@@ -13,6 +13,9 @@
 
 namespace sfmcpp::ba {
 
+// Of what a view that is let go of costs: what looking anew for a point or a camera has to save.
+inline constexpr double kLeastRescueGain = 0.1;
+
 class PointRescues {
  public:
   // The references must outlive this object. `movable`: per point, whether it is one of these.
