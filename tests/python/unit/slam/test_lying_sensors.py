@@ -159,7 +159,9 @@ def test_a_run_that_is_begun_again_is_heard_of_and_leaves_the_first_where_it_is_
 def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
     drive = winding()
     wrong = [on_a_turned_camera(drive.odometer)]
-    once, again = (run_slam(drive.sequence, settings, wrong) for settings in (ONCE, SlamSettings()))
+    # As the loop leaves it: beside an odometer the end mends a third of what a wrong mounting has done.
+    as_left = replace(ONCE, final_adjustment="off")
+    once, again = (run_slam(drive.sequence, settings, wrong) for settings in (as_left, SlamSettings()))
     told, begun_again = again.warnings
     assert re.fullmatch(r"odometer: its directions are [45]\.\d° off those seen by .*declared\?", told)
     assert "begun again" in begun_again
