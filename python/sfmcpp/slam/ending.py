@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from sfmcpp.ba import Summary
+from sfmcpp.model import ConstraintGroup, Problem
+from sfmcpp.sensors.registration import OPEN_ROLL_RAD
 from sfmcpp.slam.fusing import constraint_groups
 from sfmcpp.slam.mapping import HELD_KEYFRAMES, drop_outliers, hold_gauge
 from sfmcpp.slam.result import FinalAdjustment, SlamResult
@@ -21,9 +23,10 @@ _LOSS_PX = 1.0
 # 0001, 0027, 0036 and 0039 with 4 to 7 times the variance beside the odometer, 3 to 4 beside the gyroscope.
 # Tracks slide, and points are not exact. From 2 to 5, errors there are the same within a few percent.
 _IMAGES_OFF = 2.0
-# A part of the map that only positions hold may roll about a straight way: no image tells, and digits of the
-# cost would be bought with it.
+# Digits of the cost that would be bought with what hardly any image tells.
 _TOLERANCE = 1e-5
+# The group of constraints that holds turns where positions do not.
+_AS_LEFT = "as left"
 
 
 def finish_map(result: SlamResult, settings: SlamSettings) -> None:
@@ -52,10 +55,11 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     if counts:
         groups = [replace(group, weight=_IMAGES_OFF**2) for group in groups]
     hold_gauge(local, 0 if placed else 1 if scaled or world.stereo else HELD_KEYFRAMES)
+    held = [_as_left(local.problem)] if placed else []
     both = with_right_views(world, local)
     summary = solve(
         both.problem,
-        constraints=[*groups, *both.rigid],
+        constraints=[*groups, *held, *both.rigid],
         loss="cauchy",
         loss_scale_px=_LOSS_PX,
         function_tolerance=_TOLERANCE,
@@ -70,9 +74,23 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         result.path.follow(before)
 
 
+def _as_left(problem: Problem) -> ConstraintGroup:
+    """Cameras turned as they are, so loosely that it tells nothing but what positions leave open.
+
+    Positions on a straight way tell no roll of a part of the map that shares no point with the others: it
+    goes where their noise is least. The whole map is held to `OPEN_ROLL_RAD`, beyond which a roll counts as open.
+    """
+    count = problem.num_cameras
+    sigma = OPEN_ROLL_RAD * np.sqrt(count)
+    return ConstraintGroup(
+        "orientation", np.arange(count, dtype=np.int32), problem.rotations, sigma=sigma, name=_AS_LEFT
+    )
+
+
 def _judged(summary: Summary) -> FinalAdjustment:
     sensors = {name: (float(a), float(b)) for name, (a, b) in summary.constraint_costs.items()}
     sums = np.array(list(sensors.values())).reshape(-1, 2).sum(axis=0)
     pixels = (float(summary.initial_cost - sums[0]), float(summary.final_cost - sums[1]))
-    sensors.pop(RIGID, None)
+    for name in (RIGID, _AS_LEFT):
+        sensors.pop(name, None)
     return FinalAdjustment(False, pixels, sensors)

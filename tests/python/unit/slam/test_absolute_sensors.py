@@ -49,7 +49,10 @@ def ins_of(cameras: np.ndarray, sigma_m: float, sigma_rad: float) -> Ins:
 
 def errors(result: SlamResult, cameras: np.ndarray) -> tuple[float, float]:
     """Mean distance [m] and mean angle [rad] to the truth in `WORLD`, nothing aligned."""
-    truth = WORLD.apply_to_poses(cameras)
+    return errors_to(result, WORLD.apply_to_poses(cameras))
+
+
+def errors_to(result: SlamResult, truth: np.ndarray) -> tuple[float, float]:
     frames = sorted(result.poses)
     found = np.stack([result.poses[k] for k in frames])
     turns = so3.log(np.swapaxes(truth[frames][:, :, :3], 1, 2) @ found[:, :, :3])
@@ -153,17 +156,18 @@ def real_drive(data_dir: Path) -> KittiDrive:
 
 
 @pytest.mark.real
-@pytest.mark.parametrize(("kind", "most_m"), [("gps", 2.0), ("ins", 1.0)])
+@pytest.mark.parametrize(("kind", "most_m", "most_deg"), [("gps", 2.0, 5.0), ("ins", 1.0, 2.0)])
 def test_on_a_real_drive_positions_of_a_metre_keep_it_in_place(
-    real_drive: KittiDrive, kind: str, most_m: float
+    real_drive: KittiDrive, kind: str, most_m: float, most_deg: float
 ) -> None:
+    # Positions on its straight way tell no roll of the two parts of its map: the end rolled them by 80°.
     d = real_drive
     sequence = TrackSequence(d.t_s, d.frame_index, d.track_index, d.left_px, d.intrinsics)
     result = run_slam(sequence, sensors=[simulated(d, kind)])
-    frames = sorted(result.poses)
-    found = np.stack([result.poses[k] for k in frames])
-    assert frames == list(range(len(d.t_s)))
-    assert np.linalg.norm(found[:, :, 3] - d.truth.poses[frames][:, :, 3], axis=1).mean() < most_m
+    assert sorted(result.poses) == list(range(len(d.t_s)))
+    metres, radians = errors_to(result, d.truth.poses)
+    assert metres < most_m
+    assert np.degrees(radians) < most_deg
 
 
 def simulated(drive: KittiDrive, kind: str) -> MotionSensor:
