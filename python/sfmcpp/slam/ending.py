@@ -78,7 +78,8 @@ def _as_left(problem: Problem) -> ConstraintGroup:
     """Cameras turned as they are, so loosely that it tells nothing but what positions leave open.
 
     Positions on a straight way tell no roll of a part of the map that shares no point with the others: it
-    goes where their noise is least. The whole map is held to `OPEN_ROLL_RAD`, beyond which a roll counts as open.
+    goes where their noise is least. The whole map is held to `OPEN_ROLL_RAD`, beyond which a roll counts as
+    open.
     """
     count = problem.num_cameras
     sigma = OPEN_ROLL_RAD * np.sqrt(count)
