@@ -300,11 +300,17 @@ class SensorSuite:
         """The sensors as they should have been from the start; None where the run has found nothing wrong.
 
         On the camera's clock, as the rotations `vision` of the whole run tell it where it was wrong, without
-        their biases, and without the samples that the images have denied.
+        their biases, and without the samples of motions that the images have denied. Positions and poses keep
+        theirs: a map drifts off them by itself, and without them it would not come back.
         """
         self._refine_clocks(vision)
         misaligned = self._misaligned()
-        denied = {name: stretch for name, known in self._experience.items() if (stretch := known.denied)}
+        of_motion = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gps | Ins)]
+        denied = {
+            name: stretch
+            for name, known in self._experience.items()
+            if name in of_motion and (stretch := known.denied)
+        }
         if not {*denied, *misaligned, *self._moved_s, *self._biases}:
             return None
         kept = [_without(sensor, denied.get(sensor.name)) for sensor in self.sensors]
