@@ -21,7 +21,7 @@ _OF_POINTS = ("colmap_point_ids", "g2o_point_ids")
 # For each camera, row of intrinsics, frame and sensor.
 _OF_CAMERAS = ("colmap_image_ids", "nvm_measurement_distortion")
 _OF_INTRINSICS = ("colmap_camera_ids", "colmap_camera_sizes", "colmap_camera_models")
-_FRAME_IDS, _RIG_IDS, _SENSOR_ROWS = "colmap_frame_ids", "colmap_rig_ids", "colmap_sensor_rows"
+FRAME_IDS, RIG_IDS, SENSOR_ROWS = "colmap_frame_ids", "colmap_rig_ids", "colmap_sensor_rows"
 # (D, 3): the camera, the keypoint's number in its image, and COLMAP's id of the point of second sightings.
 SECOND_SIGHTINGS = "colmap_second_sightings"
 # Which of the cameras of the file are those of the problem.
@@ -34,7 +34,7 @@ _ARRAYS = {
     LOOSE[2]: (_NUMBERS, _PAIRS),
     "colmap_camera_ids": (_INTEGERS, _LIST),
     "colmap_image_ids": (_INTEGERS, _LIST),
-    **dict.fromkeys((_FRAME_IDS, _RIG_IDS, _SENSOR_ROWS), (_INTEGERS, _LIST)),
+    **dict.fromkeys((FRAME_IDS, RIG_IDS, SENSOR_ROWS), (_INTEGERS, _LIST)),
     "colmap_camera_sizes": (_INTEGERS, _PAIRS),
     SECOND_SIGHTINGS: (_INTEGERS, _TRIPLES),
     REGISTERED: (_YES_OR_NO, _LIST),
@@ -132,17 +132,17 @@ class Metadata:
         if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen):
             again = np.setdiff1d(np.arange(len(ids)), np.unique(ids, return_index=True)[1])
             ids[again] = _next_numbers(self.extra["colmap_camera_ids"], len(again))
-        if _SENSOR_ROWS in extra:
-            extra[_SENSOR_ROWS] = _renumbered(extra[_SENSOR_ROWS], number)
-            if (extra[_SENSOR_ROWS] < 0).any():
-                del extra[_SENSOR_ROWS]
+        if SENSOR_ROWS in extra:
+            extra[SENSOR_ROWS] = _renumbered(extra[SENSOR_ROWS], number)
+            if (extra[SENSOR_ROWS] < 0).any():
+                del extra[SENSOR_ROWS]
         return replace(self, extra=extra)
 
     def of_rigs(self, frames: NDArray[Any], sensors: NDArray[Any], num_sensors: int) -> Metadata:
         """Those of some frames, and of some of `num_sensors` sensors, by number."""
-        extra = _rows_of(self.extra, (_RIG_IDS, _SENSOR_ROWS), sensors, num_sensors)
-        if len(ids := extra.get(_FRAME_IDS, ())) > frames.max(initial=-1):
-            extra[_FRAME_IDS] = np.asarray(ids)[frames]
+        extra = _rows_of(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
+        if len(ids := extra.get(FRAME_IDS, ())) > frames.max(initial=-1):
+            extra[FRAME_IDS] = np.asarray(ids)[frames]
         return replace(self, extra=extra)
 
     def with_added_points(self, count: int, camera_index: IndexArray, added: IndexArray) -> Metadata:

@@ -16,13 +16,13 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.metadata import FRAME_IDS, RIG_IDS, SENSOR_ROWS
 from sfmcpp.model.rigs import composed, relative
 from sfmcpp.sources.io.colmap.rig_files import CAMERA, Frame, Pose, Rig, RigModel, Sensor
 from sfmcpp.sources.io.colmap.tables import ImageTable, Int64Array, Tables
 from sfmcpp.sources.io.poses import cameras_from_pose, pose_from_cameras
 
 _LOOSE = 1e-6  # of the pose of an image against that of its frame, relative to its translation
-_RIG_IDS, _SENSOR_ROWS, _FRAME_IDS = "colmap_rig_ids", "colmap_sensor_rows", "colmap_frame_ids"
 
 
 def add_rigs(problem: Problem, tables: Tables, model: RigModel) -> None:
@@ -42,9 +42,9 @@ def add_rigs(problem: Problem, tables: Tables, model: RigModel) -> None:
     _require_agreement(tables.images, cameras, problem.cameras)
     problem.cameras, problem.rigs = cameras, rigs
     problem.metadata.extra |= {
-        _RIG_IDS: mounted.rig_ids,
-        _SENSOR_ROWS: tables.cameras.rows_of(mounted.camera_ids),
-        _FRAME_IDS: np.array([frame.id for frame in model.frames], np.int64),
+        RIG_IDS: mounted.rig_ids,
+        SENSOR_ROWS: tables.cameras.rows_of(mounted.camera_ids),
+        FRAME_IDS: np.array([frame.id for frame in model.frames], np.int64),
     }
 
 
@@ -160,7 +160,7 @@ def _frames(problem: Problem, rigs: Rigs, origins: FloatArray) -> Iterator[tuple
     """Number, cameras and pose in files of each frame that has any."""
     numbers, some = np.unique(rigs.frame_of_camera, return_index=True)
     in_world = composed(rigs.frames(problem.cameras)[numbers], origins[rigs.sensor_of_camera[some]])
-    known = np.asarray(problem.metadata.extra.get(_FRAME_IDS, ()))
+    known = np.asarray(problem.metadata.extra.get(FRAME_IDS, ()))
     ids = numbers + 1 if len(known) <= numbers.max(initial=-1) else known[numbers]
     order = np.argsort(rigs.frame_of_camera, kind="stable")
     cameras = np.split(order, np.searchsorted(rigs.frame_of_camera[order], numbers[1:]))
@@ -169,7 +169,7 @@ def _frames(problem: Problem, rigs: Rigs, origins: FloatArray) -> Iterator[tuple
 
 def _grouped(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
     """Rig of each sensor, and the identifiers of rigs: as they were read, or by what frames hold together."""
-    known = problem.metadata.extra.get(_RIG_IDS)
+    known = problem.metadata.extra.get(RIG_IDS)
     if known is not None and len(known) == rigs.num_sensors:
         ids, of_sensor = np.unique(known, return_inverse=True)
         return of_sensor, ids.tolist()
@@ -180,7 +180,7 @@ def _grouped(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
 def _rows_of_sensors(problem: Problem, rigs: Rigs, path: Path) -> Int64Array:
     """Row of intrinsics of each sensor."""
     rows = np.full(rigs.num_sensors, -1)
-    known = problem.metadata.extra.get(_SENSOR_ROWS)
+    known = problem.metadata.extra.get(SENSOR_ROWS)
     if known is not None and len(known) == rigs.num_sensors:
         rows[:] = known
     rows[rigs.sensor_of_camera] = problem.intrinsics_index
