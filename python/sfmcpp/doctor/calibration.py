@@ -48,12 +48,13 @@ def _contradicted(case: Case, trial: Trial) -> Iterator[Finding]:
     given, freed = adjusted(good, case.constraints, "squared"), _freed(case, good)
     if isinstance(given, str) or freed is None or not is_significant(case, given, freed):
         return
-    seen = np.unique(good.camera_index)
-    before, after = (
-        np.median(pinhole_rows(t.problem.intrinsics)[t.problem.intrinsics_index[seen], :4], axis=0)
-        for t in (given, freed)
-    )
-    yield from _judged(case, before, after, given, freed)
+    yield from _judged(case, median_calibration(given), median_calibration(freed), given, freed)
+
+
+def median_calibration(trial: Trial) -> FloatArray:
+    """(4,) the median f, aspect, cx, cy of the cameras that observe [px]."""
+    rows = trial.problem.intrinsics_index[np.unique(trial.problem.camera_index)]
+    return np.asarray(np.median(pinhole_rows(trial.problem.intrinsics)[rows, :4], axis=0))
 
 
 def _freed(case: Case, problem: Problem) -> Trial | None:

@@ -7,12 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfmcpp.doctor.calibration import CENTRE_OFF, FOCAL_OFF, is_significant, square, without_gross_errors
+from sfmcpp.doctor.calibration import (
+    CENTRE_OFF,
+    FOCAL_OFF,
+    is_significant,
+    median_calibration,
+    square,
+    without_gross_errors,
+)
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.outliers import fits_poorly
-from sfmcpp.doctor.trial import Trial, adjusted
-from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.doctor.trial import adjusted
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 
@@ -35,7 +41,7 @@ def principal_point(case: Case) -> Iterator[Finding]:
     if isinstance(freed, str) or not is_significant(case, given, freed, parameters=2):
         return
     less = 1 - square(case, freed) / square(case, given)
-    before, after = _calibration(given), _calibration(freed)
+    before, after = median_calibration(given), median_calibration(freed)
     focal_off = abs(np.log(after[0] / before[0])) > np.log1p(FOCAL_OFF)
     is_far = bool(focal_off or np.abs(after - before)[_CENTRE].max() > CENTRE_OFF * case.extent_px)
     if less > (_NOTABLE if is_far else _LARGE):
@@ -57,13 +63,6 @@ def _with_free_centre(problem: Problem) -> Problem:
     fixed = problem.fixed_intrinsics.copy()
     fixed[:, _CENTRE] = False
     return replace(problem, fixed_intrinsics=fixed)
-
-
-def _calibration(trial: Trial) -> FloatArray:
-    """(4,) the median f, aspect, cx, cy of the cameras that observe."""
-    seen = np.unique(trial.problem.camera_index)
-    rows = pinhole_rows(trial.problem.intrinsics)[trial.problem.intrinsics_index[seen], :4]
-    return np.asarray(np.median(rows, axis=0))
 
 
 def _contradicted(before: FloatArray, after: FloatArray, less: float, is_far: bool) -> Finding:
