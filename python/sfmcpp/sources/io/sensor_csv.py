@@ -56,8 +56,8 @@ _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alo
 # Names in EuRoC's imu0/data.csv and a few common ones.
 _ALIASES = {"time": "t", "timestamp": "t", "alt": "height", "latitude": "lat", "longitude": "lon"}
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
-# The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
 _KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
+# The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
 _UNUSED = {"ax", "ay", "az", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z"}
 
 # Groups that make a kind of measurement which has not the name of one; each way by itself.
