@@ -48,7 +48,9 @@ class Targets:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.problem is None:
             return
-        if problem.is_metric and format_of(self.problem).name == problem.metadata.source_format:
+        chosen = format_of(self.problem)
+        # A problem that comes from a file fits formats that hold any, and, if they need poses, its own.
+        if chosen.holds_every_model or (problem.is_metric and chosen.name == problem.metadata.source_format):
             return
         with _scratch_beside(self.problem) as folder:
             _try_to_write(problem, self.problem, Path(folder))
