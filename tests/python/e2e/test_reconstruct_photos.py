@@ -136,9 +136,9 @@ def test_sides_that_look_alike_are_warned_of(
 ) -> None:
     # Of smaller photos too few points are left: at 400 × 300 half of the seeds of "symmetric" are not told.
     photos_of(place, tmp_path / "photos", count, image_size=size)
-    _, report = reconstructed(tmp_path / "photos", tmp_path / "out")
+    code, report = reconstructed(tmp_path / "photos", tmp_path / "out")
     told = [warning for warning in report["warnings"] if "repeated or symmetric structure" in warning]
-    assert told, (registered(report), report["rms_px"], report["warnings"])
+    assert told, (code, registered(report), report["rms_px"], report["warnings"])
 
 
 def test_positions_that_lie_are_named_and_cost_nothing(tmp_path: Path) -> None:
