@@ -7,6 +7,7 @@
 #include <Eigen/Dense>
 
 #include "sfmcpp/ba/point_rescues.hpp"
+#include "sfmcpp/optim/damping_rule.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -20,7 +21,6 @@ constexpr int kStepsOfScale = 5, kStepsOfLastScale = 20;
 // Views that agree on a camera besides those that its unknowns can be fitted to, whichever they
 // are.
 constexpr int kCameraSupport = 3;
-constexpr double kFirstDamping = 1e-3, kRaised = 10.0, kLowered = 0.1, kLeastDamping = 1e-9;
 constexpr int kRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
 
 constexpr int kMost = linear::kMaxCameraSize;
@@ -53,12 +53,12 @@ class CameraFits {
       : images_(images),
         map_(map),
         free_intrinsics_(free_intrinsics),
-        is_shared_(linear::shared_columns(map)),
-        damping_(static_cast<std::size_t>(images.graph().num_cameras)) {}
+        is_shared_(linear::shared_columns(map)) {}
 
   // Each camera to a minimum of what its views cost.
   std::vector<double> descend(const Loss& loss, int steps, State& state) {
-    std::ranges::fill(damping_, kFirstDamping);
+    damping_.assign(static_cast<std::size_t>(images_.graph().num_cameras),
+                    {optim::kHartleyStart, linear::DampingMatrix::kDiagonal});
     std::vector<double> now = linearize(loss, state);
     State candidate = state;
     for (int step = 0; step < steps; ++step) {
@@ -171,7 +171,7 @@ class CameraFits {
     Block normal = of_camera.normal;
     Column gradient = of_camera.gradient;
     for (int k = 0; k < size; ++k) {
-      normal(k, k) *= 1.0 + damping_[i];
+      normal(k, k) += damping_[i].damping()(normal(k, k));
       if (is_own(i, k) && normal(k, k) > 0.0) continue;
       normal.row(k).setZero();
       normal.col(k).setZero();
@@ -201,10 +201,10 @@ class CameraFits {
     if (sums_of(i, then).cost < sums_of(i, now).cost) {
       copy_camera(i, candidate, state);
       copy_sums(i, then, now);
-      damping_[i] = std::max(kLowered * damping_[i], kLeastDamping);
+      damping_[i].accepted(1.0);
     } else {
       copy_camera(i, state, candidate);
-      damping_[i] *= kRaised;
+      damping_[i].rejected();
     }
   }
 
@@ -212,7 +212,7 @@ class CameraFits {
   const linear::ParameterMap& map_;
   const std::vector<int>& free_intrinsics_;
   std::vector<char> is_shared_;
-  std::vector<double> damping_;  // of each camera
+  std::vector<optim::HartleyRule> damping_;  // of each camera
 };
 
 }  // namespace
