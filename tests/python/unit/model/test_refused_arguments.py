@@ -17,6 +17,7 @@ from sfmcpp.model.image_tracks import image_tracks
 from sfmcpp.slam import SlamSettings
 
 RAGGED = [[1.0], [2.0, 3.0]]
+MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
 
 
 def scene() -> Problem:
@@ -45,6 +46,9 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: made(camera_model=None), "camera_model = None: must be one of"),
         (lambda: made(camera_model=[]), r"camera_model = \[\]: must be one of"),
         (lambda: made(cameras=RAGGED), "cameras = .*: must be an array of numbers"),
+        (lambda: made(pixels=MASKED), "pixels: 1 entries are masked: must be filled in or left out"),
+        (lambda: solved(pixels=MASKED), "pixels: 1 entries are masked"),
+        (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
