@@ -57,12 +57,12 @@ void check_model(const CameraModel& model) {
     throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
                           ": is none of its values");
   }
-  constexpr std::size_t kMost = linear::kMaxCameraSize - kPoseTangent;
+  constexpr std::size_t kMostIntrinsics = linear::kMaxCameraSize - kPoseTangent;
   const std::size_t count = model.function()->intrinsic_names().size();
-  if (count >= 1 && count <= kMost) return;
+  if (count >= 1 && count <= kMostIntrinsics) return;
   throw InvalidArgument("camera_model '" + std::string(model.name()) +
                         "': " + std::to_string(count) + " intrinsics, must be 1 to " +
-                        std::to_string(kMost));
+                        std::to_string(kMostIntrinsics));
 }
 
 // Without a branch, so that whole vectors of numbers are looked at together: what is not finite has

@@ -189,7 +189,7 @@ void def_statistics(py::class_<LinearModel>& c) {
 
 // By its oldest protocols pickle makes an empty instance of pybind11's own base class, which ends
 // the process.
-[[noreturn]] void refuse_pickling(const LinearModel&, int) {
+[[noreturn]] py::tuple refuse_pickling(const LinearModel&, int) {
   throw py::type_error("a linear model cannot be pickled or copied: linearize the problem anew");
 }
 
