@@ -234,6 +234,7 @@ FORMAT = Format(
         "image sizes",
         "masks",
         "rigid frames",
+        "shared intrinsics",
         "uncertainties of observations",
     ),
 )

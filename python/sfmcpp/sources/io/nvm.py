@@ -241,6 +241,7 @@ FORMAT = Format(
         "image sizes",
         "masks",
         "rigid frames",
+        "shared intrinsics",
         "uncertainties of observations",
     ),
 )

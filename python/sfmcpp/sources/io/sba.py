@@ -330,5 +330,5 @@ FORMAT = Format(
     _read_beside,
     write_sba,
     _claims,
-    lacks=GEOMETRY_ALONE,
+    lacks=(*GEOMETRY_ALONE, "shared intrinsics"),
 )
