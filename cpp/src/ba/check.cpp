@@ -8,6 +8,7 @@
 
 #include <Eigen/LU>
 
+#include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/disjoint_sets.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -48,6 +49,20 @@ void check_multiple(const char* array, std::size_t size, std::size_t width, cons
   if (size % width == 0) return;
   refuse_size(
       array, size, "a multiple of " + std::to_string(width) + ", as a " + owner + " has so many");
+}
+
+void check_model(const CameraModel& model) {
+  if (model.function() == nullptr) {
+    if (is_enumerator(model.compiled())) return;
+    throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
+                          ": is none of its values");
+  }
+  constexpr std::size_t kMostIntrinsics = linear::kMaxCameraSize - kPoseTangent;
+  const std::size_t count = model.function()->intrinsic_names().size();
+  if (count >= 1 && count <= kMostIntrinsics) return;
+  throw InvalidArgument("camera_model '" + std::string(model.name()) +
+                        "': " + std::to_string(count) + " intrinsics, must be 1 to " +
+                        std::to_string(kMostIntrinsics));
 }
 
 // Without a branch, so that whole vectors of numbers are looked at together: what is not finite has
@@ -218,11 +233,7 @@ bool is_of_images_alone(std::span<const char> of_others, int p) {
 }  // namespace
 
 void check_sizes(const Problem& problem) {
-  const CameraModel& model = problem.camera_model;
-  if (model.function() == nullptr && !is_enumerator(model.compiled())) {
-    throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
-                          ": is none of its values");
-  }
+  check_model(problem.camera_model);
   const auto width = static_cast<std::size_t>(problem.num_intrinsics());
   check_multiple("cameras", problem.cameras.size(), kCameraStorage, "camera");
   check_multiple("intrinsics", problem.intrinsics.size(), width, "row of intrinsics");

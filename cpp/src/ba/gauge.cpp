@@ -34,6 +34,7 @@ class GaugeChooser {
   }
 
   std::vector<PoseParameter> choose() {
+    if (graph_.num_cameras == 0) return {};
     if (free_.cols() == kSimilarities) hold_first_pose();
     while (hold_if_it_moves(parameter_that_moves_most())) {
     }

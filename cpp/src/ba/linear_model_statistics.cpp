@@ -26,6 +26,12 @@ MatrixXd expanded(const linear::ParameterMap& map, int camera, const MatrixXd& x
   return block;
 }
 
+void require_in_range(const char* name, int value, int end) {
+  if (value >= 0 && value < end) return;
+  throw InvalidArgument(std::string(name) + ": " + std::to_string(value) + ", must be in [0, " +
+                        std::to_string(end) + ")");
+}
+
 }  // namespace
 
 void LinearModel::factorize() {
@@ -156,11 +162,7 @@ MatrixXd LinearModel::solve(const SparseColumns& rhs) {
 
 MatrixXd LinearModel::covariance(std::span<const int> columns) {
   factorize();
-  for (int column : columns) {
-    if (column < 0 || column >= num_columns())
-      throw InvalidArgument("columns: " + std::to_string(column) + ", must be in [0, " +
-                            std::to_string(num_columns()) + ")");
-  }
+  for (int column : columns) require_in_range("columns", column, num_columns());
   const SparseColumns rhs = reduced(columns);
   MatrixXd result = rhs.transpose() * solve(rhs);
   const auto count = static_cast<Index>(columns.size());
@@ -208,6 +210,9 @@ void LinearModel::require_determined(std::span<const int> columns,
 }
 
 void LinearModel::covariance_blocks(std::span<const int> columns, int width, double* out) {
+  if (width < 1 || columns.size() % static_cast<std::size_t>(width) != 0)
+    throw InvalidArgument("width = " + std::to_string(width) + ": " +
+                          std::to_string(columns.size()) + " columns are no blocks of that width");
   factorize();
   const int size = work_->space.map.num_columns;
   if (size <= kMaxInverse && static_cast<int>(columns.size()) > size) inverse();
@@ -266,11 +271,12 @@ void LinearModel::leverages(double* out) {
 }
 
 const MatrixXd& LinearModel::hat(int g) {
+  require_in_range("group", g, static_cast<int>(groups_.size()));
   factorize();
   hats_.resize(groups_.size());
-  MatrixXd& known = hats_.at(static_cast<std::size_t>(g));
+  MatrixXd& known = hats_[static_cast<std::size_t>(g)];
   if (known.size() > 0) return known;
-  const ConstraintRows& group = groups_.at(static_cast<std::size_t>(g));
+  const ConstraintRows& group = groups_[static_cast<std::size_t>(g)];
   known = group.jacobian.cols() > map_.num_columns ? hat_with_points(group) : hat_of_cameras(group);
   return known;
 }

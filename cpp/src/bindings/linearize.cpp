@@ -1,3 +1,5 @@
+#include <mutex>
+
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
@@ -12,7 +14,23 @@
 namespace sfmcpp::bindings {
 namespace {
 
-using ba::LinearModel;
+// What is asked of a model is computed where it is first asked for, and kept: one thread at a time.
+class LinearModel : public ba::LinearModel {
+ public:
+  using ba::LinearModel::LinearModel;
+
+  // The value of f(), with the GIL released, in turn with other threads.
+  template <class F>
+  auto in_turn(const F& f) {
+    const ReleasedGil released;
+    const std::lock_guard<std::mutex> turn(mutex_);
+    return f();
+  }
+
+ private:
+  std::mutex mutex_;
+};
+
 using Shape = std::vector<py::ssize_t>;
 
 // An array that `fill` writes.
@@ -68,24 +86,17 @@ py::array_t<double> covariance_blocks(LinearModel& model,
   const py::ssize_t count = columns.shape(0), width = columns.shape(1);
   const std::span<const int> chosen(columns.data(), static_cast<std::size_t>(columns.size()));
   return filled<double>({count, width, width}, [&](double* out) {
-    const ReleasedGil released;
-    model.covariance_blocks(chosen, static_cast<int>(width), out);
+    model.in_turn([&] { model.covariance_blocks(chosen, static_cast<int>(width), out); });
   });
 }
 
 py::array_t<double> leverages(LinearModel& model) {
-  return filled<double>({model.num_observations(), 2, 2}, [&](double* out) {
-    const ReleasedGil released;
-    model.leverages(out);
-  });
+  return filled<double>({model.num_observations(), 2, 2},
+                        [&](double* out) { model.in_turn([&] { model.leverages(out); }); });
 }
 
 py::dict step(LinearModel& model) {
-  ba::LinearStep step;
-  {
-    const ReleasedGil released;
-    step = model.step();
-  }
+  const ba::LinearStep step = model.in_turn([&] { return model.step(); });
   const auto flat = [](const std::vector<double>& values) {
     return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
   };
@@ -147,31 +158,39 @@ void def_state(py::class_<LinearModel>& c) {
 }
 
 void def_statistics(py::class_<LinearModel>& c) {
-  const auto released = py::call_guard<ReleasedGil>();
-  c.def("num_determined", &LinearModel::num_determined, released)
-      .def("log_determinant", &LinearModel::log_determinant, released)
+  c.def("num_determined",
+        [](LinearModel& model) { return model.in_turn([&] { return model.num_determined(); }); })
+      .def(
+          "log_determinant",
+          [](LinearModel& model) { return model.in_turn([&] { return model.log_determinant(); }); })
       .def(
           "covariance",
           [](LinearModel& model, const std::vector<int>& columns) {
-            return model.covariance(columns);
+            return model.in_turn([&] { return model.covariance(columns); });
           },
-          py::arg("columns"),
-          released)
+          py::arg("columns"))
       .def("covariance_blocks", &covariance_blocks, py::arg("columns"))
       .def("leverages", &leverages)
       .def(
           "hat",
-          [](LinearModel& model, int group) -> Eigen::MatrixXd { return model.hat(group); },
-          py::arg("group"),
-          released)
+          [](LinearModel& model, int group) {
+            return model.in_turn([&] { return Eigen::MatrixXd(model.hat(group)); });
+          },
+          py::arg("group"))
       .def(
           "hat_spectrum",
           [](LinearModel& model, int group) {
-            const Spectrum spectrum = model.hat_spectrum(group);
+            const Spectrum spectrum = model.in_turn([&] { return model.hat_spectrum(group); });
             return py::make_tuple(spectrum.values, spectrum.vectors);
           },
           py::arg("group"))
       .def("step", &step, "The minimum of the linear model.");
+}
+
+// By its oldest protocols pickle makes an empty instance of pybind11's own base class, which ends
+// the process.
+[[noreturn]] py::tuple refuse_pickling(const LinearModel&, int) {
+  throw py::type_error("a linear model cannot be pickled or copied: linearize the problem anew");
 }
 
 }  // namespace
@@ -180,6 +199,7 @@ void bind_linearize(py::module_& m) {
   py::class_<LinearModel> c(m, "CoreLinearModel", "The linear model of a problem at one state.");
   def_state(c);
   def_statistics(c);
+  c.def("__reduce_ex__", &refuse_pickling, py::arg("protocol"));
   m.def("constraint_costs", &constraint_costs, py::arg("arrays"), "Weighted cost of each group.");
 }
 

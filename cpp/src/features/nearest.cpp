@@ -190,6 +190,10 @@ Neighbours Search::neighbours(const Minima& minima, int count) {
 }
 
 void check(const Descriptors& first, const Descriptors& second) {
+  for (int number : {first.count, second.count, first.dimension, second.dimension}) {
+    if (number < 0)
+      throw InvalidArgument("descriptors: " + std::to_string(number) + ", must not be negative");
+  }
   if (first.dimension != second.dimension) {
     throw InvalidArgument("descriptors: of " + std::to_string(first.dimension) + " and " +
                           std::to_string(second.dimension) + " elements, must have equally many");

@@ -231,7 +231,8 @@ void evaluate_all(const ConstraintGroup& group,
                   const ConstraintColumns* columns,
                   const ResidualVisitor& visit) {
   if (group.function) {
-    if (group.weight > 0.0) evaluate_function(group, cameras, columns, visit);
+    if (group.weight > 0.0 && !group.members.empty())
+      evaluate_function(group, cameras, columns, visit);
     return;
   }
   ConstraintResidual e;

@@ -142,8 +142,36 @@ void check_intrinsics(const ConstraintGroup& group,
   }
 }
 
+template <class E>
+void check_enumerator(const ConstraintGroup& group, const char* part, E value) {
+  if (is_enumerator(value)) return;
+  refuse(
+      "constraints['" + group.name + "']." + part + " = " + std::to_string(static_cast<int>(value)),
+      "is none of its values");
+}
+
+// Of each member, the entries of e.
+std::size_t num_entries(const ConstraintGroup& group, const ConstraintMember& member) {
+  if (group.function) return static_cast<std::size_t>(group.function->rows());
+  if (!facts_of(group.kind).is_on_poses()) return facts_of(group.kind).entries;
+  return static_cast<std::size_t>(residual_size(measurement_of(member)));
+}
+
+void check_weights(const ConstraintGroup& group, std::size_t k) {
+  const ConstraintMember& member = group.members[k];
+  const std::string name = name_of(group, k) + ".weight";
+  check_weight(name, member.weight);
+  for (double weight : member.entry_weights) check_weight(name, weight);
+  const std::size_t given = member.entry_weights.size(), entries = num_entries(group, member);
+  if (given != 0 && given != entries)
+    refuse(name,
+           "one for each of " + std::to_string(given) + " entries, has " + std::to_string(entries));
+}
+
 void check_group(const ConstraintGroup& group) {
   if (group.name.empty()) refuse("constraints", "a group has an empty name");
+  check_enumerator(group, "kind", group.kind);
+  check_enumerator(group, "loss.kind", group.loss.kind);
   check_weight("constraints['" + group.name + "'].weight", group.weight);
   if (!is_loss_scale(group.loss.scale)) {
     std::string rule = "must be ";
@@ -161,8 +189,6 @@ void check_group(const ConstraintGroup& group) {
   }
   for (std::size_t k = 0; k < group.members.size(); ++k) {
     const ConstraintMember& member = group.members[k];
-    check_weight(name_of(group, k) + ".weight", member.weight);
-    for (double weight : member.entry_weights) check_weight(name_of(group, k) + ".weight", weight);
     check_previous(group, k);
     if (group.function || member.point != kNoPoint) check_arguments(group, k);
     if (group.function) continue;
@@ -172,6 +198,7 @@ void check_group(const ConstraintGroup& group) {
       check_intrinsics_measurement(group, k);
     }
   }
+  for (std::size_t k = 0; k < group.members.size(); ++k) check_weights(group, k);
 }
 
 void check_member(const ConstraintGroup& group, std::size_t k, const ConstrainedCameras& cameras) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
 from sfmcpp.ba.callbacks import goes_on
+from sfmcpp.ba.check import observations_without_image
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.let_go import warnings_about_the_loss
 from sfmcpp.ba.options import SolveOptions
@@ -76,7 +78,8 @@ def adjust(
     core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
     summary = _summary(core, options)
     about_loss = warnings_about_the_loss(arrays, summary)
-    told = [*summary.warnings, *doubts, *about_loss, *checkpoints.warnings]
+    no_image = _without_image(problem, summary)
+    told = [*summary.warnings, *doubts, *no_image, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=told, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 
@@ -146,6 +149,19 @@ def adjust_on_ranks(
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
+
+
+def _without_image(problem: Problem, summary: Summary) -> Iterator[str]:
+    """Why the cost at the start is no finite number: nothing has moved."""
+    if math.isfinite(summary.initial_cost):
+        return
+    rows = observations_without_image(problem)
+    if len(rows):
+        point, camera = problem.point_index[rows[0]], problem.camera_index[rows[0]]
+        yield (
+            f"points[{point}]: no image in cameras[{camera}], which observes it: "
+            f"must not be in its centre or beside it ({len(rows):,} such observations)"
+        )
 
 
 def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, Rigs, camera_model
-from sfmcpp.model.arrays import number_array
+from sfmcpp.model.arrays import number_array, require_unmasked
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
 
@@ -33,6 +33,8 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
     if not isinstance(problem, Problem):
         raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
     views = {name: getattr(problem, name) for name in _NUMBERS}
+    for name, view in views.items():
+        require_unmasked(name, view)
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
     return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(problem.rigs)}
 

@@ -57,6 +57,11 @@ def residuals(problem: Problem) -> NDArray[np.float64]:
     return _core.residuals(core_arrays(problem))
 
 
+def observations_without_image(problem: Problem) -> NDArray[np.intp]:
+    """Numbers of observations without a finite residual: of points in the camera's centre, or beside it."""
+    return np.flatnonzero(~np.isfinite(residuals(problem)).all(axis=1))
+
+
 @checked()
 def residuals_px(problem: Problem) -> NDArray[np.float64]:
     """Residuals observed − projected of every observation, whatever its standard deviation.

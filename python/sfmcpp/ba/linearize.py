@@ -16,7 +16,7 @@ from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray, IndexArray, index_array, number_array
 from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.names import Gauge, Loss
 from sfmcpp.model.residual_group import Group
@@ -283,6 +283,7 @@ class LinearModel:
         """
         return self._core.leverages()
 
+    @checked()
     def hat_matrix(self, group: int) -> FloatArray:
         """How much the errors of a group draw the fit to themselves: ``w G H⁻¹ Gᵀ``.
 
@@ -302,8 +303,9 @@ class LinearModel:
         InvalidArgument
             As :meth:`covariance`.
         """
-        return self._core.hat(group)
+        return self._core.hat(self._group(group))
 
+    @checked()
     def hat_spectrum(self, group: int) -> tuple[FloatArray, FloatArray]:
         """Eigenvalues, ascending, and eigenvectors, in columns, of :meth:`hat_matrix`.
 
@@ -317,7 +319,12 @@ class LinearModel:
         (R,) float64, (R, R) float64
             Both.
         """
-        return self._core.hat_spectrum(group)
+        return self._core.hat_spectrum(self._group(group))
+
+    def _group(self, group: int) -> int:
+        if not 0 <= group < len(self.groups):
+            raise InvalidArgument(f"group = {group}: must be in [0, {len(self.groups)})")
+        return group
 
     def step(self) -> LinearStep:
         """The minimum of the linear model: an undamped Gauss–Newton step.
@@ -382,7 +389,7 @@ def _numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexA
         if value != "all":
             raise InvalidArgument(f"{name} = {value!r}: must be numbers or 'all'")
         return np.arange(count, dtype=np.int32)
-    numbers = np.asarray(value, dtype=np.int64).reshape(-1)
+    numbers = index_array(name, number_array(name, value).reshape(-1))
     for number in numbers[(numbers < 0) | (numbers >= count)]:
         raise InvalidArgument(f"{name}: {number}, must be in [0, {count})")
-    return numbers.astype(np.int32)
+    return numbers

@@ -1,31 +1,64 @@
-"""Ctrl-C, SIGTERM and SIGHUP end commands in order: all alike, and not while results are written."""
+"""Ctrl-C, SIGTERM and SIGHUP end commands in order: all alike, and not while results are written.
+
+What comes within half a second is one stop: a session that ends sends SIGTERM and SIGHUP to each of its
+processes, and wrappers pass on a Ctrl-C that the terminal has sent to all.
+"""
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 _AGAIN_S = 0.01
+_TOGETHER_S = 0.5
 # A request to terminate, and a terminal or a connection that is closed; nohup lets the latter be ignored.
 _REQUESTS = (signal.SIGTERM, signal.SIGHUP)
+
+
+class _Stops:
+    """Which signals are stops of their own; handlers are those of the process, and so is what they know."""
+
+    last_s = -math.inf
+
+    @classmethod
+    def is_new(cls) -> bool:
+        now, before = time.monotonic(), cls.last_s
+        if now - before < _TOGETHER_S:
+            return False
+        cls.last_s = now
+        return True
+
+    @classmethod
+    def forget(cls) -> None:
+        cls.last_s = -math.inf
+
+    @classmethod
+    def interrupt(cls, number: int, frame: FrameType | None) -> None:
+        if cls.is_new():
+            raise KeyboardInterrupt
 
 
 @contextmanager
 def requests_as_ctrl_c() -> Iterator[None]:
     """Let a request to end end commands as Ctrl-C does: with the best state and a report."""
-    taken = [n for n in _REQUESTS if _in_main_thread() and signal.getsignal(n) is signal.SIG_DFL]
+    plain = (signal.SIG_DFL, signal.default_int_handler)
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, *_REQUESTS)} if _in_main_thread() else {}
+    taken = {number: handler for number, handler in before.items() if handler in plain}
+    _Stops.forget()
     for number in taken:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, _Stops.interrupt)
     try:
         yield
     finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in taken.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -40,6 +73,7 @@ def lost_interrupts_again() -> Iterator[None]:
         if not issubclass(ignored.exc_type, KeyboardInterrupt):
             before(ignored)
             return
+        _Stops.forget()
         again = threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT))
         again.daemon = True
         again.start()
@@ -53,15 +87,16 @@ def lost_interrupts_again() -> Iterator[None]:
 
 @contextmanager
 def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
-    """Take note of the first stop, so that nothing is left half done; the next ends at once."""
+    """Take note of the first stop, so that nothing is left half done; the next one ends at once."""
     if not _in_main_thread():
         yield lambda: False
         return
     asked = threading.Event()
 
     def note(number: int, frame: FrameType | None) -> None:
-        asked.set()
-        restore()
+        if _Stops.is_new():
+            asked.set()
+            restore()
 
     def restore() -> None:
         for number, handler in before.items():

@@ -14,12 +14,13 @@ from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
 from sfmcpp.doctor.connections import connections
 from sfmcpp.doctor.conventions import behind, conventions
-from sfmcpp.doctor.duplicates import duplicate_observations, duplicates, second_observations
+from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
 from sfmcpp.doctor.far_start import far_start
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
 from sfmcpp.doctor.image_fill import image_fill
 from sfmcpp.doctor.mounting import mounting
+from sfmcpp.doctor.no_image import no_image
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution
@@ -90,9 +91,9 @@ def diagnose(
     refused = _refused(problem)
     if refused is not None:
         return Diagnosis([refused], ["everything else: the arrays break a rule"])
-    repeated = list(duplicate_observations(problem))
-    case = Case(_without_repeats(problem), groups, summary)
-    findings = [*repeated, *_unsolvable(case)]
+    apart = [*duplicate_observations(problem), *no_image(problem)]
+    case = Case(_without(problem, apart), groups, summary)
+    findings = [*apart, *_unsolvable(case)]
     with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
         for examine in _EXAMINATIONS if problem.is_metric else _OF_PROJECTIVE_CAMERAS:
             findings += examine(case)
@@ -109,11 +110,12 @@ def _refused(problem: Problem) -> Finding | None:
     return None
 
 
-def _without_repeats(problem: Problem) -> Problem:
-    repeated = second_observations(problem)
-    if not len(repeated):
+def _without(problem: Problem, findings: Iterable[Finding]) -> Problem:
+    """The problem without the observations that are a fault by themselves."""
+    dropped = [row for finding in findings for row in finding.observations]
+    if not dropped:
         return problem
-    return problem.with_observations(np.delete(np.arange(problem.num_observations), repeated))
+    return problem.with_observations(np.delete(np.arange(problem.num_observations), dropped))
 
 
 def _unsolvable(case: Case) -> Iterator[Finding]:

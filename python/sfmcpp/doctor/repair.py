@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case, without_single_views
 from sfmcpp.doctor.connections import parts
 from sfmcpp.doctor.conventions import mirrored_y
@@ -83,6 +84,10 @@ def _without_repeats(problem: Problem, _: Finding, __: list[Group]) -> Problem:
     return _without(problem, second_observations(problem))
 
 
+def _without_no_images(problem: Problem, _: Finding, __: list[Group]) -> Problem:
+    return _without(problem, observations_without_image(problem))
+
+
 def _without_copied_cameras(problem: Problem, finding: Finding, _: list[Group]) -> Problem:
     return _without(problem, np.flatnonzero(np.isin(problem.camera_index, finding.cameras)))
 
@@ -121,6 +126,7 @@ def _without(problem: Problem, rows: NDArray[np.integer]) -> Problem:
 # In the order of the findings: what is there twice, then the convention, then what a trial tells.
 _REPAIRS: dict[str, _Mend] = {
     "duplicate-observations": _without_repeats,
+    "no-image": _without_no_images,
     "duplicate-cameras": _without_copied_cameras,
     "duplicate-points": _without_copied_points,
     "mirrored-y": _mirrored,

@@ -13,7 +13,8 @@ from sfmcpp.geometry import Similarity, mean_reprojection_errors_px
 from sfmcpp.map.store import UNKNOWN_ERROR, Store
 from sfmcpp.map.tracks import NONE, Rows
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray, numbers_below
+from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import BoolArray, numbers_below, typed_array
 from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.uncertainty import Uncertainty
 
@@ -98,6 +99,7 @@ class Map(Store):
         self.forget(self.observations_of(chosen))
         self.points[chosen] = np.nan
 
+    @checked()
     def merge(self, kept: int, gone: int) -> None:
         """Let all that sees the point `gone` see `kept`, except in images that see both; empty `gone`."""
         if kept == gone:
@@ -107,11 +109,13 @@ class Map(Store):
         rows = rows[~np.isin(self.keypoint_images[rows], self.keypoint_images[kept_rows])]
         self.observe(rows, np.full(len(rows), kept))
 
+    @checked()
     def transform(self, similarity: Similarity) -> None:
         """Move the whole map (thesis eqs 5.16–5.17)."""
         self.points[:] = similarity.apply(self.points)
         self.poses[:] = similarity.apply_to_poses(self.poses)
 
+    @checked()
     def join(
         self,
         other: Map,
@@ -229,6 +233,7 @@ class Map(Store):
         local.problem.fixed_cameras[:] = ~(moves & sees)[local.images]
         return local
 
+    @checked()
     def whole_problem(self, min_views: int = 1) -> LocalProblem:
         """Make the problem of all images with a pose and all points; nothing is fixed.
 
@@ -252,6 +257,7 @@ class Map(Store):
             metadata.point_colors = self.point_colors[local.points]
         return local
 
+    @checked()
     def untriangulated(self, images: ArrayLike, min_views: int = 2) -> LocalProblem:
         """Make the problem of the points without a position that some images see.
 
@@ -267,8 +273,9 @@ class Map(Store):
         LocalProblem
             Its points are not a number.
         """
-        return self._seen_points(np.asarray(images, dtype=np.intp), ~self.known, min_views)
+        return self._seen_points(numbers_below("images", images, len(self.poses)), ~self.known, min_views)
 
+    @checked()
     def seen_from(self, images: ArrayLike, points: ArrayLike) -> LocalProblem:
         """Make the problem of some points, and of those of `images` that see them.
 
@@ -284,9 +291,10 @@ class Map(Store):
         LocalProblem
             It costs what these points are seen, however large the map is.
         """
-        chosen = np.unique(np.asarray(points, dtype=np.intp))
+        chosen = np.unique(numbers_below("points", points, len(self.points)))
+        allowed = typed_array("images", images, np.bool_, (len(self.poses),))
         rows = np.sort(self._tracks.of(chosen)[0])
-        rows = rows[np.asarray(images, dtype=np.bool_)[self.keypoint_images[rows]]]
+        rows = rows[allowed[self.keypoint_images[rows]]]
         return self._part(np.unique(self.keypoint_images[rows]).astype(np.intp), chosen, rows)
 
     def _seen_points(self, images: Rows, wanted: BoolArray, min_views: int) -> LocalProblem:
@@ -326,12 +334,14 @@ class Map(Store):
         upper[unknown] = [1.0, 0.0, 1.0]
         return Uncertainty.of_covariances(upper[:, [0, 1, 1, 2]].reshape(-1, 2, 2))
 
+    @checked()
     def take(self, local: LocalProblem) -> None:
         """Take over what has moved in `local`: poses, intrinsics and points."""
         self.poses[local.images] = local.problem.cameras
         self.intrinsics[local.cameras] = local.problem.intrinsics
         self.points[local.points] = local.problem.points
 
+    @checked()
     def drop(self, local: LocalProblem, outliers: BoolArray, min_views: int) -> None:
         """Forget the observations `outliers` (M,) of `local`, and where points with too few views are."""
         problem = local.problem

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,17 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     return array
 
 
+def require_unmasked(name: str, value: ArrayLike | None) -> None:
+    """Raise InvalidArgument for an array with masked entries: NumPy would take what lies under the mask."""
+    masks = sys.modules.get("numpy.ma")  # without it there are none
+    if masks is not None and masks.is_masked(value):
+        count = int(masks.getmaskarray(value).sum())
+        raise InvalidArgument(f"{name}: {count} entries are masked: must be filled in or left out")
+
+
 def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Like :func:`finite_array`, but any number passes, NaN too."""
+    require_unmasked(name, value)
     try:
         array = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -90,7 +100,8 @@ def numbers_below(name: str, value: ArrayLike, count: int) -> NDArray[np.intp]:
 
 
 def number_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """`value` as an array of any type; InvalidArgument if its rows differ in length."""
+    """`value` as an array of any type; InvalidArgument if its rows differ in length or entries are masked."""
+    require_unmasked(name, value)
     try:
         return np.asarray(value)
     except ValueError:

@@ -15,6 +15,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
@@ -28,6 +29,9 @@ _STRETCH_S = 2.0
 _LEAST_WAY_M = 10.0
 _LEAST_TURN_RAD = float(np.deg2rad(5.0))
 _FEWEST_STRETCHES, _MOST_STRETCHES = 3, 200
+# No recording lasts for months; in a piece of it so long accelerations are looked at together.
+LONGEST_S, _PIECE_S = 1e7, 1e4
+_WINDOW, _TICK_S = 10, 0.1
 
 Measure = Callable[[SensorStream, float, float], float]
 
@@ -49,8 +53,11 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
     Raises
     ------
     InvalidArgument
-        Naming the two streams that disagree, by how much, and the units to look at.
+        Naming the two streams that disagree, by how much, and the units to look at; or a stream that lasts
+        longer than `LONGEST_S`.
     """
+    for stream in streams:
+        _require_short(stream)
     local = [local_positions(stream) if stream.kind == "geodetic" else stream for stream in streams]
     _require_same(local, _WAYS, _way, _LEAST_WAY_M, "ways", "km/h, mm or km")
     _require_same(local, _TURNS, _turn, _LEAST_TURN_RAD, "rotations", "degrees")
@@ -83,6 +90,15 @@ def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None
         f"stream {stream.name!r} lasts from {start_s:.3f} to {end_s:.3f} s and the images from {first_s:.3f} "
         f"to {last_s:.3f} s: must overlap; are both on the same clock?"
     )
+
+
+def _require_short(stream: SensorStream) -> None:
+    lasts_s = float(stream.t_s[-1]) - float(stream.t_s[0])
+    if lasts_s > LONGEST_S:
+        raise InvalidArgument(
+            f"stream {stream.name!r} lasts {lasts_s:.3g} s: must be at most {LONGEST_S:.0f} s; "
+            "were its stamps given in ms, us or ns?"
+        )
 
 
 def _require_same(
@@ -134,11 +150,15 @@ def _turn(stream: SensorStream, start_s: float, end_s: float) -> float:
 def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
     """Refuse a lateral acceleration, speed times angular rate, that no body keeps up for a second."""
     start, end = max(speed.t_s[0], turning.t_s[0]), min(speed.t_s[-1], turning.t_s[-1])
-    times = np.arange(start, end, 0.1)
-    if len(times) < 10:
-        return
+    for begin in np.arange(start, end, _PIECE_S).tolist():
+        times = np.arange(begin, min(begin + _PIECE_S + _WINDOW * _TICK_S, end), _TICK_S)
+        if len(times) >= _WINDOW:
+            _require_drivable_at(times, speed, turning)
+
+
+def _require_drivable_at(times: FloatArray, speed: SensorStream, turning: SensorStream) -> None:
     pace, rate = (np.linalg.norm(measured_at(s, times), axis=1) for s in (speed, turning))
-    sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, 10), axis=1)
+    sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, _WINDOW), axis=1)
     worst = int(np.argmax(sustained))
     if sustained[worst] > LARGEST_ACCELERATION_M_S2:
         raise InvalidArgument(

@@ -20,7 +20,7 @@ from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.calibration import Calibration, read_calibration
 from sfmcpp.sources.io.documents import DOCUMENTS
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 from sfmcpp.sources.io.number_text import NumberText
 
@@ -99,7 +99,7 @@ def read_camera(path: Path) -> Calibration:
     if file.suffix.lower() in DOCUMENTS:
         return read_calibration(file, camera)
     with failures_named(path):
-        data = read_bytes(path)
+        data = read_text_bytes(path)
     matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")

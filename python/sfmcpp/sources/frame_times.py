@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sources.cameras import file_beside
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.sensor_csv import parse_column
 from sfmcpp.sources.vision import Frames
@@ -122,7 +122,7 @@ def _found_times(images: Frames) -> FloatArray | None:
 
 def _listed_times(path: Path, images: Frames) -> FloatArray:
     with failures_named(path):
-        text = NumberText(path, read_bytes(path), comments=True)
+        text = NumberText(path, read_text_bytes(path), comments=True)
     text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
     require_as_many(path, len(text.values), "times", images)
     values = text.values

@@ -18,7 +18,7 @@ from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sensors import Mounting
 from sfmcpp.sources.cameras import camera_file
 from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 
 _NAMES: dict[str, Callable[[], Mounting]] = {
@@ -92,7 +92,7 @@ def _of_node(node: Node) -> Mounting:
 
 def _read_mounting(path: Path) -> Mounting:
     with failures_named(path):
-        numbers = NumberText(path, read_bytes(path).replace(b",", b" "), comments=True).values
+        numbers = NumberText(path, read_text_bytes(path).replace(b",", b" "), comments=True).values
     if len(numbers) not in (12, 16):
         raise DatasetError(path, f"holds {len(numbers)} numbers: must be 12 or 16, the rows of [R | t]")
     pose = numbers.reshape(-1, 4)

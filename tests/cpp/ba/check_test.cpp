@@ -356,5 +356,32 @@ TEST(CheckArrays, ANumberThatIsNoCameraModelIsRefused) {
   EXPECT_EQ(message_of([&] { check_arrays(problem); }), "camera_model = 17: is none of its values");
 }
 
+// A camera model that is asked for its names alone.
+class Named final : public CameraFunction {
+ public:
+  explicit Named(std::size_t count) : intrinsics_(count, "f") {}
+  const std::string& name() const override { return name_; }
+  std::span<const std::string_view> intrinsic_names() const override { return intrinsics_; }
+  void image(int, const double*, const double*, double*, const Jacobians*) const override {}
+
+ private:
+  std::string name_ = "mine";
+  std::vector<std::string_view> intrinsics_;
+};
+
+TEST(CheckArrays, AFunctionHasAsManyIntrinsicsAsACameraHasRoomFor) {
+  for (std::size_t count : {0, 13, 100}) {
+    const Named function(count);
+    Problem problem;
+    problem.camera_model = CameraModel(function);
+    EXPECT_EQ(message_of([&] { check_arrays(problem); }),
+              "camera_model 'mine': " + std::to_string(count) + " intrinsics, must be 1 to 12");
+  }
+  const Named function(12);
+  Problem problem;
+  problem.camera_model = CameraModel(function);
+  EXPECT_EQ(message_of([&] { check_arrays(problem); }), "no error");
+}
+
 }  // namespace
 }  // namespace sfmcpp::ba

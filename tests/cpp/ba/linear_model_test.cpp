@@ -104,6 +104,26 @@ INSTANTIATE_TEST_SUITE_P(Metric,
                                          CameraModelId::kPerspective,
                                          CameraModelId::kBal));
 
+TEST(LinearModel, GroupsAndBlocksThatItHasNotAreRefused) {
+  const OwnedProblem owned = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));
+  LinearModel model(owned.view(), SolveOptions{});
+  for (int group : {-1, 0, 7}) {
+    const std::string told = "group: " + std::to_string(group) + ", must be in [0, 0)";
+    support::expect_refused([&] { model.hat(group); }, {told});
+    support::expect_refused([&] { model.hat_spectrum(group); }, {told});
+  }
+  const std::vector<int> columns{0, 1};
+  std::vector<double> out(9);
+  for (int width : {0, -1, 3}) {
+    support::expect_refused([&] { model.covariance_blocks(columns, width, out.data()); },
+                            {"width = " + std::to_string(width) + ": 2 columns"});
+  }
+}
+
+TEST(LinearModel, OfNothingIsRefused) {
+  support::expect_refused([] { LinearModel(Problem{}, SolveOptions{}); }, {"there are none"});
+}
+
 TEST(LinearModel, AProjectiveProblemHasNoCovariance) {
   const OwnedProblem owned = make_circle_scene(support::perturbed(CameraModelId::kProjective));
   LinearModel model(owned.view(), SolveOptions{});

@@ -133,6 +133,8 @@ TEST(NearestOfSets, ThatDoNotGoTogetherAreRefused) {
   const Set a = random_set(1, 3, 128), b = random_set(2, 3, 64), c = random_set(3, 1, 2049);
   EXPECT_THROW(nearest_both_ways(a.view(), b.view(), pool), InvalidArgument);
   EXPECT_THROW(nearest_of_first(c.view(), c.view(), pool), InvalidArgument);
+  for (const Descriptors& broken : {Descriptors{nullptr, -1, 128}, Descriptors{nullptr, 0, -128}})
+    EXPECT_THROW(nearest_of_first(broken, broken, pool), InvalidArgument);
 }
 
 }  // namespace

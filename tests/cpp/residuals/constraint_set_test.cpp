@@ -148,6 +148,23 @@ TEST_P(ConstraintSetOf, TheNumberOfCamerasGoesWithTheKind) {
                   two ? "two cameras, one is given" : "one camera, two are given"});
 }
 
+TEST_P(ConstraintSetOf, AWeightForEachEntryGoesWithTheEntries) {
+  ConstraintGroup g = group();
+  g.members[1].pose.kind = GetParam();
+  const auto entries = facts_of(GetParam()).is_on_poses()
+                           ? static_cast<std::size_t>(residual_size(measurement_of(g.members[1])))
+                           : static_cast<std::size_t>(facts_of(GetParam()).entries);
+  for (std::size_t given : {entries - 1, entries + 1, 2 * entries}) {
+    if (given == 0) continue;
+    g.members[1].entry_weights.assign(given, 1.0);
+    expect_refused([&] { cost_of(g); },
+                   {"'][1].weight: one for each of " + std::to_string(given) + " entries, has " +
+                    std::to_string(entries)});
+  }
+  g.members[1].entry_weights.assign(entries, 1.0);
+  EXPECT_DOUBLE_EQ(cost_of(g), cost_of(group()));
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds,
                          ConstraintSetOf,
                          testing::ValuesIn(support::all_constraint_kinds()),
@@ -191,6 +208,38 @@ TEST_F(RefusedConstraint, MeasurementsThatCannotBeOneAreNamed) {
   expect_refused(
       [&] { add(Kind::kPrincipalPoint, [](auto& g) { g.members[1].intrinsics[1] = kNan; }); },
       {"constraints['principal-point'][1]: must be finite"});
+}
+
+TEST_F(RefusedConstraint, NumbersThatAreNoKindAndNoLossAreNamed) {
+  for (int number : {-1, 99}) {
+    const std::string told = " = " + std::to_string(number) + ": is none of its values";
+    expect_refused(
+        [&] { add(Kind::kPosition, [&](auto& g) { g.kind = static_cast<Kind>(number); }); },
+        {"constraints['position'].kind" + told});
+    expect_refused(
+        [&] {
+          add(Kind::kPosition, [&](auto& g) { g.loss.kind = static_cast<LossKind>(number); });
+        },
+        {"constraints['position'].loss.kind" + told});
+  }
+}
+
+// One residual, of what it is given.
+class FirstNumber final : public ResidualFunction {
+ public:
+  int rows() const override { return 1; }
+  void evaluate(const double* poses, const double*, const Output& out) const override {
+    *out.residuals = *poses;
+  }
+};
+
+TEST_F(RefusedConstraint, AFunctionIsNotAskedAboutNoMembers) {
+  add(Kind::kPosition, [](auto& g) {
+    g.function = std::make_shared<FirstNumber>();
+    g.members.clear();
+  });
+  EXPECT_NO_THROW(check());
+  EXPECT_EQ(set.cost(constrained_cameras(problem.view(), state_of(problem.view()))), 0.0);
 }
 
 TEST_F(RefusedConstraint, ACameraIsNotComparedWithItself) {

@@ -77,3 +77,16 @@ def test_a_long_step_that_gains_nothing_by_chance_is_no_convergence() -> None:
     summary = sfmcpp.solve(start, **tried, line_search="g-als", max_iterations=200)
     best = sfmcpp.solve(two_views_with_free_intrinsics(), **tried, max_iterations=200).final_cost
     assert summary.final_cost < 1.1 * best
+
+
+def test_a_point_without_an_image_is_named_where_the_cost_at_the_start_is_no_number() -> None:
+    problem = scene()
+    problem.points[7] = problem.centres[2]
+    before = problem.copy()
+    summary = sfmcpp.solve(problem)
+    assert summary.termination == "numerical_failure"
+    assert [told for told in summary.warnings if "no image" in told] == [
+        "points[7]: no image in cameras[2], which observes it: must not be in its centre or beside it "
+        "(1 such observations)"
+    ]
+    np.testing.assert_array_equal(problem.points, before.points)

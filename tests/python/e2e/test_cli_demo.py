@@ -102,6 +102,29 @@ def test_convert_tells_what_the_format_has_no_place_for(
     assert lines[1].endswith(f"has no place for it: {left_out}")
 
 
+@pytest.mark.parametrize("name", ["a.txt", "a.out", "a.nvm", "acams.txt", "a.g2o", "a.sfm"])
+def test_convert_tells_where_cameras_lose_what_they_share(tmp_path: Path, name: str) -> None:
+    for scene in (
+        noisy_circle(camera_model="bal"),
+        noisy_circle(camera_model="bal").with_shared_intrinsics(),
+    ):
+        sfmcpp.write(scene, tmp_path / "start.npz")
+        told = run_here("convert", tmp_path / "start.npz", tmp_path / name).stdout
+        shared = len(scene.intrinsics) < scene.num_cameras
+        kept = len(sfmcpp.read(tmp_path / name).intrinsics) == len(scene.intrinsics)
+        assert ("shared intrinsics" in told) == (shared and not kept)
+
+
+def test_convert_tells_of_pixels_that_become_square(tmp_path: Path) -> None:
+    scene = noisy_circle(camera_model="perspective")
+    for aspect, skew in ((1.0, 0.0), (1.001, 0.0), (1.0, 0.1)):
+        names = scene.intrinsic_names
+        scene.intrinsics[:, [names.index("aspect"), names.index("skew")]] = aspect, skew
+        sfmcpp.write(scene, tmp_path / "a.npz")
+        told = run_here("convert", tmp_path / "a.npz", tmp_path / "a.nvm").stderr
+        assert ("square pixels" in told) == ((aspect, skew) != (1.0, 0.0))
+
+
 @pytest.mark.parametrize("name", ["a.g2o", "a.nvm"])
 def test_convert_tells_of_pixels_that_lose_their_distortion(tmp_path: Path, name: str) -> None:
     scene = noisy_circle(camera_model="perspective")

@@ -30,9 +30,7 @@ def long_problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def interrupt_after_the_first_step(
-    arguments: list[str | Path], by: signal.Signals = signal.SIGINT
-) -> tuple[int, str]:
+def interrupt_after_the_first_step(arguments: list[str | Path], *by: signal.Signals) -> tuple[int, str]:
     """Exit code, and all that was shown on a terminal, of a solve interrupted once it runs."""
     ours, theirs = pty.openpty()
     command = [*COMMAND, "solve", *map(str, arguments), "--function-tolerance", "0"]
@@ -42,7 +40,8 @@ def interrupt_after_the_first_step(
         while (more := read_terminal(ours)) and time.monotonic() < deadline:
             shown += more
             if not interrupted and FIRST_STEP.search(shown):
-                process.send_signal(by)
+                for number in by or (signal.SIGINT,):
+                    process.send_signal(number)
                 interrupted = True
         process.kill()
     os.close(ours)
@@ -58,12 +57,21 @@ def read_terminal(terminal: int) -> bytes:
         return b""
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "by",
+    [
+        [signal.SIGINT],
+        [signal.SIGTERM],
+        [signal.SIGHUP],
+        [signal.SIGTERM, signal.SIGHUP],  # a session that ends
+        [signal.SIGINT] * 3,  # a terminal and two wrappers
+    ],
+)
 def test_an_interrupted_solve_writes_its_best_state_and_report_and_says_so(
-    long_problem: Path, tmp_path: Path, by: signal.Signals
+    long_problem: Path, tmp_path: Path, by: list[signal.Signals]
 ) -> None:
     output, report = tmp_path / "out.npz", tmp_path / "report.json"
-    code, shown = interrupt_after_the_first_step([long_problem, "-o", output, "--report", report], by)
+    code, shown = interrupt_after_the_first_step([long_problem, "-o", output, "--report", report], *by)
     assert code == 130
     assert f"the best state so far is in {output}" in shown
     assert "Traceback" not in shown

@@ -6,6 +6,7 @@ import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -267,6 +268,7 @@ def test_an_interruption_before_there_is_a_model_is_told(
 def test_the_second_ctrl_c_ends_at_once(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def endless(**options: Any) -> SfmRun:
         os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.6)
         os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError("still running")
 

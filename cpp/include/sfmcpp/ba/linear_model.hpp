@@ -46,6 +46,7 @@ struct LinearStep {
   double decrease = 0.0;                // of the cost, likewise
 };
 
+// What is asked for is computed when it first is, and kept: not for several threads at once.
 class LinearModel {
  public:
   // The largest reduced system that is inverted as a whole.

@@ -240,5 +240,5 @@ FORMAT = Format(
     read_bal,
     write_bal,
     share_reader=read_bal_share,
-    lacks=(*GEOMETRY_ALONE, "uncertainties of observations"),
+    lacks=(*GEOMETRY_ALONE, "shared intrinsics", "uncertainties of observations"),
 )

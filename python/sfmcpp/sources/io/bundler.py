@@ -27,7 +27,7 @@ from sfmcpp.sources.io.checks import (
     point_colors,
     require_valid,
 )
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_bal
 from sfmcpp.sources.io.number_text import NumberText
@@ -109,7 +109,7 @@ def write_bundler(problem: Problem, path: Path) -> None:
 
 
 def _text(path: Path) -> NumberText:
-    data = read_bytes(path)
+    data = read_text_bytes(path)
     if not data.startswith(MAGIC):
         raise DatasetError(path, f"the first line must be '{MAGIC.decode()}'", 1)
     return NumberText(path, data, comments=True)
@@ -234,6 +234,7 @@ FORMAT = Format(
         "image sizes",
         "masks",
         "rigid frames",
+        "shared intrinsics",
         "uncertainties of observations",
     ),
 )

@@ -11,7 +11,7 @@ from typing import Any
 from xml.parsers import expat
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_text_bytes
 
 DOCUMENTS = (".yaml", ".yml", ".xml")
 # OpenCV's first line, which YAML spells otherwise.
@@ -83,7 +83,7 @@ def read_document(path: Path) -> Node:
         If it cannot be read or is not what its suffix says; it names the line.
     """
     with failures_named(path):
-        data = read_bytes(path)
+        data = read_text_bytes(path)
     if len(data) > _LARGEST_BYTES:
         raise DatasetError(path, f"holds {len(data)} bytes: must be {_LARGEST_BYTES} at most")
     return _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)

@@ -6,6 +6,7 @@ Whatever goes wrong with a file becomes a DatasetError.
 from __future__ import annotations
 
 import bz2
+import codecs
 import gzip
 import io
 import lzma
@@ -69,17 +70,34 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def read_pieces(path: Path) -> Iterator[bytes]:
-    """What :func:`read_bytes` gives, in pieces of some megabytes, each but the last ending with white space.
+def read_text_bytes(path: Path) -> bytes:
+    """What :func:`read_bytes` gives of a text, without the mark that some editors put before UTF-8.
 
     Raises
     ------
     DatasetError
-        As :func:`read_bytes`, but not before the fault is reached.
+        As :func:`read_bytes`, and for UTF-16.
+    """
+    return _without_mark(path, read_bytes(path))
+
+
+def _without_mark(path: Path, data: bytes) -> bytes:
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise DatasetError(path, "is text in UTF-16: must be UTF-8")
+    return data.removeprefix(codecs.BOM_UTF8)
+
+
+def read_pieces(path: Path) -> Iterator[bytes]:
+    """What :func:`read_text_bytes` gives in pieces of some megabytes, each but the last ending with a blank.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`read_text_bytes`, but not before the fault is reached.
     """
     is_empty, waiting, size = True, [], 0
     for chunk in _content(path):
-        waiting.append(chunk)
+        waiting.append(_without_mark(path, chunk) if is_empty else chunk)
         size += len(chunk)
         is_empty = is_empty and not chunk
         if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
@@ -98,7 +116,8 @@ def read_own_bytes(path: Path, rank: int, ranks: int) -> bytes:
         with path.open("rb") as file:
             begin, end = (_cut(file, size, size * r // ranks) for r in (rank, rank + 1))
             file.seek(begin)
-            return file.read(end - begin)
+            share = file.read(end - begin)
+    return share if begin else _without_mark(path, share)
 
 
 def _cut(file: IO[bytes], size: int, place: int) -> int:

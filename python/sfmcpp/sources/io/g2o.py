@@ -25,7 +25,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, require_valid
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,
@@ -142,7 +142,7 @@ class _Records:
 def _numbered(path: Path) -> bytes:
     """The file with a number in place of the word of each line."""
     numbers = {word: b"%d " % place for place, word in enumerate(_WORDS)}
-    lines = read_bytes(path).split(b"\n")
+    lines = read_text_bytes(path).split(b"\n")
     for row, line in enumerate(lines):
         words = line.split(None, 1)
         if not words or words[0].startswith(b"#"):

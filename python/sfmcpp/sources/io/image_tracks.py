@@ -14,7 +14,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
 from sfmcpp.sources.io import api, malaga_mat, npz, track_files, track_text
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_bytes
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
 
 # Formats whose pixels are counted from the centre of the image.
 _CENTRED = ("bal", "bundler")
@@ -73,7 +73,7 @@ def _reader(path: Path) -> Callable[[Path], ImageTracks]:
 
 def _reader_of_text(path: Path) -> Callable[[Path], ImageTracks]:
     """What a table of numbers is, as its head tells: BAL's and sba's first line has not four numbers."""
-    data = read_bytes(path)
+    data = read_text_bytes(path)
     if track_files.has_title(data):
         return _read_camera_tracks
     return track_text.read_track_table if track_text.looks_like_table(data) else _read_problem

@@ -119,6 +119,12 @@ def has_distortion(problem: Problem) -> bool:
     return bool(as_perspective(problem)[0][:, PINHOLE:].any())
 
 
+def has_square_pixels(problem: Problem) -> bool:
+    """Whether no camera of a pinhole model has an aspect ratio or a skew."""
+    columns = perspective_columns("aspect", "skew")
+    return bool((as_perspective(problem)[0][:, columns] == (1.0, 0.0)).all())
+
+
 class CornerLenses(NamedTuple):
     """Intrinsics of the perspective model for pixels that count from the corner of the image.
 

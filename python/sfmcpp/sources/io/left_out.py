@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from sfmcpp.model import Problem
 from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS
 from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import has_distortion
+from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels
 from sfmcpp.sources.io.views import UNREGISTERED
 
 _MOST_NAMES = 3
@@ -44,6 +46,8 @@ def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator
             yield f"cameras of model {old} have become {new}, the smallest one with all that they need"
     if format.undistorts and has_distortion(problem):
         yield f"pixels are as cameras without distortion would have seen them: {format.name} has no other"
+    if format.name == "nvm" and not has_square_pixels(problem):
+        yield "pixels are as cameras of square pixels would have seen them: nvm has no other; the RMS changes"
 
 
 def amounts_in(problem: Problem) -> dict[str, int]:
@@ -60,9 +64,16 @@ def amounts_in(problem: Problem) -> dict[str, int]:
         "colours": metadata.point_colors is not None,
         "masks": bool(problem.fixed_cameras.any() or problem.fixed_points.any()),
         "rigid frames": 0 if problem.rigs is None else problem.rigs.num_frames,
+        "shared intrinsics": shares_free_intrinsics(problem),
         "origin of the world": WorldOrigin.of(metadata) is not None,
         "uncertainties of observations": any(given is not None for given in uncertainties),
     }
+
+
+def shares_free_intrinsics(problem: Problem) -> bool:
+    """Whether cameras share what a solve would find: where each has its own, another problem is solved."""
+    cameras_of_row = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
+    return bool((~problem.fixed_intrinsics[cameras_of_row > 1]).any())
 
 
 def _extras(problem: Problem, name: str) -> int:

@@ -11,6 +11,7 @@ MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
 # Tracks of a drive, mostly "not seen", shrink to an 86th; text shrinks to a tenth at best.
 _EXPANSION = 100
 _ALWAYS_READABLE_BYTES, _MOST_EXPANDED_BYTES = 64 << 20, 2 << 30
+_MOST_DIGITS = 18
 _MOST_PIXELS = 160_000_000  # the largest sensors have 150 million
 
 
@@ -45,6 +46,7 @@ def _asked(variable: str) -> int | None:
     text = os.environ.get(variable, "")
     if not text:
         return None
-    if not text.isdecimal() or int(text) < 1:
-        raise InvalidArgument(f"{variable} = {text!r}: must be a positive whole number")
+    if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
+        told = text if len(text) <= _MOST_DIGITS else f"{text[:_MOST_DIGITS]}…"
+        raise InvalidArgument(f"{variable} = {told!r}: must be a positive whole number")
     return int(text)

@@ -213,13 +213,14 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
     """
     with open_content(path) as file:
         size = file.seek(0, io.SEEK_END)
+        limit = largest_expansion(size)
         file.seek(0)
         if file.read(len(_ZIP_MAGIC)) != _ZIP_MAGIC:
             raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
         try:
             with warnings.catch_warnings(), zipfile.ZipFile(file) as archive:
                 warnings.simplefilter("error")
-                _require_plausible_sizes(path, archive, size)
+                _require_plausible_sizes(path, archive, size, limit)
                 return {
                     info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()
                 }
@@ -230,12 +231,12 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
             raise DatasetError(path, reason) from error
 
 
-def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int) -> None:
+def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int, limit: int) -> None:
     stored = sum(info.file_size for info in archive.infolist() if info.compress_type == zipfile.ZIP_STORED)
     compressed = sum(info.file_size for info in archive.infolist()) - stored
     if stored > size:
         raise DatasetError(path, f"its members claim {stored} bytes, it has {size}: refused")
-    if compressed > (limit := largest_expansion(size)):
+    if compressed > limit:
         raise DatasetError(path, expands_too_far(limit))
 
 

@@ -32,7 +32,7 @@ from sfmcpp.sources.io.checks import (
     point_colors,
     require_valid,
 )
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.io.number_text import NumberText
@@ -92,7 +92,7 @@ def read_nvm(path: Path) -> Problem:
 
 def _text(path: Path) -> tuple[NumberText, list[str]]:
     """Numbers behind the first line, and the names of the images, which are not among them."""
-    first, *lines = read_bytes(path).split(b"\n")
+    first, *lines = read_text_bytes(path).split(b"\n")
     if not _MAGIC.match(first):
         raise DatasetError(path, "the first line must be NVM_V3, and no more", 1)
     rows = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(b"#")]
@@ -241,6 +241,7 @@ FORMAT = Format(
         "image sizes",
         "masks",
         "rigid frames",
+        "shared intrinsics",
         "uncertainties of observations",
     ),
 )

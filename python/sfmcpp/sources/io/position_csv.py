@@ -101,10 +101,7 @@ def _table(source: Path) -> tuple[Row, list[Row]]:
     if not lines:
         raise DatasetError(source, "is empty")
     separator = separator_of(lines[0][1])
-    split = [
-        (number, [cell.strip() for cell in next(csv.reader([line], delimiter=separator))])
-        for number, line in lines
-    ]
+    split = [(number, _cells(source, number, line, separator)) for number, line in lines]
     count = len(split[0][1])
     for number, cells in split:
         if any(cells[count:]):
@@ -112,6 +109,13 @@ def _table(source: Path) -> tuple[Row, list[Row]]:
             raise DatasetError(source, f"the line holds {len(cells)} cells: {rule}", number)
     header, *rows = [(number, (cells + [""] * count)[:count]) for number, cells in split]
     return header, rows
+
+
+def _cells(source: Path, number: int, line: str, separator: str) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    except csv.Error as error:
+        raise DatasetError(source, str(error), number) from error
 
 
 def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:

@@ -25,7 +25,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import GEOMETRY_ALONE, Format
 from sfmcpp.sources.io.intrinsics import (
     as_perspective,
@@ -114,7 +114,7 @@ class _Tracks:
 
 
 def _table(path: Path) -> NumberText:
-    text = NumberText(path, read_bytes(path), comments=True)
+    text = NumberText(path, read_text_bytes(path), comments=True)
     if not len(text.values):
         raise DatasetError(path, "holds no numbers, only comments")
     return text
@@ -330,5 +330,5 @@ FORMAT = Format(
     _read_beside,
     write_sba,
     _claims,
-    lacks=GEOMETRY_ALONE,
+    lacks=(*GEOMETRY_ALONE, "shared intrinsics"),
 )

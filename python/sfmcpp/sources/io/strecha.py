@@ -17,7 +17,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.checks import LARGEST_COUNT
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import fixed_but, matrix_fault, perspective_columns, perspective_rows
 from sfmcpp.sources.io.number_text import NumberText
@@ -71,7 +71,7 @@ def camera_files(folder: Path) -> list[Path]:
 
 
 def _numbers(path: Path) -> FloatArray:
-    text = NumberText(path, read_bytes(path))
+    text = NumberText(path, read_text_bytes(path))
     if len(text.values) != _NUMBERS:
         raise DatasetError(
             path,

@@ -30,7 +30,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT
-from sfmcpp.sources.io.files import compressed_writer, failures_named, read_bytes
+from sfmcpp.sources.io.files import compressed_writer, failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
 
@@ -92,7 +92,7 @@ def read_tracks(path: str | PathLike[str]) -> CameraTracks:
     with failures_named(source):
         if not source.exists():
             raise DatasetError(source, "no such file or directory")
-        data = read_bytes(source)
+        data = read_text_bytes(source)
     intrinsics = _intrinsics(source, data)
     data = _without_column_names(source, data)
     wrong = _NO_ROW.search(data)

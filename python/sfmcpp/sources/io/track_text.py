@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.image_tracks import LARGEST_INDEX, ImageTracks, image_tracks
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 
 NOT_SEEN = -1.0
@@ -27,7 +27,7 @@ def read_vgg(path: Path) -> ImageTracks:
     DatasetError
         If a line has not as many numbers as the first, or an odd number of them; it names the line.
     """
-    text = NumberText(path, read_bytes(path), comments=True)
+    text = NumberText(path, read_text_bytes(path), comments=True)
     if not len(text.values):
         raise DatasetError(path, "holds no tracks")
     count = int(text.lines.count[0])
@@ -54,7 +54,7 @@ def read_track_table(path: Path) -> ImageTracks:
         If a line has not four numbers, a number of an image or track is no integer from 0 on, or an image
         sees a track twice; it names the line.
     """
-    data = read_bytes(path)
+    data = read_text_bytes(path)
     order = _named_order(data)
     text = NumberText(path, _numbers_alone(data), comments=True)
     text.require_line_counts(text.lines.count == len(_NAMES[0]), f"4: {' '.join(order or _NAMES[0])}")

@@ -18,7 +18,7 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_bytes
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
@@ -169,7 +169,7 @@ def _from_kitti(text: NumberText, table: FloatArray) -> Trajectory:
 
 def _table(path: Path, separator: bytes = b" ") -> tuple[NumberText, FloatArray]:
     """Numbers of a text file as a table: every line holds as many as the first one."""
-    text = NumberText(path, read_bytes(path).replace(separator, b" "), comments=True)
+    text = NumberText(path, read_text_bytes(path).replace(separator, b" "), comments=True)
     if not len(text.values):
         raise DatasetError(path, "holds no poses")
     width = int(text.lines.count[0])

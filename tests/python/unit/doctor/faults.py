@@ -283,10 +283,17 @@ def telephoto(p: Problem, rng: Random) -> Problem:
     return seen.set_free_intrinsics("f", "cx", "cy")
 
 
+def point_in_a_camera(p: Problem, rng: Random) -> Problem:
+    row = int(rng.integers(p.num_observations))
+    p.points[p.point_index[row]] = p.centres[p.camera_index[row]]
+    return p
+
+
 PIXEL_ORIGIN = ("calibrated", "perspective")
 FAULTS = (
     Fault("repeated observations", ("duplicate-observations",), repeated_observations),
     Fault("two tracks joined", ("duplicate-observations",), joined_tracks),
+    Fault("a point in a camera", ("no-image",), point_in_a_camera),
     Fault("an image given twice", ("duplicate-cameras",), image_given_twice),
     Fault("points given twice", ("duplicate-points",), points_given_twice),
     Fault("two parts", ("disconnected-parts",), lambda p, rng: halves(p, 0)),

@@ -28,6 +28,7 @@ def solved_rms_px(problem: Problem) -> float:
         "repeated observations",
         "an image given twice",
         "points given twice",
+        "a point in a camera",
         "two parts",
         "y up",
         "outliers anywhere",

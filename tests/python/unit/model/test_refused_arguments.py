@@ -12,11 +12,13 @@ import pytest
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream
 from sfmcpp.model.image_tracks import image_tracks
 from sfmcpp.slam import SlamSettings
 
 RAGGED = [[1.0], [2.0, 3.0]]
+MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
 
 
 def scene() -> Problem:
@@ -45,6 +47,9 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: made(camera_model=None), "camera_model = None: must be one of"),
         (lambda: made(camera_model=[]), r"camera_model = \[\]: must be one of"),
         (lambda: made(cameras=RAGGED), "cameras = .*: must be an array of numbers"),
+        (lambda: made(pixels=MASKED), "pixels: 1 entries are masked: must be filled in or left out"),
+        (lambda: solved(pixels=MASKED), "pixels: 1 entries are masked"),
+        (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
@@ -68,6 +73,16 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: sfmcpp.solve(scene(), constraints=1), "constraints = 1: must be a sequence"),  # type: ignore[arg-type]
         (lambda: sfmcpp.solve(scene(), callback=3), "callback = 3: must be callable"),  # type: ignore[arg-type]
         (lambda: sfmcpp.check_jacobians(scene(), math.nan), "max_observations = nan: must be a whole number"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.linearize(scene()).covariance(cameras=[0.5]), "cameras: float64"),
+        (lambda: sfmcpp.linearize(scene()).covariance(cameras=[True] * 5), "cameras: bool"),
+        (lambda: sfmcpp.linearize(scene()).covariance(points=["a"]), "points: <U1"),
+        (lambda: sfmcpp.linearize(scene()).hat_matrix(2**40), r"group = \d+: must be in \[0, 0\)"),
+        (lambda: sfmcpp.linearize(scene()).hat_spectrum("gps"), "group = 'gps': must be a whole number"),  # type: ignore[arg-type]
+        (lambda: map_of_problem(scene()).join(3), "other = 3: must be a"),  # type: ignore[call-arg, arg-type]
+        (lambda: map_of_problem(scene()).take(None), "local = None: must be a LocalProblem"),  # type: ignore[arg-type]
+        (lambda: map_of_problem(scene()).transform([]), r"similarity = \[\]: must be a Similarity"),  # type: ignore[arg-type]
+        (lambda: map_of_problem(scene()).seen_from([True] * 5, [10**9]), "points: must be from 0 to 29"),
+        (lambda: map_of_problem(scene()).seen_from([0], [1]), "images: dtype int64 cannot be used as bool"),
         (lambda: group(kind=[]), r"kind = \[\]: must be one of"),
         (lambda: group(name=3), "name.* = 3: must be text"),
         (lambda: group(loss=None), "loss.* = None: must be text"),

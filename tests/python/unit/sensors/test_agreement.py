@@ -129,3 +129,25 @@ def test_stamps_of_another_clock_are_refused_with_both_spans() -> None:
     told = r"'speed' lasts from 0.000 to 39.950 s and the images from 1300000000.000 to 1300000009.000 s"
     with pytest.raises(InvalidArgument, match=told):
         require_overlap(stream, 1.3e9, 1.3e9 + 9)
+
+
+@pytest.mark.parametrize("unit", [1e9, 1e298])
+def test_stamps_in_nanoseconds_are_told_before_they_take_the_memory(unit: float) -> None:
+    streams = [
+        SensorStream(s.t_s * unit, s.values, kind)
+        for kind, s in round_trip().items()
+        if kind in ("speed", "angular_rate")
+    ]
+    with pytest.raises(
+        InvalidArgument, match=r"'speed' lasts .* s: must be at most 10000000 s; .* in ms, us or ns"
+    ):
+        require_agreement(streams)
+
+
+def test_a_bend_late_in_a_long_recording_is_looked_at() -> None:
+    t_s = np.arange(0.0, 40_000.0, 5.0)
+    late = np.where(np.abs(t_s - 30_000.0) < 20.0, 30.0, 1.0)
+    speed = SensorStream(t_s, late, "speed", max_gap_s=6.0)
+    turning = SensorStream(t_s, np.tile([0.0, 0.0, 1.0], (len(t_s), 1)), "angular_rate", max_gap_s=6.0)
+    with pytest.raises(InvalidArgument, match="across for a second"):
+        require_agreement([speed, turning])

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import DatasetError
-from sfmcpp.sources.io.limits import MAX_IMAGE
+from sfmcpp import DatasetError, InvalidArgument
+from sfmcpp.sources.io.limits import MAX_EXPANDED, MAX_IMAGE
 from sfmcpp.sources.vision import open_frames, open_photos
 
 
@@ -44,6 +44,16 @@ def test_the_limit_of_pixels_can_be_changed(tmp_path: Path, monkeypatch: pytest.
         next(iter(open_frames(tmp_path)))
     monkeypatch.setenv(MAX_IMAGE, "2")
     assert next(iter(open_frames(tmp_path))).shape == (1_000, 1_100)
+
+
+@pytest.mark.parametrize("asked", ["much", "0", "-1", "1e3", "nan", "1" * 5_000])
+def test_a_limit_that_is_none_is_told_in_place_of_a_fault_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
+) -> None:
+    sfmcpp.write(sfmcpp.circle_scene(3, 10, seed=0), tmp_path / "a.npz")
+    monkeypatch.setenv(MAX_EXPANDED, asked)
+    with pytest.raises(InvalidArgument, match=f"^{MAX_EXPANDED} = '{asked[:18]}"):
+        sfmcpp.read(tmp_path / "a.npz")
 
 
 def test_metadata_ask_for_no_room_for_images_that_are_none(tmp_path: Path) -> None:

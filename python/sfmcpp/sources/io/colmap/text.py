@@ -21,7 +21,7 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import Rows, format_ragged, tokens_of_items
 
@@ -145,7 +145,7 @@ def _read_keypoints(text: NumberText, rows: Int64Array) -> tuple[Int64Array, Flo
 
 
 def _read_points(path: Path) -> PointTable:
-    text = NumberText(path, read_bytes(path), comments=True)
+    text = NumberText(path, read_text_bytes(path), comments=True)
     lines = text.lines
     good = (lines.count >= _POINT_NUMBERS) & ((lines.count - _POINT_NUMBERS) % _TRACK == 0)
     text.require_line_counts(good, "8 (id, position, colour, error) and pairs of image id and keypoint")
@@ -167,7 +167,7 @@ def _read_points(path: Path) -> PointTable:
 
 def read_lines(path: Path) -> list[bytes]:
     """The lines of a file."""
-    return read_bytes(path).split(b"\n")
+    return read_text_bytes(path).split(b"\n")
 
 
 def is_comment(line: bytes) -> bool:

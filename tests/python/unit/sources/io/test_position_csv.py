@@ -160,3 +160,10 @@ def test_what_is_wrong_is_named_with_its_line(
     assert Path(caught.value.path) == path
     assert caught.value.line == line
     assert reason in caught.value.reason
+
+
+def test_a_cell_that_is_too_long_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "gps.csv"
+    path.write_text("name,lat,lon,height\na.jpg,46.5,9.25,12.5\n" + "1" * 200_000)
+    with pytest.raises(DatasetError, match=r"gps\.csv:3: field larger than field limit"):
+        read_position_csv(path)
