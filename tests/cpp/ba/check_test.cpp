@@ -12,7 +12,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::check_test {
 namespace {
 
 using support::OwnedProblem;
@@ -357,4 +357,4 @@ TEST(CheckArrays, ANumberThatIsNoCameraModelIsRefused) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::check_test
