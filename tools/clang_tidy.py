@@ -2,8 +2,9 @@
 """Usage: clang_tidy.py BUILD_FOLDER JOBS: clang-tidy on cpp/src, with the compile commands of BUILD_FOLDER.
 
 Nearly all of its time goes into the headers of Eigen and pybind11, which it matches line by line against
-every check. So the sources of a folder are looked at together, as one that includes them; where two of them
-define the same name for themselves, in smaller parts. Kernels are looked at for one instruction set.
+every check. So forty sources are looked at together, as one that includes them: what two of a room define for
+themselves must not have the same name. Kernels, which may share names, are looked at one by one, for one
+instruction set.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
 from pathlib import Path
 
+SOURCES_AT_ONCE = 40
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "cpp/src"
 # The commands were written for g++ 12. What clang 14 lacks of it: some warnings, and two built-in functions,
@@ -49,14 +51,13 @@ def including(folder: Path, sources: list[Path]) -> Path:
     return path
 
 
-def together(folder: Path, sources: list[Path], flags: tuple[str, ...]) -> list[Path]:
-    """Files that include all of `sources` between them, as few as their names allow."""
-    path = including(folder, sources)
-    command = [*flags, "-w", "-fsyntax-only", str(path)]
-    if len(sources) == 1 or subprocess.run(command, capture_output=True, check=False).returncode == 0:
-        return [path]
-    middle = len(sources) // 2
-    return together(folder, sources[:middle], flags) + together(folder, sources[middle:], flags)
+def parts(flags: dict[Path, tuple[str, ...]]) -> list[list[Path]]:
+    """Sources to look at together: of the same flags, in order of their paths."""
+    kernels = sorted(path for path in flags if path.stem.endswith("_kernels"))
+    others = sorted(set(flags) - set(kernels), key=lambda path: (flags[path], path))
+    groups = [list(group) for _, group in groupby(others, flags.get)]
+    batches = [g[k : k + SOURCES_AT_ONCE] for g in groups for k in range(0, len(g), SOURCES_AT_ONCE)]
+    return batches + [[path] for path in kernels]
 
 
 def main(build: Path, jobs: int) -> int:
@@ -69,20 +70,15 @@ def main(build: Path, jobs: int) -> int:
         print(f"sfmcpp: no compile command in {build} for {', '.join(missing)}", file=sys.stderr)
         return 1
 
-    def kind(path: Path) -> tuple[str, bool]:
-        return str(path.parent), path.stem.endswith("_kernels")
-
-    groups = [list(group) for _, group in groupby(sorted(flags, key=lambda p: (kind(p), p)), kind)]
+    files = {including(folder, sources): flags[sources[0]] for sources in parts(flags)}
+    commands = [
+        {"directory": str(build), "file": str(path), "arguments": [*words, "-c", str(path)]}
+        for path, words in files.items()
+    ]
+    (folder / "compile_commands.json").write_text(json.dumps(commands))
+    tidy = ["clang-tidy", *OPTIONS, "-p", str(folder)]
     with ThreadPoolExecutor(jobs) as pool:
-        parts = pool.map(lambda group: (flags[group[0]], together(folder, group, flags[group[0]])), groups)
-        commands = [
-            {"directory": str(build), "file": str(path), "arguments": [*words, "-c", str(path)]}
-            for words, paths in parts
-            for path in paths
-        ]
-        (folder / "compile_commands.json").write_text(json.dumps(commands))
-        tidy = ["clang-tidy", *OPTIONS, "-p", str(folder)]
-        runs = [pool.submit(subprocess.run, [*tidy, c["file"]], check=False) for c in commands]
+        runs = [pool.submit(subprocess.run, [*tidy, str(path)], check=False) for path in files]
         return sum(run.result().returncode != 0 for run in runs)
 
 

@@ -13,6 +13,10 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 # A job started in the background ignores Ctrl-C, and its children too: the tests of interrupts need it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Several processes run the tests, and threads of BLAS wait for one another by computing: where one
+# has lost its core, an SVD of a hundred columns takes nine times its processor time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:

@@ -21,7 +21,7 @@ constexpr int kStepsOfScale = 5, kStepsOfLastScale = 20;
 // Views that agree on a camera besides those that its unknowns can be fitted to, whichever they
 // are.
 constexpr int kCameraSupport = 3;
-constexpr int kRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
+constexpr int kViewRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
 
 constexpr int kMost = linear::kMaxCameraSize;
 using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kMost, kMost>;
@@ -142,7 +142,7 @@ class CameraFits {
   void add(const Loss& loss, const State& state, const Chunk& chunk, Sums& sums) const {
     const int count = chunk.end - chunk.begin, size = map_.camera_size;
     std::vector<double> jacobian(2 * static_cast<std::size_t>(size) * count);
-    std::vector<double> records(static_cast<std::size_t>(kRecord) * count);
+    std::vector<double> records(static_cast<std::size_t>(kViewRecord) * count);
     images_.linearize(state,
                       chunk,
                       {.free_intrinsics = free_intrinsics_.data(),
@@ -151,8 +151,8 @@ class CameraFits {
                        .camera = jacobian.data(),
                        .point = records.data()});
     for (long k = 0; k < count; ++k) {
-      const double* record = records.data() + kRecord * k;
-      const Eigen::Vector2d residual(record[kResidual], record[kRecord / 2 + kResidual]);
+      const double* record = records.data() + kViewRecord * k;
+      const Eigen::Vector2d residual(record[kResidual], record[kViewRecord / 2 + kResidual]);
       const Eigen::Map<const Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> rows(
           jacobian.data() + 2 * size * k, 2, size);
       const double squared = residual.squaredNorm(), weight = loss.derivative(squared);

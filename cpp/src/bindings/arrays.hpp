@@ -1,4 +1,4 @@
-// Views of NumPy arrays, with errors that name the argument.
+// Views of NumPy arrays, with errors that name the argument, and copies.
 #pragma once
 
 #include <span>
@@ -30,6 +30,12 @@ std::span<T> view(const py::dict& arrays, const char* name) {
     if (!array.writeable()) throw InvalidArgument(std::string(name) + ": must be writeable");
     return {array.mutable_data(), size};
   }
+}
+
+// A copy, of one dimension.
+template <class T>
+py::array_t<T> array_of(const std::vector<T>& values) {
+  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
 // Keeps views of arrays from dangling while others have the GIL: NumPy resizes no array that has a

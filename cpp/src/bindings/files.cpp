@@ -2,12 +2,11 @@
 #include <cstring>
 #include <limits>
 
-#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "arrays.hpp"
 #include "gil.hpp"
 #include "options.hpp"
-#include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/group_ranks.hpp"
 #include "sfmcpp/core/number_text.hpp"
 #include "sfmcpp/core/records.hpp"
@@ -30,11 +29,6 @@ int threads_for(int requested, long work, long work_of_a_thread) {
 
 std::string_view bytes_of(const Bytes& array) {
   return {reinterpret_cast<const char*>(array.data()), static_cast<std::size_t>(array.size())};
-}
-
-template <class T>
-py::array_t<T> array_of(const std::vector<T>& values) {
-  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
 py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {

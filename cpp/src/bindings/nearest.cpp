@@ -3,11 +3,9 @@
 #include <algorithm>
 #include <limits>
 
-#include <pybind11/numpy.h>
-
+#include "arrays.hpp"
 #include "gil.hpp"
 #include "options.hpp"
-#include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::bindings {
 namespace {
@@ -34,10 +32,6 @@ int threads_for(int requested, const features::Descriptors& a, const features::D
   const auto worthwhile = static_cast<int>(std::min(products / kProductsOfAThread, 64.0));
   return std::min(std::max(worthwhile, 1),
                   resolve_num_threads(0, std::numeric_limits<long>::max()));
-}
-
-py::array_t<int> array_of(const std::vector<int>& values) {
-  return py::array_t<int>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
 py::tuple tuple_of(const features::Neighbours& neighbours) {

@@ -65,11 +65,6 @@ const double* pose_in(const Numbers& pose, const char* name) {
   return pose.data();
 }
 
-template <class T>
-py::array_t<T> array_of(const std::vector<T>& values) {
-  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
-}
-
 py::array_t<double> poses_of(const std::vector<double>& numbers) {
   const auto count = static_cast<py::ssize_t>(numbers.size() / 12);
   return py::array_t<double>({count, py::ssize_t{3}, py::ssize_t{4}}, numbers.data());
@@ -120,9 +115,9 @@ py::dict refine(const py::dict& arrays,
   return result;
 }
 
-py::dict linearize(const py::dict& arrays,
-                   const std::vector<py::dict>& constraint_dicts,
-                   const Numbers& pose) {
+py::dict linearize_fit(const py::dict& arrays,
+                       const std::vector<py::dict>& constraint_dicts,
+                       const Numbers& pose) {
   const ba::PoseLinearization at = ba::linearize_pose(
       view_of(arrays), pose_constraints_of(constraint_dicts), pose_in(pose, "pose"));
   py::dict result;
@@ -169,7 +164,7 @@ void bind_pose(py::module_& m) {
         py::arg("options"),
         "The pose fit with every constraint at its weight.");
   m.def("linearize_pose",
-        &linearize,
+        &linearize_fit,
         py::arg("view"),
         py::arg("constraints"),
         py::arg("pose"),

@@ -12,7 +12,7 @@
 #include "support/all_models.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::algebraic_cost_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -195,4 +195,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::algebraic_cost_test

@@ -9,7 +9,7 @@
 
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::bending_test {
 namespace {
 
 struct Case {
@@ -76,4 +76,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::bending_test

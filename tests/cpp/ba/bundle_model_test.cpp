@@ -10,7 +10,7 @@
 #include "support/camera_dispatch.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::bundle_model_test {
 namespace {
 
 using linear::Step;
@@ -162,4 +162,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::bundle_model_test

@@ -9,7 +9,7 @@
 #include "support/all_models.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::bundle_slope_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -112,4 +112,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::bundle_slope_test

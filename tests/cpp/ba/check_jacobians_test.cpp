@@ -6,7 +6,7 @@
 #include "support/all_models.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::check_jacobians_test {
 namespace {
 
 class CheckJacobians : public testing::TestWithParam<CameraModelId> {
@@ -52,4 +52,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::check_jacobians_test

@@ -12,7 +12,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::check_test {
 namespace {
 
 using support::OwnedProblem;
@@ -384,4 +384,4 @@ TEST(CheckArrays, AFunctionHasAsManyIntrinsicsAsACameraHasRoomFor) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::check_test

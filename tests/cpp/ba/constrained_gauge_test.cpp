@@ -8,7 +8,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/random_constraints.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::constrained_gauge_test {
 namespace {
 
 using support::OwnedProblem;
@@ -116,4 +116,4 @@ TEST(ConstrainedGauge, GaussNewtonLeavesToPositionsWhatTheyHold) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::constrained_gauge_test

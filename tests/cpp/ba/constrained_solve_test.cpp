@@ -10,7 +10,7 @@
 #include "sfmcpp/math/so3.hpp"
 #include "support/random_constraints.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::constrained_solve_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -279,4 +279,4 @@ TEST(ConstrainedSolve, AlgebraicSearchesLowerTheTrueCost) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::constrained_solve_test

@@ -10,7 +10,7 @@
 #include "support/random_constraints.hpp"
 #include "support/refusal.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::constraint_terms_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -207,4 +207,4 @@ TEST_F(RefusedProblem, LossOfAGroupWithoutAScale) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::constraint_terms_test

@@ -14,7 +14,7 @@
 #include "support/dense_reference.hpp"
 #include "support/whitening_factor.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::covariance_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -281,4 +281,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::covariance_test

@@ -11,7 +11,7 @@
 #include "support/random_constraints.hpp"
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::exchange_test {
 namespace {
 
 using linear::LinearSolverKind;
@@ -396,4 +396,4 @@ TEST(Exchange, PartsThatShareAPointOnSomeRankAreOne) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::exchange_test

@@ -4,7 +4,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::gauge_conditioning_test {
 namespace {
 
 // Camera 3 is fixed and camera 1, the first free one, is opposite: their centres differ by 20 m in
@@ -39,4 +39,4 @@ TEST(ChooseGauge, HoldsTheScaleThroughALongCoordinateOfABaseline) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::gauge_conditioning_test

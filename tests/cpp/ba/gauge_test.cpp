@@ -10,7 +10,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::gauge_test {
 namespace {
 
 using support::OwnedProblem;
@@ -115,4 +115,4 @@ TEST(Solve, TakesTheGaugeOfItsStateNotOfTheArraysOfTheProblem) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::gauge_test

@@ -8,7 +8,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::ground_truth_test {
 namespace {
 
 using optim::Method;
@@ -165,4 +165,4 @@ TEST(Resection, OfOneCameraAgainstFixedPointsFindsItsPose) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::ground_truth_test

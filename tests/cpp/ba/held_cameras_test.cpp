@@ -10,7 +10,7 @@
 #include "support/random_constraints.hpp"
 #include "support/refusal.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::held_cameras_test {
 namespace {
 
 using linear::LinearSolverKind;
@@ -151,4 +151,4 @@ TEST(HeldCameras, BitsDoNotDependOnThreads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::held_cameras_test

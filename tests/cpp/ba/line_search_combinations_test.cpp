@@ -8,7 +8,7 @@
 #include "support/all_models.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::line_search_combinations_test {
 namespace {
 
 using optim::LineSearchKind;
@@ -113,4 +113,4 @@ INSTANTIATE_TEST_SUITE_P(FirstOrder,
                          name_of);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::line_search_combinations_test

@@ -9,7 +9,7 @@
 #include "support/refusal.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::linear_model_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -132,4 +132,4 @@ TEST(LinearModel, AProjectiveProblemHasNoCovariance) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::linear_model_test

@@ -4,7 +4,7 @@
 #include "support/all_models.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::loss_weights_test {
 namespace {
 
 class LossWeightsOf : public testing::TestWithParam<CameraModelId> {
@@ -45,4 +45,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          support::name_of_model);
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::loss_weights_test

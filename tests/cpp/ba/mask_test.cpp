@@ -8,7 +8,7 @@
 #include "support/all_models.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::mask_test {
 namespace {
 
 using linear::kNoColumn;
@@ -135,4 +135,4 @@ TEST(FreeIntrinsics, CalibrationsAndFramesOfImagesAreNeverFreeWhateverTheMaskSay
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::mask_test

@@ -7,7 +7,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::point_steps_test {
 namespace {
 
 using optim::Iteration;
@@ -227,4 +227,4 @@ TEST_F(OneSickPoint, TakesFewerStepsWherePointsAreRefitted) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::point_steps_test

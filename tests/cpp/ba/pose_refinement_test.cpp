@@ -8,7 +8,7 @@
 
 #include "support/pose_scene.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::pose_refinement_test {
 namespace {
 
 using ba::PoseSweep;
@@ -89,4 +89,4 @@ INSTANTIATE_TEST_SUITE_P(Kinds,
                                          Kind::kSmoothingReprojections));
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::pose_refinement_test

@@ -8,7 +8,7 @@
 #include "sfmcpp/ba/pose_refinement.hpp"
 #include "support/pose_scene.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::pose_sweep_test {
 namespace {
 
 using ba::PoseSweep;
@@ -182,4 +182,4 @@ TEST(PoseSweepCheck, NamesTheArgumentTheValueAndTheRule) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::pose_sweep_test

@@ -5,7 +5,7 @@
 #include "support/all_models.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::precision_test {
 namespace {
 
 using linear::Precision;
@@ -54,4 +54,4 @@ TEST(StoredPrecisionChoice, GoesByTheNumberOfObservationsAlone) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::precision_test

@@ -10,7 +10,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::projective_test {
 namespace {
 
 using Eigen::Matrix4d;
@@ -190,4 +190,4 @@ TEST(ProjectiveAdjustment, GaussNewtonIsRefusedWithTheReason) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::projective_test

@@ -10,7 +10,7 @@
 #include "support/cut_scene.hpp"
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::resume_test {
 namespace {
 
 using linear::LinearSolverKind;
@@ -297,4 +297,4 @@ TEST(Resume, RefusesWhatIsNotOfThisProblemAndTheseOptions) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::resume_test

@@ -7,7 +7,7 @@
 
 #include "sfmcpp/math/so3.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::rigs_test {
 namespace {
 
 using Delta = Eigen::Matrix<double, 6, 1>;
@@ -104,4 +104,4 @@ TEST_F(RigTest, ASensorMovesOnceForAllItsCamerasAndTheOtherStays) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::rigs_test

@@ -9,7 +9,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::robustness_test {
 namespace {
 
 using optim::State;
@@ -279,4 +279,4 @@ INSTANTIATE_TEST_SUITE_P(Kinds,
                          [](const auto& test) { return std::string(enum_name(test.param)); });
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::robustness_test

@@ -9,7 +9,7 @@
 #include "support/all_models.hpp"
 #include "support/small_scenes.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::solve_combinations_test {
 namespace {
 
 using linear::LinearSolverKind;
@@ -147,4 +147,4 @@ TEST(Solve, ABrokenProblemIsRefusedBeforeTheStateIsTouched) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::solve_combinations_test

@@ -10,7 +10,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::solve_options_test {
 namespace {
 
 using linear::LinearSolverKind;
@@ -160,4 +160,4 @@ TEST(SolveOptions, PointsAreRefittedWhereNothingIsSearched) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::solve_options_test

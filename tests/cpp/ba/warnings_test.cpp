@@ -3,7 +3,7 @@
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::warnings_test {
 namespace {
 
 using Pairs = std::vector<std::pair<int, int>>;
@@ -54,4 +54,4 @@ TEST(Warnings, AChainOfCommonPointsIsOnePart) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::warnings_test

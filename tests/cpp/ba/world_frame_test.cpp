@@ -7,7 +7,7 @@
 
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::ba {
+namespace sfmcpp::ba::world_frame_test {
 namespace {
 
 using Eigen::Vector4d;
@@ -95,4 +95,4 @@ TEST_F(WorldFrameOf, OfPointsThatAllCoincideIsThatOfTheStart) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::ba
+}  // namespace sfmcpp::ba::world_frame_test

@@ -9,7 +9,7 @@
 #include "support/camera_types.hpp"
 #include "support/random_views.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::camera_laws_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -154,4 +154,4 @@ TYPED_TEST(CompiledCameraLaws, APackComputesLikeOneDoubleInEachLane) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::camera_laws_test

@@ -12,7 +12,7 @@
 #include "support/camera_types.hpp"
 #include "support/random_views.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::camera_matrix_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -174,4 +174,4 @@ TEST(Undistorted, TwoStepsComeWithinAHundredthOfAPixelWithAnOrdinaryLens) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::camera_matrix_test

@@ -7,7 +7,7 @@
 #include "support/camera_dispatch.hpp"
 #include "support/random_views.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::camera_models_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -132,4 +132,4 @@ TEST(PlusPose, StaysARotationOverManySteps) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::camera_models_test

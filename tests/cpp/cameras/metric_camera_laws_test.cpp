@@ -6,7 +6,7 @@
 #include "support/camera_types.hpp"
 #include "support/random_views.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::metric_camera_laws_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -120,4 +120,4 @@ TYPED_TEST(MetricCameraLaws, NormalisingChangesNoBit) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::metric_camera_laws_test

@@ -10,7 +10,7 @@
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "support/random_views.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::projective_camera_test {
 namespace {
 
 using Eigen::Map;
@@ -195,4 +195,4 @@ TEST(ProjectiveCamera, NormalisingGivesNormOneAndTheSameImage) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::projective_camera_test

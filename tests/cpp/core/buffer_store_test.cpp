@@ -8,7 +8,7 @@
 
 #include "sfmcpp/core/aligned.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::buffer_store_test {
 namespace {
 
 constexpr std::size_t kSize = std::size_t{4} << 20;
@@ -90,4 +90,4 @@ TEST(AlignedVector, LivesInTheStoreOrOutsideIt) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::buffer_store_test

@@ -9,7 +9,7 @@
 #include "sfmcpp/optim/summary.hpp"
 #include "sfmcpp/residuals/constraint_kinds.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::enum_names_test {
 namespace {
 
 template <class E>
@@ -72,4 +72,4 @@ TEST(ParseEnum, DoesNotTakePrefixesOrOtherCases) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::enum_names_test

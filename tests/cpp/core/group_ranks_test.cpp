@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::group_ranks_test {
 namespace {
 
 TEST(GroupRanks, EachElementCountsThoseOfItsGroupBeforeIt) {
@@ -17,4 +17,4 @@ TEST(GroupRanks, EachElementCountsThoseOfItsGroupBeforeIt) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::group_ranks_test

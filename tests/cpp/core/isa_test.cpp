@@ -7,7 +7,7 @@
 
 #include "support/instruction_sets.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::isa_test {
 namespace {
 
 // The instruction set is read once: each case needs a process of its own.
@@ -42,4 +42,4 @@ TEST(Isa, NamesAreThoseOfTheKernels) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::isa_test

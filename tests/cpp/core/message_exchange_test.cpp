@@ -10,7 +10,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::message_exchange_test {
 namespace {
 
 // Where the ranks lay out what they bring.
@@ -176,4 +176,4 @@ TEST(MessageExchange, CountsWhatItSends) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::message_exchange_test

@@ -11,7 +11,7 @@
 
 #include "sfmcpp/core/text_rows.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::number_text_test {
 namespace {
 
 std::vector<double> numbers_of(const NumberText& text, ThreadPool& pool) {
@@ -141,4 +141,4 @@ TEST(TextRows, ItemsStandBehindTheirHeads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::number_text_test

@@ -7,7 +7,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::options_check_test {
 namespace {
 
 template <class F>
@@ -82,4 +82,4 @@ TEST(SolveOptions, NumbersThatAreNoNumbersAreRefused) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::options_check_test

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::parallel_test {
 namespace {
 
 TEST(ThreadPool, RunsEveryTaskExactlyOnce) {
@@ -141,4 +141,4 @@ TEST(ResolveNumThreads, ARequestIsKeptAndSmallWorkGetsOneThread) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::parallel_test

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::records_test {
 namespace {
 
 constexpr RecordLayout kLayout{11, 3};
@@ -44,4 +44,4 @@ TEST(Records, CountsThatTheDataBelieAreNotBelieved) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::records_test

@@ -10,7 +10,7 @@
 #include "sfmcpp/core/buffer_store.hpp"
 #include "support/random_constraints.hpp"
 
-namespace sfmcpp::faults {
+namespace sfmcpp::faults::out_of_memory_test {
 namespace {
 
 using ba::SolveOptions;
@@ -146,4 +146,4 @@ TEST(StoreWithoutAddressSpace, HasNoRoomAndOwnsNothing) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::faults
+}  // namespace sfmcpp::faults::out_of_memory_test

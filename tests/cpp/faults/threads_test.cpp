@@ -9,7 +9,7 @@
 #include "faults/failing_memory.hpp"
 #include "sfmcpp/core/parallel.hpp"
 
-namespace sfmcpp::faults {
+namespace sfmcpp::faults::threads_test {
 namespace {
 
 // New threads want a larger stack than there is, and are refused by the system.
@@ -107,4 +107,4 @@ TEST(TaskThatThrows, BesideTheFirstCallToo) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::faults
+}  // namespace sfmcpp::faults::threads_test

@@ -14,7 +14,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "support/instruction_sets.hpp"
 
-namespace sfmcpp::features {
+namespace sfmcpp::features::nearest_test {
 namespace {
 
 struct Set {
@@ -138,4 +138,4 @@ TEST(NearestOfSets, ThatDoNotGoTogetherAreRefused) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::features
+}  // namespace sfmcpp::features::nearest_test

@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp::features {
+namespace sfmcpp::features::patches_test {
 namespace {
 
 constexpr int kRadius = 7;
@@ -153,4 +153,4 @@ TEST(Patches, WhatHasNoTextureOrLooksDifferentIsNotAligned) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::features
+}  // namespace sfmcpp::features::patches_test

@@ -6,7 +6,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::block_jacobi_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -102,4 +102,4 @@ INSTANTIATE_TEST_SUITE_P(Scenes,
                          [](const auto& test) { return test.param.name; });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::block_jacobi_test

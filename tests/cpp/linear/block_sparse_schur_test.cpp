@@ -6,7 +6,7 @@
 #include "../../../cpp/src/linear/schur_preconditioner.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::block_sparse_schur_test {
 namespace {
 
 using support::RandomSystem;
@@ -116,4 +116,4 @@ TEST(BlockSparseSchur, HasTheSameBitsForAnyNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::block_sparse_schur_test

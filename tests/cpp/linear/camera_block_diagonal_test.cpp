@@ -7,7 +7,7 @@
 #include "sfmcpp/linear/point_elimination.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::camera_block_diagonal_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -99,4 +99,4 @@ INSTANTIATE_TEST_SUITE_P(Scenes,
                          [](const auto& test) { return test.param.name; });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::camera_block_diagonal_test

@@ -8,7 +8,7 @@
 
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::camera_pattern_test {
 namespace {
 
 struct Tracks {
@@ -127,4 +127,4 @@ TEST(CameraPattern, OfCamerasThatSeeNothingIsTheDiagonal) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::camera_pattern_test

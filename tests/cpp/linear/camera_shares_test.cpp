@@ -9,7 +9,7 @@
 #include "support/random_system.hpp"
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::camera_shares_test {
 namespace {
 
 using support::RandomSystem;
@@ -119,4 +119,4 @@ TEST(ColumnShares, SpreadAndCollectWhatIsTouchedAlone) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::camera_shares_test

@@ -9,7 +9,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/linear/panel_layout.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::camera_terms_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -151,4 +151,4 @@ TEST(CameraTerms, WithoutPairsThereIsNothing) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::camera_terms_test

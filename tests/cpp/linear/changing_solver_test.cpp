@@ -4,7 +4,7 @@
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::changing_solver_test {
 namespace {
 
 using support::RandomSystem;
@@ -85,4 +85,4 @@ TEST_F(ChangingSolver, OneAskedForByNameStays) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::changing_solver_test

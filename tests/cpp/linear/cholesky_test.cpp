@@ -4,7 +4,7 @@
 #include "sfmcpp/linear/dense_cholesky.hpp"
 #include "support/instruction_sets.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::cholesky_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -102,4 +102,4 @@ TEST(DenseCholesky, OfNothingSucceeds) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::cholesky_test

@@ -4,7 +4,7 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::conjugate_gradient_test {
 namespace {
 
 using Eigen::Map;
@@ -149,4 +149,4 @@ TEST(ConjugateGradient, SaysSoWhenTheRightHandSideIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::conjugate_gradient_test

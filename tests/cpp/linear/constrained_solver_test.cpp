@@ -7,7 +7,7 @@
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::constrained_solver_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -135,4 +135,4 @@ INSTANTIATE_TEST_SUITE_P(Systems,
                          [](const auto& test) { return test.param.name; });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::constrained_solver_test

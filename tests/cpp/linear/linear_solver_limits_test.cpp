@@ -8,7 +8,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::linear_solver_limits_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -147,4 +147,4 @@ TEST(IterativeSolver, KeepsToItsLimitOfIterations) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::linear_solver_limits_test

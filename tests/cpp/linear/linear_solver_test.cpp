@@ -5,7 +5,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::linear_solver_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -145,4 +145,4 @@ TEST(ExplicitSolver, SharedColumnsGetEveryRowWhateverTheNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::linear_solver_test

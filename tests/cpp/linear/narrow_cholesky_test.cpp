@@ -6,7 +6,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::narrow_cholesky_test {
 namespace {
 
 Eigen::MatrixXd positive_definite(int size) {
@@ -62,4 +62,4 @@ TEST_P(NarrowCholeskyOf, IsLinearToTheLastDigits) {
 INSTANTIATE_TEST_SUITE_P(Sizes, NarrowCholeskyOf, testing::Values(1, 7, 8, 9, 24, 100, 181));
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::narrow_cholesky_test

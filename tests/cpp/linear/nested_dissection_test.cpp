@@ -11,7 +11,7 @@
 #include "sfmcpp/linear/vertex_separator.hpp"
 #include "support/random_blocks.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::nested_dissection_test {
 namespace {
 
 WeightedGraph weighted(const BlockGraph& graph) {
@@ -107,4 +107,4 @@ TEST(OrderBlocks, TakesNestedDissectionWhereItHasFewerFlops) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::nested_dissection_test

@@ -6,7 +6,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::normal_equations_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -140,4 +140,4 @@ TEST(Damping, DiagonalIsKeptBetweenItsBounds) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::normal_equations_test

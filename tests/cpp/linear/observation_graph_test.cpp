@@ -9,7 +9,7 @@
 
 #include "sfmcpp/linear/reduced_structure.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::observation_graph_test {
 namespace {
 
 struct Observations {
@@ -151,4 +151,4 @@ TEST(ObservationGraph, OfNothingIsEmptyNotBroken) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::observation_graph_test

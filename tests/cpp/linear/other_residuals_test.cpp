@@ -6,7 +6,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::other_residuals_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -64,4 +64,4 @@ INSTANTIATE_TEST_SUITE_P(Systems,
                          [](const auto& test) { return test.param.name; });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::other_residuals_test

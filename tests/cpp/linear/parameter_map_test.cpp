@@ -9,7 +9,7 @@
 #include "sfmcpp/linear/panel_layout.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::parameter_map_test {
 namespace {
 
 std::vector<double> random_numbers(int count, unsigned seed) {
@@ -114,4 +114,4 @@ TEST(PanelIndex, ColumnsOfAPanelAreContiguous) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::parameter_map_test

@@ -8,7 +8,7 @@
 #include "support/random_system.hpp"
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::ranks_test {
 namespace {
 
 using support::RandomSystem;
@@ -173,4 +173,4 @@ INSTANTIATE_TEST_SUITE_P(Systems, Ranks, testing::ValuesIn(systems()), [](const 
 });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::ranks_test

@@ -10,7 +10,7 @@
 #include "support/random_blocks.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::reduced_structure_test {
 namespace {
 
 using Matrix = Eigen::SparseMatrix<double>;
@@ -117,4 +117,4 @@ TEST(OrderBlocks, IntrinsicsThatAllCamerasShareComeLast) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::reduced_structure_test

@@ -14,7 +14,7 @@
 #include "sfmcpp/linear/panel_layout.hpp"
 #include "support/instruction_sets.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::schur_kernels_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -330,4 +330,4 @@ TEST_P(SchurKernel, CurvatureIsTheSquareOfWhatTheResidualsMove) {
 INSTANTIATE_TEST_SUITE_P(Kernels, SchurKernel, testing::ValuesIn(all_cases()));
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::schur_kernels_test

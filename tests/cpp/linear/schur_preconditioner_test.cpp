@@ -12,7 +12,7 @@
 #include "support/random_system.hpp"
 #include "support/threaded_exchange.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::schur_preconditioner_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -228,4 +228,4 @@ TEST(PreconditionersOfAChain, OfLargerPartsTakeFewerIterations) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::schur_preconditioner_test

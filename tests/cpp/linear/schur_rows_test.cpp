@@ -7,7 +7,7 @@
 
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::schur_rows_test {
 namespace {
 
 using support::RandomSystem;
@@ -52,4 +52,4 @@ TEST(SchurRows, LongTracksGiveTheSameBitsForEveryNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::schur_rows_test

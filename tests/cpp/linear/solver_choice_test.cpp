@@ -9,7 +9,7 @@
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::solver_choice_test {
 namespace {
 
 using support::SystemOptions;
@@ -158,4 +158,4 @@ TEST(SolverChoice, ARequestIsKept) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::solver_choice_test

@@ -6,7 +6,7 @@
 #include "sfmcpp/linear/reduced_structure.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::solver_costs_test {
 namespace {
 
 const SolverCounts kCounts{.cameras = 100,
@@ -90,4 +90,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& test) { return test.param.name; });
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::solver_costs_test

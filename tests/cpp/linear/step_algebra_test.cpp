@@ -5,7 +5,7 @@
 #include "sfmcpp/linear/vector_algebra.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::step_algebra_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -72,4 +72,4 @@ TEST(VectorAlgebra, IsThatOfEigenInPartsOnAnyNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::step_algebra_test

@@ -10,7 +10,7 @@
 #include "support/instruction_sets.hpp"
 #include "support/random_blocks.hpp"
 
-namespace sfmcpp::linear {
+namespace sfmcpp::linear::supernodal_cholesky_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -204,4 +204,4 @@ TEST(Supernodes, CountMoreEntriesThan31Bits) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::linear
+}  // namespace sfmcpp::linear::supernodal_cholesky_test

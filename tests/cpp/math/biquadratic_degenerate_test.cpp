@@ -7,7 +7,7 @@
 #include "sfmcpp/math/biquadratic.hpp"
 #include "support/bilinear_residual.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::biquadratic_degenerate_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -133,4 +133,4 @@ TEST(Stationary, NumbersThatAreNotFiniteGiveNoPoints) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::biquadratic_degenerate_test

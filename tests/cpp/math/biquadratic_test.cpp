@@ -10,7 +10,7 @@
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "support/bilinear_residual.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::biquadratic_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -163,4 +163,4 @@ TEST(StationaryPairs, FollowTheScalesOfStepsAndResiduals) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::biquadratic_test

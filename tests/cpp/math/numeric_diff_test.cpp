@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::numeric_diff_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -34,4 +34,4 @@ TEST(NumericJacobian, ErrorIsOfFourthOrderInTheStep) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::numeric_diff_test

@@ -7,7 +7,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::packed_cholesky_test {
 namespace {
 
 using Matrix = Eigen::Matrix<double, 6, 6>;
@@ -64,4 +64,4 @@ TEST(PackedCholesky, NoticesAMatrixThatIsNotPositive) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::packed_cholesky_test

@@ -8,7 +8,7 @@
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::polynomial_test {
 namespace {
 
 using Coefficients = std::vector<double>;
@@ -223,4 +223,4 @@ TEST(EvaluatePolynomial, IsTheSumOfItsTerms) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::polynomial_test

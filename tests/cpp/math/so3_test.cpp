@@ -9,7 +9,7 @@
 
 #include "sfmcpp/math/numeric_diff.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::so3_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -108,4 +108,4 @@ TEST(Orthonormalized, ErrorOfAnAlmostRotationIsSquared) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::so3_test

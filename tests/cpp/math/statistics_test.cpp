@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::statistics_test {
 namespace {
 
 std::vector<double> normal_sample(std::size_t count, double sigma, unsigned seed) {
@@ -100,4 +100,4 @@ TEST(RadiusOfInliers, EndsForDistancesThatAreInfinite) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::statistics_test

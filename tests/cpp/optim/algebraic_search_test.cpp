@@ -6,7 +6,7 @@
 #include "sfmcpp/optim/line_search.hpp"
 #include "support/fake_line.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::algebraic_search_test {
 namespace {
 
 using support::FakeLine;
@@ -173,4 +173,4 @@ TEST(TwoWaySearch, TheWolfeConditionTakesEachLengthWithItsOwnSlope) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::algebraic_search_test

@@ -7,7 +7,7 @@
 #include "sfmcpp/optim/step_strategy.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::checkpoint_test {
 namespace {
 
 constexpr int kSteps = 10;
@@ -88,4 +88,4 @@ std::string test_name(const testing::TestParamInfo<Method>& test) {
 INSTANTIATE_TEST_SUITE_P(Methods, SavedMethod, testing::ValuesIn(all_methods()), test_name);
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::checkpoint_test

@@ -7,7 +7,7 @@
 #include "sfmcpp/optim/step_strategy.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::damping_rule_test {
 namespace {
 
 using linear::DampingMatrix;
@@ -131,4 +131,4 @@ TEST_F(Nielsen, StrategiesGiveUpRaisingTheDampingBeforeItOverflows) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::damping_rule_test

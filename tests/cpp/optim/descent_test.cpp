@@ -10,7 +10,7 @@
 #include "sfmcpp/optim/step_strategy.hpp"
 #include "support/random_system.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::descent_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -198,4 +198,4 @@ TEST_F(DescentMethod, ConjugateGradientsStartAgainWhereTheirDirectionDoesNotDesc
 }
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::descent_test

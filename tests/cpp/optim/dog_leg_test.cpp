@@ -7,7 +7,7 @@
 #include "sfmcpp/optim/step_strategy.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::dog_leg_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -224,4 +224,4 @@ INSTANTIATE_TEST_SUITE_P(Metrics,
                          [](const auto& test) { return std::string(enum_name(test.param)); });
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::dog_leg_test

@@ -5,7 +5,7 @@
 #include "sfmcpp/optim/minimizer.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::geodesic_acceleration_test {
 namespace {
 
 MinimizerOptions with(Acceleration kind) {
@@ -72,4 +72,4 @@ INSTANTIATE_TEST_SUITE_P(Models,
                          [](const auto& test) { return std::string(enum_name(test.param)); });
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::geodesic_acceleration_test

@@ -13,7 +13,7 @@
 #include "support/fake_line.hpp"
 #include "support/line_functions.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::line_search_test {
 namespace {
 
 std::unique_ptr<LineSearch> make_backtracking(BacktrackingTest test) {
@@ -283,4 +283,4 @@ TEST(MakeLineSearch, MakesTheSearchThatItsOptionsName) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::line_search_test

@@ -8,7 +8,7 @@
 
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::minimizer_test {
 namespace {
 
 using support::LinearizedProblem;
@@ -239,4 +239,4 @@ TEST_F(Minimize, ATighterFunctionToleranceGoesFurther) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::minimizer_test

@@ -7,7 +7,7 @@
 #include "sfmcpp/optim/minimizer.hpp"
 #include "support/linearized_problem.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::stop_test {
 namespace {
 
 using support::LinearizedProblem;
@@ -170,4 +170,4 @@ TEST_P(Stop, ARunThatMayGoOnEndsWhereItWasSaved) {
 INSTANTIATE_TEST_SUITE_P(Threads, Stop, testing::Values(1, 2));
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::stop_test

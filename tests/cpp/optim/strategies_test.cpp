@@ -8,7 +8,7 @@
 #include "sfmcpp/optim/minimizer.hpp"
 #include "support/dense_reference.hpp"
 
-namespace sfmcpp::optim {
+namespace sfmcpp::optim::strategies_test {
 namespace {
 
 using support::LinearizedProblem;
@@ -108,4 +108,4 @@ std::string test_name(const testing::TestParamInfo<Method>& test) {
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::ValuesIn(all_methods()), test_name);
 
 }  // namespace
-}  // namespace sfmcpp::optim
+}  // namespace sfmcpp::optim::strategies_test

@@ -12,7 +12,7 @@
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::algebraic_kernels_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -204,4 +204,4 @@ INSTANTIATE_TEST_SUITE_P(Kernels,
                          testing::ValuesIn(support::all_kernel_cases()));
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::algebraic_kernels_test

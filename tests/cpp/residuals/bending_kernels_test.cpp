@@ -10,7 +10,7 @@
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::bending_kernels_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -91,4 +91,4 @@ INSTANTIATE_TEST_SUITE_P(All,
                          &support::name_of_kernel_case);
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::bending_kernels_test

@@ -8,7 +8,7 @@
 #include "sfmcpp/residuals/pose_constraints.hpp"
 #include "support/constraint_setting.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::constraint_limits_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -128,4 +128,4 @@ TEST(ConstraintCheck, NamesWhatCannotBeMeasured) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::constraint_limits_test

@@ -11,7 +11,7 @@
 #include "support/random_constraints.hpp"
 #include "support/refusal.hpp"
 
-namespace sfmcpp::residuals {
+namespace sfmcpp::residuals::constraint_set_test {
 namespace {
 
 using support::expect_refused;
@@ -285,4 +285,4 @@ TEST(ConstraintKindNames, EveryNameIsParsedBackAndOthersAreRefusedWithTheList) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::residuals
+}  // namespace sfmcpp::residuals::constraint_set_test

@@ -5,7 +5,7 @@
 #include "support/function_camera.hpp"
 #include "support/random_batch.hpp"
 
-namespace sfmcpp::residuals {
+namespace sfmcpp::residuals::function_images_test {
 namespace {
 
 constexpr int kCount = 13, kFirst = 4;
@@ -85,4 +85,4 @@ TEST_F(FunctionImage, WhereAStepLeadsIsToSecondOrderWhatTheBendingKernelSays) {
 }
 
 }  // namespace
-}  // namespace sfmcpp::residuals
+}  // namespace sfmcpp::residuals::function_images_test

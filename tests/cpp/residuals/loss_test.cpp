@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-namespace sfmcpp {
+namespace sfmcpp::loss_test {
 namespace {
 
 class EveryLoss : public testing::TestWithParam<LossKind> {
@@ -142,4 +142,4 @@ TEST(EfficientScale, IsProportionalToSigma) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::loss_test

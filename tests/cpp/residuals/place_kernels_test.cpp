@@ -8,7 +8,7 @@
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::place_kernels_test {
 namespace {
 
 using residuals::kReadAhead;
@@ -73,4 +73,4 @@ INSTANTIATE_TEST_SUITE_P(All,
                          &support::name_of_kernel_case);
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::place_kernels_test

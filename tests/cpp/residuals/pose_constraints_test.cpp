@@ -9,7 +9,7 @@
 
 #include "support/constraint_setting.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::pose_constraints_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -191,4 +191,4 @@ std::string name_of(const testing::TestParamInfo<Kind>& tested) {
 INSTANTIATE_TEST_SUITE_P(Table, EveryConstraint, testing::ValuesIn(kKinds), name_of);
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::pose_constraints_test

@@ -13,7 +13,7 @@
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::reprojection_kernels_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -227,4 +227,4 @@ INSTANTIATE_TEST_SUITE_P(Kernels,
                          testing::ValuesIn(support::all_kernel_cases()));
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::reprojection_kernels_test

@@ -13,7 +13,7 @@
 #include "support/instruction_sets.hpp"
 #include "support/whitening_factor.hpp"
 
-namespace sfmcpp {
+namespace sfmcpp::resection_kernels_test {
 namespace {
 
 using Eigen::Matrix;
@@ -260,4 +260,4 @@ TEST(ResectionKernels, RefuseACameraWithoutAPose) {
 }
 
 }  // namespace
-}  // namespace sfmcpp
+}  // namespace sfmcpp::resection_kernels_test

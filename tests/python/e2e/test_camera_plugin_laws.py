@@ -19,7 +19,8 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
 def configured(tmp_path: Path) -> Path:
     if shutil.which("cmake") is None or shutil.which("ninja") is None:
         pytest.skip("no cmake or no ninja")
-    result = run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Debug")
+    settings = ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_UNITY_BUILD=ON")
+    result = run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", *settings)
     if "GTest" in result.stderr:
         pytest.skip("no GoogleTest")
     assert result.returncode == 0, result.stderr
