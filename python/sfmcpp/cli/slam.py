@@ -149,7 +149,7 @@ Final = Annotated[
     choice_option(
         FINAL_ADJUSTMENTS,
         "Whether all keyframes are adjusted together at the end",
-        "; auto: beside an odometer, elsewhere where the images and all sensors gain",
+        "; auto: kept where the images and all sensors gain",
     ),
 ]
 

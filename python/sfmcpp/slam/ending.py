@@ -19,10 +19,6 @@ from sfmcpp.weighting import solve
 
 # Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
 _LOSS_PX = 1.0
-# A keyframe's pose by its images alone is twice as far off an honest sensor as their noise would have it: on
-# 0001, 0027, 0036 and 0039 with 4 to 7 times the variance beside the odometer, 3 to 4 beside the gyroscope.
-# Tracks slide, and points are not exact. From 2 to 5, errors there are the same within a few percent.
-_IMAGES_OFF = 2.0
 # Digits of the cost that would be bought with what hardly any image tells.
 _TOLERANCE = 1e-5
 # The group of constraints that holds turns where positions do not.
@@ -37,8 +33,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     result : SlamResult
         The run; its map and the frames between keyframes move, and `final` says what was done.
     settings : SlamSettings
-        `final_adjustment` decides; "auto" as it says, and images yield to sensors only where an odometer's
-        declared σ counts. Beside a gyroscope alone the images' scale is all there is: nothing is won.
+        `final_adjustment` decides: always, or where images and all sensors gain.
     """
     world = result.world
     if settings.final_adjustment == "off" or world is None:
@@ -50,10 +45,6 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         return
     placed = any(group.kind in PLACE_KINDS for group in groups)
     scaled = any(group.kind in METRIC_KINDS for group in groups)
-    # Sensors that lie have lost their weight already.
-    counts = scaled and not placed and settings.trusts_declared
-    if counts:
-        groups = [replace(group, weight=_IMAGES_OFF**2) for group in groups]
     hold_gauge(local, 0 if placed else 1 if scaled or world.stereo else HELD_KEYFRAMES)
     held = [_as_left(local.problem)] if placed else []
     both = with_right_views(world, local)
@@ -66,7 +57,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         max_iterations=50,
     ).require_uninterrupted()
     done = _judged(summary)
-    result.final = replace(done, kept=done.improved or counts or settings.final_adjustment == "on")
+    result.final = replace(done, kept=done.improved or settings.final_adjustment == "on")
     if result.final.kept:
         before = world.poses.copy()
         both.take()

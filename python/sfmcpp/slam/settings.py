@@ -61,8 +61,7 @@ class SlamSettings:
         nothing but sensors ties it together at the end.
     final_adjustment : str
         Whether all keyframes are adjusted together at the end, with Cauchy's loss: ``"on"``, ``"off"``, or
-        ``"auto"``: beside an odometer whose declared σ counts, and elsewhere where that brings the images
-        nearer to the map and every sensor too.
+        ``"auto"``, where that brings the images nearer to the map and every sensor too.
     hindsight : bool
         Whether a run of :func:`run_slam` that has found a sensor wrong is begun again without what was wrong:
         its map is bent already. Not in the thesis; not done where declared σ count for nothing.
