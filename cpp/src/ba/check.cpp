@@ -8,8 +8,8 @@
 
 #include <Eigen/LU>
 
+#include "sfmcpp/ba/gauge.hpp"
 #include "sfmcpp/cameras/pose.hpp"
-#include "sfmcpp/core/disjoint_sets.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
@@ -142,94 +142,6 @@ void check_frames(const Problem& problem) {
   }
 }
 
-// "camera 3", "cameras 3, 7", "120 cameras (3, 7, 9, 12, 15, …)".
-std::string name_list(const char* what, const std::vector<int>& numbers) {
-  constexpr std::size_t kNamed = 5;
-  std::string list;
-  for (std::size_t k = 0; k < std::min(numbers.size(), kNamed); ++k) {
-    list += (k == 0 ? "" : ", ") + std::to_string(numbers[k]);
-  }
-  if (numbers.size() == 1) return std::string(what) + " " + list;
-  if (numbers.size() <= kNamed) return std::string(what) + "s " + list;
-  return std::to_string(numbers.size()) + " " + what + "s (" + list + ", …)";
-}
-
-template <class Predicate>
-void warn(const char* what,
-          int count,
-          const Predicate& applies,
-          const char* text,
-          std::vector<std::string>& warnings) {
-  std::vector<int> numbers;
-  for (int k = 0; k < count; ++k) {
-    if (applies(k)) numbers.push_back(k);
-  }
-  if (!numbers.empty()) warnings.push_back(name_list(what, numbers) + ": " + text);
-}
-
-// Joins the cameras of each point of this rank; done as soon as those with observations are one.
-DisjointSets parts_here(const linear::ObservationGraph& graph) {
-  DisjointSets parts(graph.num_cameras);
-  int unobserved = 0;
-  for (int i = 0; i < graph.num_cameras; ++i) unobserved += graph.observations_of_camera(i) == 0;
-  for (int p = 0; p < graph.num_points && parts.count() > unobserved + 1; ++p) {
-    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k)
-      parts.join(graph.camera[graph.of_point[k]], graph.camera[graph.of_point[k - 1]]);
-  }
-  return parts;
-}
-
-// Joins the cameras of each frame.
-void join_frames(std::span<const int> frame_of_camera, DisjointSets& parts) {
-  std::vector<int> first(frame_of_camera.size(), -1);
-  for (int i = 0; i < static_cast<int>(frame_of_camera.size()); ++i) {
-    int& of_frame = first[frame_of_camera[i]];
-    if (of_frame < 0) of_frame = i;
-    parts.join(i, of_frame);
-  }
-}
-
-// Cameras joined through common points, of any rank, and through rigs.
-int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
-  const int cameras = graph.num_cameras;
-  DisjointSets here = parts_here(graph), joined(cameras);
-  std::vector<double> roots(cameras);
-  for (int i = 0; i < cameras; ++i) roots[i] = here.root(i);
-  const std::vector<double> all = exchange.gather(roots);
-  for (std::size_t k = 0; k < all.size(); ++k)
-    joined.join(static_cast<int>(k % roots.size()), static_cast<int>(all[k]));
-  join_frames(rigs.frame_of_camera, joined);
-  std::vector<char> is_component(cameras, 0);
-  for (int i = 0; i < cameras; ++i) {
-    if (graph.is_observed(i)) is_component[joined.root(i)] = 1;
-  }
-  return static_cast<int>(std::ranges::count(is_component, 1));
-}
-
-Eigen::Vector3d centre_of(const Problem& problem, int camera) {
-  const double* pose = problem.cameras.data() + problem.camera_offset(camera);
-  return {pose[3], pose[7], pose[11]};
-}
-
-// Whether several cameras see a point, all from one place: rays that differ by rounding alone.
-bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& graph, int p) {
-  constexpr double kSmallestAngle = 1e-9;
-  const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
-  if (end - begin < 2) return false;
-  const Eigen::Vector3d first = centre_of(problem, graph.camera[graph.of_point[begin]]);
-  const Eigen::Map<const Eigen::Vector3d> point(problem.points.data() + problem.point_offset(p));
-  const double negligible = kSmallestAngle * (point - first).norm();
-  for (int k = begin + 1; k < end; ++k) {
-    const Eigen::Vector3d other = centre_of(problem, graph.camera[graph.of_point[k]]);
-    if ((other - first).norm() > negligible) return false;
-  }
-  return true;
-}
-
-bool is_of_images_alone(std::span<const char> of_others, int p) {
-  return of_others.empty() || of_others[p] == 0;
-}
-
 }  // namespace
 
 void check_sizes(const Problem& problem) {
@@ -299,10 +211,28 @@ void check_duplicates(const Problem& problem, const linear::ObservationGraph& gr
   }
 }
 
+long num_world_freedoms(const Problem& problem,
+                        const linear::ObservationGraph& graph,
+                        const optim::State& state,
+                        Exchange& exchange) {
+  if (is_metric(problem.camera_model))
+    return static_cast<long>(choose_gauge(problem, graph, state, exchange).size());
+  constexpr long kHomographies = 15;
+  bool held = false;
+  long scales = 0;  // of matrices, each with a column
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    held |= problem.is_fixed_camera(i);
+    scales += graph.is_observed(i) && !problem.is_fixed_camera(i);
+  }
+  for (int p = 0; p < problem.num_points(); ++p) held |= problem.is_fixed_point(p);
+  return scales + (exchange.agree(held) ? 0 : kHomographies);
+}
+
 void check_determined(const linear::ObservationGraph& graph,
                       const linear::ParameterMap& map,
                       long constraint_equations,
-                      Exchange& exchange) {
+                      Exchange& exchange,
+                      const std::function<long()>& world_freedoms) {
   const auto free_points = std::count(map.free_point.begin(), map.free_point.end(), 1);
   const auto observed = static_cast<long>(exchange.sum(2.0 * graph.num_observations()));
   const long residuals = observed + constraint_equations;
@@ -311,62 +241,17 @@ void check_determined(const linear::ObservationGraph& graph,
   if (observed == 0) throw InvalidArgument("observations: there are none");
   if (unknowns == 0)
     throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
-  if (residuals < unknowns) {
+  if (residuals >= unknowns) return;
+  const long freedoms = world_freedoms(), told = unknowns - freedoms;
+  if (residuals < told) {
     throw InvalidArgument("fewer residuals than unknowns: " + std::to_string(residuals) +
-                          " residuals, " + std::to_string(unknowns) +
-                          " unknowns; fix some or add observations");
+                          " residuals, " + std::to_string(told) + " unknowns" +
+                          (freedoms == 0
+                               ? std::string()
+                               : " beside the " + std::to_string(freedoms) +
+                                     (freedoms == 1 ? " freedom" : " freedoms") + " of the world") +
+                          "; fix some or add observations");
   }
-}
-
-std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
-                                        const Rigs& rigs,
-                                        bool constrained,
-                                        Exchange& exchange,
-                                        std::span<const char> of_others) {
-  std::vector<std::string> warnings;
-  const auto has_views = [&](int p, int count) {
-    return is_of_images_alone(of_others, p) && graph.observations_of_point(p) == count;
-  };
-  warn(
-      "camera",
-      graph.num_cameras,
-      [&](int i) { return !graph.takes_part(i); },
-      "no observations, left as given",
-      warnings);
-  warn(
-      "point",
-      graph.num_points,
-      [&](int p) { return has_views(p, 0); },
-      "no observations, left as given",
-      warnings);
-  warn(
-      "point",
-      graph.num_points,
-      [&](int p) { return has_views(p, 1); },
-      "seen by one camera only, the depth is held by damping alone",
-      warnings);
-  const int components = num_components(graph, rigs, exchange);
-  if (components > 1) {
-    warnings.push_back(
-        "the cameras fall into " + std::to_string(components) + " parts that share no point: " +
-        (constrained ? "only the constraints hold their relative position, rotation and scale"
-                     : "their relative position, rotation and scale are arbitrary"));
-  }
-  return warnings;
-}
-
-std::vector<std::string> warnings_about_baselines(const Problem& problem,
-                                                  const linear::ObservationGraph& graph,
-                                                  std::span<const char> of_others) {
-  std::vector<std::string> warnings;
-  if (!is_metric(problem.camera_model)) return warnings;
-  warn(
-      "point",
-      graph.num_points,
-      [&](int p) { return is_of_images_alone(of_others, p) && lacks_baseline(problem, graph, p); },
-      "seen from one place, the depth is held by damping alone",
-      warnings);
-  return warnings;
 }
 
 }  // namespace sfmcpp::ba

@@ -49,6 +49,8 @@ SolveSummary describe_start(const Workspace& work,
       warnings_about(work.graph, problem.rigs, constrained, work.exchange, work.rows.points());
   std::ranges::move(warnings_about_baselines(problem, work.graph, work.rows.points()),
                     std::back_inserter(summary.warnings));
+  std::ranges::move(warnings_about_cameras(problem, work.graph, constrained),
+                    std::back_inserter(summary.warnings));
   std::ranges::move(FreeSensors(problem, work.graph).warnings(),
                     std::back_inserter(summary.warnings));
   const std::vector<double> costs = work.model.constraints().costs(state);

@@ -300,7 +300,9 @@ Workspace::Workspace(const Problem& problem,
       choice(choose_solver(*this, problem, options)),
       model(problem, graph, rows, map, intrinsics, pool, ranks, precision) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
-  check_determined(graph, map, model.constraints().num_equations(), exchange);
+  check_determined(graph, map, model.constraints().num_equations(), exchange, [&] {
+    return fixes_gauge(problem, options) ? 0L : num_world_freedoms(problem, graph, start, exchange);
+  });
   solver = make_solver(model, options, choice);
   model.set_camera_modes_wanted(solver->wants_camera_modes());
   model.set_loss(make_loss(options, model.images(), start, exchange));

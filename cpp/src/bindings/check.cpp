@@ -27,10 +27,15 @@ std::vector<std::string> check(const py::dict& arrays) {
   linear::ObservationGraph graph = ba::graph_of(problem);
   ba::Frames(problem).hold_cameras(graph);
   ba::check_duplicates(problem, graph);
-  ba::check_determined(graph,
-                       ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)));
+  ba::check_determined(
+      graph,
+      ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)),
+      0,
+      this_process(),
+      [&] { return ba::num_world_freedoms(problem, graph, ba::state_of(problem)); });
   std::vector<std::string> warnings = ba::warnings_about(graph, problem.rigs);
   std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
+  std::ranges::move(ba::warnings_about_cameras(problem, graph), std::back_inserter(warnings));
   std::ranges::move(ba::FreeSensors(problem, graph).warnings(), std::back_inserter(warnings));
   return warnings;
 }

@@ -1,6 +1,7 @@
 #include "solver_choice.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <optional>
 
@@ -28,6 +29,13 @@ std::string in_words(double value, const char* unit) {
   return text;
 }
 
+// Rounded up, so that a limit of that many is enough.
+std::string needed(double bytes) {
+  char text[48];
+  std::snprintf(text, sizeof text, "%.1f MB", std::ceil(bytes / 1e5) / 10);
+  return text;
+}
+
 std::string describe(const SolverForecast& forecast) {
   return std::string(enum_name(forecast.kind)) + (forecast.with_blocks ? " with blocks " : " ") +
          in_words(1e3 * forecast.seconds(reference_rates()), "ms") + " and " +
@@ -42,13 +50,15 @@ double reference_seconds(const SolverForecast& forecast) {
                          double held,
                          const SolverForecast& asked,
                          const SolverForecast& leanest) {
-  std::string text = "max_memory_bytes = " + in_words(*options.max_memory_bytes, "bytes") + ": ";
+  char limit[48];
+  std::snprintf(limit, sizeof limit, "%.12g", *options.max_memory_bytes);
+  std::string text = "max_memory_bytes = " + std::string(limit) + ": ";
   if (asked.kind != leanest.kind) {
     text += "the linear solver '" + std::string(enum_name(asked.kind)) + "' would need " +
-            in_words(held + asked.bytes, "bytes") + ", and ";
+            needed(held + asked.bytes) + ", and ";
   }
   text += "the leanest, '" + std::string(enum_name(leanest.kind)) + "', would need " +
-          in_words(held + leanest.bytes, "bytes");
+          needed(held + leanest.bytes);
   throw InvalidArgument(text);
 }
 

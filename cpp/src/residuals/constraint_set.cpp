@@ -228,7 +228,8 @@ void check_member(const ConstraintGroup& group, std::size_t k, const Constrained
 void ConstraintSet::add(ConstraintGroup group) {
   for (const ConstraintGroup& other : groups_) {
     if (other.name == group.name)
-      throw InvalidArgument("constraints['" + group.name + "']: two groups have this name");
+      throw InvalidArgument("constraints['" + group.name +
+                            "']: two groups have this name; each needs a name of its own");
   }
   for (ConstraintMember& member : group.members) {
     member.pose.kind = group.kind;

@@ -10,7 +10,7 @@
 
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
-#include "support/linearized_problem.hpp"
+#include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba::check_test {
 namespace {
@@ -254,49 +254,6 @@ TEST(CheckDuplicates, NamesBothObservationsTheirCameraAndPoint) {
                                std::to_string(scene.point_index[31]) + " in camera " +
                                std::to_string(scene.camera_index[31]) + ": must be one";
   EXPECT_EQ(message_of([&] { check_duplicates(scene.view(), graph_of(scene)); }), expected);
-}
-
-std::string check_counts(const OwnedProblem& scene) {
-  const support::LinearizedProblem work(scene);
-  return message_of([&] { check_determined(work.graph, work.map); });
-}
-
-TEST(CheckDetermined, CountsResidualsAgainstUnknownsExactly) {
-  support::SceneOptions options;
-  options.num_cameras = 2;
-  options.num_points = 12;  // 48 residuals, 48 unknowns
-  EXPECT_EQ(check_counts(make_circle_scene(options)), "no error");
-  options.num_points = 11;  // 44, 45
-  EXPECT_EQ(
-      check_counts(make_circle_scene(options)),
-      "fewer residuals than unknowns: 44 residuals, 45 unknowns; fix some or add observations");
-}
-
-TEST(CheckDetermined, FixedThingsAreNoUnknowns) {
-  support::SceneOptions options;
-  options.num_cameras = 2;
-  options.num_points = 11;
-  OwnedProblem scene = make_circle_scene(options);
-  scene.fixed_points[4] = 1;
-  EXPECT_EQ(check_counts(scene), "no error");
-}
-
-TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
-  OwnedProblem scene = legal_scene();
-  scene.camera_index.clear();
-  scene.point_index.clear();
-  scene.pixels.clear();
-  scene.sigma_px.clear();
-  const linear::ObservationGraph graph = graph_of(scene);
-  const auto map = make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph));
-  EXPECT_EQ(message_of([&] { check_determined(graph, map); }), "observations: there are none");
-
-  OwnedProblem fixed = legal_scene();
-  for (auto* flags : {&fixed.fixed_cameras, &fixed.fixed_points, &fixed.fixed_intrinsics}) {
-    std::fill(flags->begin(), flags->end(), 1);
-  }
-  EXPECT_EQ(check_counts(fixed),
-            "nothing is free: every observed camera, intrinsic and point is fixed");
 }
 
 TEST(CheckArrays, MasksThatAreNotGivenHoldNothing) {

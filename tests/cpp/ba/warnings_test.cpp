@@ -2,9 +2,12 @@
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
+#include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba::warnings_test {
 namespace {
+
+using support::OwnedProblem;
 
 using Pairs = std::vector<std::pair<int, int>>;
 using Warnings = std::vector<std::string>;
@@ -51,6 +54,48 @@ TEST(Warnings, PartsThatShareNoPointAreCountedUnobservedCamerasAside) {
 
 TEST(Warnings, AChainOfCommonPointsIsOnePart) {
   EXPECT_EQ(warnings_of(4, 3, {{0, 0}, {1, 0}, {1, 1}, {2, 1}, {2, 2}, {3, 2}}), Warnings{});
+}
+
+// Camera 1 has so many.
+OwnedProblem scene_with_a_camera_of(int observations) {
+  const OwnedProblem scene = support::make_circle_scene({});
+  OwnedProblem kept = scene;
+  kept.camera_index.clear();
+  kept.point_index.clear();
+  kept.pixels.clear();
+  kept.sigma_px.clear();
+  for (std::size_t k = 0; k < scene.camera_index.size(); ++k) {
+    if (scene.camera_index[k] != 1 || observations-- > 0) {
+      kept.camera_index.push_back(scene.camera_index[k]);
+      kept.point_index.push_back(scene.point_index[k]);
+      kept.pixels.insert(kept.pixels.end(), {scene.pixels[2 * k], scene.pixels[2 * k + 1]});
+    }
+  }
+  return kept;
+}
+
+Warnings warnings_about_cameras_of(const OwnedProblem& scene, bool constrained = false) {
+  const Problem p = scene.view();
+  const auto graph = linear::make_observation_graph(
+      p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
+  return warnings_about_cameras(p, graph, constrained);
+}
+
+TEST(Warnings, CamerasWithFewerObservationsThanAPoseNeedsAreNamed) {
+  const Warnings named{"camera 1: fewer than 3 observations, the pose is held by damping alone"};
+  OwnedProblem scene = scene_with_a_camera_of(2);
+  EXPECT_EQ(warnings_about_cameras_of(scene), named);
+  EXPECT_EQ(warnings_about_cameras_of(scene, true), Warnings{});
+  scene.fixed_cameras[1] = 1;
+  EXPECT_EQ(warnings_about_cameras_of(scene), Warnings{});
+  EXPECT_EQ(warnings_about_cameras_of(scene_with_a_camera_of(3)), Warnings{});
+}
+
+TEST(Warnings, AnAspectThatIsAFocalLengthIsNamed) {
+  OwnedProblem scene = support::make_circle_scene({});
+  scene.intrinsics[1] = scene.intrinsics[0];
+  EXPECT_EQ(warnings_about_cameras_of(scene),
+            Warnings{"intrinsics row 0: the aspect, fy / fx, is more than 20: is it fy?"});
 }
 
 }  // namespace

@@ -134,15 +134,15 @@ std::string refusal_of(const Structure& scene, const LinearSolverOptions& option
 TEST(SolverChoice, AMemoryLimitBelowTheLeanestSolverIsRefusedWithWhatThatNeeds) {
   const Structure scene(corridor(1000));
   const std::string refusal = refusal_of(scene, {.max_memory_bytes = 4e6}, 7e9);
-  EXPECT_NE(refusal.find("max_memory_bytes = 4e+06"), std::string::npos) << refusal;
-  EXPECT_NE(refusal.find("'iterative', would need 7e+09 bytes"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("max_memory_bytes = 4000000:"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("'iterative', would need 70"), std::string::npos) << refusal;
 }
 
 TEST(SolverChoice, ASolverAskedForByNameThatNeedsMoreIsRefusedAndTheLeanestNamed) {
   const Structure scene(corridor(1000));  // 9000² doubles
   const std::string refusal =
       refusal_of(scene, {.kind = LinearSolverKind::kDense, .max_memory_bytes = 1e8}, 0.0);
-  EXPECT_NE(refusal.find("'dense' would need 6.5e+08 bytes"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("'dense' would need 64"), std::string::npos) << refusal;
   EXPECT_NE(refusal.find("'iterative'"), std::string::npos) << refusal;
   EXPECT_EQ(refusal_of(scene, {.kind = LinearSolverKind::kDense, .max_memory_bytes = 1e9}, 0.0),
             "");

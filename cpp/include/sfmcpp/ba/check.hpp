@@ -1,6 +1,7 @@
 // Is a problem legal, and what about it should its owner know?
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,11 +24,21 @@ void check_values(const Problem& problem);
 // Throws InvalidArgument if a camera observes a point twice.
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph);
 
+// Motions of the whole world that no residual tells: images tell neither its place nor its size.
+// `state` is where it is told which motions constraints are blind to.
+long num_world_freedoms(const Problem& problem,
+                        const linear::ObservationGraph& graph,
+                        const optim::State& state,
+                        Exchange& exchange = this_process());
+
 // Throws InvalidArgument if there are fewer residuals than unknowns, those of constraints included.
-void check_determined(const linear::ObservationGraph& graph,
-                      const linear::ParameterMap& map,
-                      long constraint_equations = 0,
-                      Exchange& exchange = this_process());
+// `world_freedoms` of the unknowns are asked for only where it matters, by all ranks or none.
+void check_determined(
+    const linear::ObservationGraph& graph,
+    const linear::ParameterMap& map,
+    long constraint_equations = 0,
+    Exchange& exchange = this_process(),
+    const std::function<long()>& world_freedoms = [] { return 0L; });
 
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
 // of the problem that share no point, and what holds them together if there are constraints. Of
@@ -43,5 +54,11 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
 std::vector<std::string> warnings_about_baselines(const Problem& problem,
                                                   const linear::ObservationGraph& graph,
                                                   std::span<const char> of_others = {});
+
+// The same of cameras whose observations are fewer than the six numbers of their pose, and of rows
+// of intrinsics whose aspect looks like a focal length.
+std::vector<std::string> warnings_about_cameras(const Problem& problem,
+                                                const linear::ObservationGraph& graph,
+                                                bool constrained = false);
 
 }  // namespace sfmcpp::ba

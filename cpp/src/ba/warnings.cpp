@@ -1,0 +1,197 @@
+// What is legal about a problem but worth saying, by name.
+#include <algorithm>
+#include <optional>
+
+#include <Eigen/Core>
+
+#include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/core/disjoint_sets.hpp"
+
+namespace sfmcpp::ba {
+namespace {
+
+// "camera 3", "cameras 3, 7", "120 cameras (3, 7, 9, 12, 15, …)".
+std::string name_list(const char* what, const std::vector<int>& numbers) {
+  constexpr std::size_t kNamed = 5;
+  std::string list;
+  for (std::size_t k = 0; k < std::min(numbers.size(), kNamed); ++k) {
+    list += (k == 0 ? "" : ", ") + std::to_string(numbers[k]);
+  }
+  if (numbers.size() == 1) return std::string(what) + " " + list;
+  if (numbers.size() <= kNamed) return std::string(what) + "s " + list;
+  return std::to_string(numbers.size()) + " " + what + "s (" + list + ", …)";
+}
+
+template <class Predicate>
+void warn(const char* what,
+          int count,
+          const Predicate& applies,
+          const char* text,
+          std::vector<std::string>& warnings) {
+  std::vector<int> numbers;
+  for (int k = 0; k < count; ++k) {
+    if (applies(k)) numbers.push_back(k);
+  }
+  if (!numbers.empty()) warnings.push_back(name_list(what, numbers) + ": " + text);
+}
+
+// Joins the cameras of each point of this rank; done as soon as those with observations are one.
+DisjointSets parts_here(const linear::ObservationGraph& graph) {
+  DisjointSets parts(graph.num_cameras);
+  int unobserved = 0;
+  for (int i = 0; i < graph.num_cameras; ++i) unobserved += graph.observations_of_camera(i) == 0;
+  for (int p = 0; p < graph.num_points && parts.count() > unobserved + 1; ++p) {
+    for (int k = graph.point_begin[p] + 1; k < graph.point_begin[p + 1]; ++k)
+      parts.join(graph.camera[graph.of_point[k]], graph.camera[graph.of_point[k - 1]]);
+  }
+  return parts;
+}
+
+// Joins the cameras of each frame.
+void join_frames(std::span<const int> frame_of_camera, DisjointSets& parts) {
+  std::vector<int> first(frame_of_camera.size(), -1);
+  for (int i = 0; i < static_cast<int>(frame_of_camera.size()); ++i) {
+    int& of_frame = first[frame_of_camera[i]];
+    if (of_frame < 0) of_frame = i;
+    parts.join(i, of_frame);
+  }
+}
+
+// Cameras joined through common points, of any rank, and through rigs.
+int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
+  const int cameras = graph.num_cameras;
+  DisjointSets here = parts_here(graph), joined(cameras);
+  std::vector<double> roots(cameras);
+  for (int i = 0; i < cameras; ++i) roots[i] = here.root(i);
+  const std::vector<double> all = exchange.gather(roots);
+  for (std::size_t k = 0; k < all.size(); ++k)
+    joined.join(static_cast<int>(k % roots.size()), static_cast<int>(all[k]));
+  join_frames(rigs.frame_of_camera, joined);
+  std::vector<char> is_component(cameras, 0);
+  for (int i = 0; i < cameras; ++i) {
+    if (graph.is_observed(i)) is_component[joined.root(i)] = 1;
+  }
+  return static_cast<int>(std::ranges::count(is_component, 1));
+}
+
+Eigen::Vector3d centre_of(const Problem& problem, int camera) {
+  const double* pose = problem.cameras.data() + problem.camera_offset(camera);
+  return {pose[3], pose[7], pose[11]};
+}
+
+// Whether several cameras see a point, all from one place: rays that differ by rounding alone.
+bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& graph, int p) {
+  constexpr double kSmallestAngle = 1e-9;
+  const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
+  if (end - begin < 2) return false;
+  const Eigen::Vector3d first = centre_of(problem, graph.camera[graph.of_point[begin]]);
+  const Eigen::Map<const Eigen::Vector3d> point(problem.points.data() + problem.point_offset(p));
+  const double negligible = kSmallestAngle * (point - first).norm();
+  for (int k = begin + 1; k < end; ++k) {
+    const Eigen::Vector3d other = centre_of(problem, graph.camera[graph.of_point[k]]);
+    if ((other - first).norm() > negligible) return false;
+  }
+  return true;
+}
+
+// Of models that are compiled; what a function calls so is its own affair.
+std::optional<int> index_of_aspect(const CameraModel& model) {
+  if (model.function() != nullptr) return std::nullopt;
+  const auto names = intrinsic_names(model);
+  const auto found = std::ranges::find(names, "aspect");
+  if (found == names.end()) return std::nullopt;
+  return static_cast<int>(found - names.begin());
+}
+
+bool is_of_images_alone(std::span<const char> of_others, int p) {
+  return of_others.empty() || of_others[p] == 0;
+}
+
+}  // namespace
+
+std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
+                                        const Rigs& rigs,
+                                        bool constrained,
+                                        Exchange& exchange,
+                                        std::span<const char> of_others) {
+  std::vector<std::string> warnings;
+  const auto has_views = [&](int p, int count) {
+    return is_of_images_alone(of_others, p) && graph.observations_of_point(p) == count;
+  };
+  warn(
+      "camera",
+      graph.num_cameras,
+      [&](int i) { return !graph.takes_part(i); },
+      "no observations, left as given",
+      warnings);
+  warn(
+      "point",
+      graph.num_points,
+      [&](int p) { return has_views(p, 0); },
+      "no observations, left as given",
+      warnings);
+  warn(
+      "point",
+      graph.num_points,
+      [&](int p) { return has_views(p, 1); },
+      "seen by one camera only, the depth is held by damping alone",
+      warnings);
+  const int components = num_components(graph, rigs, exchange);
+  if (components > 1) {
+    warnings.push_back(
+        "the cameras fall into " + std::to_string(components) + " parts that share no point: " +
+        (constrained ? "only the constraints hold their relative position, rotation and scale"
+                     : "their relative position, rotation and scale are arbitrary"));
+  }
+  return warnings;
+}
+
+std::vector<std::string> warnings_about_baselines(const Problem& problem,
+                                                  const linear::ObservationGraph& graph,
+                                                  std::span<const char> of_others) {
+  std::vector<std::string> warnings;
+  if (!is_metric(problem.camera_model)) return warnings;
+  warn(
+      "point",
+      graph.num_points,
+      [&](int p) { return is_of_images_alone(of_others, p) && lacks_baseline(problem, graph, p); },
+      "seen from one place, the depth is held by damping alone",
+      warnings);
+  return warnings;
+}
+
+std::vector<std::string> warnings_about_cameras(const Problem& problem,
+                                                const linear::ObservationGraph& graph,
+                                                bool constrained) {
+  std::vector<std::string> warnings;
+  if (!is_metric(problem.camera_model)) return warnings;
+  constexpr double kPoseNeeds = 3;  // observations: two numbers each for six
+  if (!constrained && problem.rigs.frame_of_camera.empty()) {
+    warn(
+        "camera",
+        graph.num_cameras,
+        [&](int i) {
+          return graph.is_observed(i) && !problem.is_fixed_camera(i) &&
+                 graph.of_camera_on_all_ranks[i] < kPoseNeeds;
+        },
+        "fewer than 3 observations, the pose is held by damping alone",
+        warnings);
+  }
+  constexpr double kFocalLength = 20;  // no lens squeezes a tenth as much
+  const std::optional<int> aspect = index_of_aspect(problem.camera_model);
+  if (aspect) {
+    warn(
+        "intrinsics row",
+        problem.num_groups(),
+        [&](int g) {
+          return problem
+                     .intrinsics[static_cast<std::size_t>(g) * problem.num_intrinsics() + *aspect] >
+                 kFocalLength;
+        },
+        "the aspect, fy / fx, is more than 20: is it fy?",
+        warnings);
+  }
+  return warnings;
+}
+
+}  // namespace sfmcpp::ba

@@ -1,0 +1,104 @@
+// Are there as many residuals as unknowns?
+#include <algorithm>
+
+#include <gtest/gtest.h>
+
+#include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/core/error.hpp"
+#include "support/linearized_problem.hpp"
+
+namespace sfmcpp::ba::determined_test {
+namespace {
+
+using support::OwnedProblem;
+
+template <class F>
+std::string message_of(const F& f) {
+  try {
+    f();
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+std::string check_counts(const OwnedProblem& scene) {
+  const support::LinearizedProblem work(scene);
+  return message_of([&] { check_determined(work.graph, work.map); });
+}
+
+TEST(CheckDetermined, CountsResidualsAgainstUnknownsExactly) {
+  support::SceneOptions options;
+  options.num_cameras = 2;
+  options.num_points = 12;  // 48 residuals, 48 unknowns
+  EXPECT_EQ(check_counts(make_circle_scene(options)), "no error");
+  options.num_points = 11;  // 44, 45
+  EXPECT_EQ(
+      check_counts(make_circle_scene(options)),
+      "fewer residuals than unknowns: 44 residuals, 45 unknowns; fix some or add observations");
+}
+
+std::string check_beside_freedoms(CameraModelId model, int num_points, bool hold_a_camera = false) {
+  support::SceneOptions options;
+  options.camera_model = model;
+  options.num_cameras = 2;
+  options.num_points = num_points;
+  OwnedProblem scene = make_circle_scene(options);
+  scene.fixed_cameras[0] = hold_a_camera ? 1 : 0;
+  const support::LinearizedProblem work(scene);
+  return message_of([&] {
+    check_determined(work.graph, work.map, 0, this_process(), [&] {
+      return num_world_freedoms(scene.view(), work.graph, state_of(scene.view()));
+    });
+  });
+}
+
+// Two views of five points tell their relative pose, the classic minimum, though 20 residuals are
+// fewer than 27 unknowns: seven of these are where the world is, and how large.
+TEST(CheckDetermined, FreedomsOfTheWorldAreNoUnknowns) {
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kCalibrated, 5), "no error");
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kCalibrated, 5, true), "no error");
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kCalibrated, 4),
+            "fewer residuals than unknowns: 16 residuals, 17 unknowns beside the 7 freedoms of the "
+            "world; fix some or add observations");
+}
+
+// Seven are the minimum without calibration: 15 homographies of the world and the scales of two
+// matrices are told by nothing.
+TEST(CheckDetermined, FreedomsOfAProjectiveWorldAreNoUnknowns) {
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kProjective, 7), "no error");
+  EXPECT_EQ(
+      check_beside_freedoms(CameraModelId::kProjective, 6),
+      "fewer residuals than unknowns: 24 residuals, 25 unknowns beside the 17 freedoms of the "
+      "world; fix some or add observations");
+}
+
+TEST(CheckDetermined, FixedThingsAreNoUnknowns) {
+  support::SceneOptions options;
+  options.num_cameras = 2;
+  options.num_points = 11;
+  OwnedProblem scene = make_circle_scene(options);
+  scene.fixed_points[4] = 1;
+  EXPECT_EQ(check_counts(scene), "no error");
+}
+
+TEST(CheckDetermined, SaysWhenNothingIsObservedOrNothingIsFree) {
+  OwnedProblem scene = support::make_circle_scene({});
+  scene.camera_index.clear();
+  scene.point_index.clear();
+  scene.pixels.clear();
+  scene.sigma_px.clear();
+  const linear::ObservationGraph graph = graph_of(scene.view());
+  const auto map = make_parameter_map(scene.view(), graph, free_intrinsics(scene.view(), graph));
+  EXPECT_EQ(message_of([&] { check_determined(graph, map); }), "observations: there are none");
+
+  OwnedProblem fixed = support::make_circle_scene({});
+  for (auto* flags : {&fixed.fixed_cameras, &fixed.fixed_points, &fixed.fixed_intrinsics}) {
+    std::fill(flags->begin(), flags->end(), 1);
+  }
+  EXPECT_EQ(check_counts(fixed),
+            "nothing is free: every observed camera, intrinsic and point is fixed");
+}
+
+}  // namespace
+}  // namespace sfmcpp::ba::determined_test
