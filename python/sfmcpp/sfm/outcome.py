@@ -11,8 +11,11 @@ from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.missing_matches import pairs_with_missing_matches, warning_of_missing
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sources.vision.images import photos_of_video
+from sfmcpp.sources.vision.photos import PhotoFolder
 
 _FEW_FEATURES = 50
+_MOST_NAMED = 3
 
 
 def outcomes(graph: MatchGraph, grown: Grown) -> dict[str, ImageOutcome]:
@@ -71,6 +74,31 @@ def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> s
     return f"no first pair could be made of it: {found}; {best.geometry.message or 'too few points'}"
 
 
+def warnings_of_folder(folder: PhotoFolder) -> list[str]:
+    """Say what of a folder was left aside before anything was detected.
+
+    Parameters
+    ----------
+    folder : PhotoFolder
+        Photos, copies of them, and videos.
+
+    Returns
+    -------
+    list of str
+    """
+    warnings = []
+    if copies := list(folder.copies.items()):
+        few = ", ".join(f"{name} of {first}" for name, first in copies[:_MOST_NAMED])
+        more = ", …" if len(copies) > _MOST_NAMED else ""
+        images = "1 image is a copy" if len(copies) == 1 else f"{len(copies)} images are copies"
+        warnings.append(f"{images}, byte for byte, and left out: {few}{more}")
+    if folder.videos:
+        videos = "1 video is" if len(folder.videos) == 1 else f"{len(folder.videos)} videos are"
+        names = ", ".join(folder.videos[:_MOST_NAMED])
+        warnings.append(f"{videos} not read: {names}; {photos_of_video(folder.videos[0])}")
+    return warnings
+
+
 def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) -> list[str]:
     """Say what a user should know.
 
@@ -96,7 +124,10 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
     else:
         count = int(np.count_nonzero(grown.models[0].registered))
         if count < len(graph.photos):
-            warnings.append(f"the model is partial: {count} of {len(graph.photos)} images have a pose in it")
+            that = " that can be used" if graph.unreadable else ""
+            warnings.append(
+                f"the model is partial: {count} of {len(graph.photos)} images{that} have a pose in it"
+            )
     # Tracks that come from elsewhere end where a tracker loses them: what they lack tells nothing.
     own_matches = any(photo.path is not None for photo in graph.photos)
     for world in grown.models:

@@ -30,7 +30,7 @@ from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
 from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
-from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of
+from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of, warnings_of_folder
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.refining import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
@@ -53,6 +53,7 @@ class _Run:
     settings: IncrementalSettings
     progress: Progress
     seconds: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -198,6 +199,7 @@ def _scene_of(
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument("masks: the source has no images")
+    _require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):
             graph = match_graph_of_database(
@@ -211,6 +213,15 @@ def _scene_of(
     return _scene_of_tracks(tracks, run, front.threads)
 
 
+def _require_no_single_picture(path: Path) -> None:
+    from sfmcpp.sources.vision.images import is_picture, is_video, photos_of_video
+
+    if is_picture(path):
+        raise DatasetError(path, "is one image: give the folder that holds it and others of the scene")
+    if is_video(path):
+        raise DatasetError(path, f"is a video: {photos_of_video(path.name)}")
+
+
 def _has_images(folder: Path) -> bool:
     """Whether a folder is one of images: it is, unless it holds a model or tracks."""
     return not any(folder.glob("[!.]*.bin")) and not any(
@@ -221,9 +232,10 @@ def _has_images(folder: Path) -> bool:
 def _scene_of_photos(
     folder: Path, run: _Run, masks: str | PathLike[str] | None, front: FrontEndSettings, cache: Cache | None
 ) -> Scene:
-    from sfmcpp.sources.vision import open_photos
+    from sfmcpp.sources.vision import open_photos, without_copies
 
-    found = open_photos(folder, masks=masks)
+    found = without_copies(open_photos(folder, masks=masks))
+    run.warnings += warnings_of_folder(found)
     cameras = run.cameras_of(found.photos)
     graph = build_match_graph(
         found,
@@ -309,6 +321,7 @@ def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grow
         outcomes(scene.graph, grown),
         seconds=run.seconds,
         warnings=[
+            *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
         ],

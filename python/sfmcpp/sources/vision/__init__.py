@@ -7,8 +7,8 @@ from sfmcpp.sources.vision.features import (
     detect_in,
     detector_version,
 )
-from sfmcpp.sources.vision.frames import VIDEOS, Frames, open_frames
-from sfmcpp.sources.vision.images import PICTURES, one_opencv_thread
+from sfmcpp.sources.vision.frames import Frames, open_frames
+from sfmcpp.sources.vision.images import PICTURES, VIDEOS, one_opencv_thread
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
 from sfmcpp.sources.vision.matching import match
 from sfmcpp.sources.vision.pairs import MATCHERS, choose_pairs
@@ -19,6 +19,7 @@ from sfmcpp.sources.vision.photos import (
     read_gray,
     read_mask,
     thumbnail_jpeg,
+    without_copies,
 )
 
 __all__ = [
@@ -44,4 +45,5 @@ __all__ = [
     "read_gray",
     "read_mask",
     "thumbnail_jpeg",
+    "without_copies",
 ]

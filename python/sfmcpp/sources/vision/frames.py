@@ -24,7 +24,6 @@ from sfmcpp.sources.vision.images import (
     where_images_are,
 )
 
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
 

@@ -21,6 +21,7 @@ from sfmcpp.sources.io.limits import MAX_IMAGE, largest_image
 GreyImage = NDArray[np.uint8]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Pillow's limit and Python's filter of warnings are those of the process.
 _OPENING = Lock()
@@ -96,11 +97,23 @@ def is_picture(file: Path) -> bool:
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
 
 
+def is_video(file: Path) -> bool:
+    """Whether a file's name says that it is a video."""
+    return file.suffix.lower() in VIDEOS and not file.name.startswith(".") and file.is_file()
+
+
+def photos_of_video(name: str) -> str:
+    """Hint for a video where photos are wanted."""
+    return f"`ffmpeg -i {name} -vf fps=2 %05d.jpg` makes photos of it, and `sfmcpp slam` follows its camera"
+
+
 def where_images_are(folder: Path) -> str:
     """Hint for a folder without images: they might be in a folder of it."""
     inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
     if inside:
         return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
+    if videos := sorted(file for file in folder.iterdir() if is_video(file)):
+        return f"but videos, as {videos[0].name}; {photos_of_video(videos[0].name)}"
     return f"must have files named {', '.join(PICTURES)}"
 
 

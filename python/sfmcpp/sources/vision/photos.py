@@ -24,6 +24,7 @@ from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
     is_picture,
+    is_video,
     load_cv2,
     load_pillow,
     open_image,
@@ -51,11 +52,17 @@ class PhotoFolder:
         Those whose files can be opened, by name, numbers in names by their value.
     unreadable : dict
         Reason for each image file that cannot, by its name below the folder.
+    copies : dict
+        Name of the photo that each copy was of, by the name of the copy; see :func:`without_copies`.
+    videos : list of str
+        Names of the videos beside them.
     """
 
     path: Path
     photos: list[Photo]
     unreadable: dict[str, str] = field(default_factory=dict)
+    copies: dict[str, str] = field(default_factory=dict)
+    videos: list[str] = field(default_factory=list)
 
 
 def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | None = None) -> PhotoFolder:
@@ -89,11 +96,12 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
     path, masks_path = Path(folder), None if masks is None else Path(masks)
     for place in (path, masks_path):
         _require_folder(place)
-    files = _image_files(path, masks_path)
-    if not files:
+    files = _files(path, masks_path)
+    images = [one for one in files if is_picture(one[1])]
+    if not images:
         raise DatasetError(path, f"holds no image: {where_images_are(path)}")
-    found = PhotoFolder(path, [])
-    for name, file in files:
+    found = PhotoFolder(path, [], videos=[name for name, file in files if is_video(file)])
+    for name, file in images:
         try:
             photo = _opened(name, file)
         except DatasetError as error:
@@ -102,6 +110,30 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
         found.photos.append(photo if masks_path is None else _masked(photo, masks_path))
     _require_some(found, masks_path)
     return found
+
+
+def without_copies(folder: PhotoFolder) -> PhotoFolder:
+    """The folder with one of all photos that have the same bytes, and the same mask.
+
+    A copy tells nothing new, and would count as a second witness. The shortest name
+    stays, of several the first.
+
+    Parameters
+    ----------
+    folder : PhotoFolder
+        What was found; left as it is.
+
+    Returns
+    -------
+    PhotoFolder
+        One whose `copies` name what was left out.
+    """
+    kept: dict[str, str] = {}
+    for photo in sorted(folder.photos, key=lambda photo: len(photo.name)):
+        kept.setdefault(photo.digest, photo.name)
+    photos = [photo for photo in folder.photos if kept[photo.digest] == photo.name]
+    copies = {p.name: kept[p.digest] for p in folder.photos if kept[p.digest] != p.name}
+    return replace(folder, photos=photos, copies=folder.copies | copies)
 
 
 def read_gray(photo: Photo) -> GreyImage:
@@ -217,13 +249,13 @@ def _require_folder(path: Path | None) -> None:
         raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
 
 
-def _image_files(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
-    """Name and path of each image below `folder`, except masks, in order."""
+def _files(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
+    """Name and path of each image and video below `folder`, except masks, in order."""
     found = []
     for place, folders, files in os.walk(folder):
         here = Path(place)
         folders[:] = [f for f in folders if not f.startswith(".") and not _is_same(here / f, masks)]
-        found += [here / file for file in files if is_picture(here / file)]
+        found += [file for name in files if is_picture(file := here / name) or is_video(file)]
     named = [(file.relative_to(folder).as_posix(), file) for file in found]
     return sorted(named, key=lambda one: natural_order(one[0]))
 

@@ -13,7 +13,14 @@ import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sources.vision import open_photos, read_color, read_gray, read_mask, thumbnail_jpeg
+from sfmcpp.sources.vision import (
+    open_photos,
+    read_color,
+    read_gray,
+    read_mask,
+    thumbnail_jpeg,
+    without_copies,
+)
 from textured_photos import cut_short, texture, write_photo
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: pip install 'sfmcpp[vision]'")
@@ -50,6 +57,28 @@ def test_equal_content_has_an_equal_digest_and_a_mask_changes_it(tmp_path: Path)
     masked = open_photos(tmp_path / "photos", masks=tmp_path / "masks").photos
     assert masked[0].digest == a
     assert masked[1].digest not in (a, c)
+
+
+def test_of_photos_with_the_same_bytes_the_shortest_name_stays(tmp_path: Path) -> None:
+    for name, picture in (("a.png", SMALL), ("a copy.png", SMALL), ("c.png", 255 - SMALL), ("d.png", SMALL)):
+        write_photo(tmp_path / "photos" / name, picture)
+    found = open_photos(tmp_path / "photos")
+    kept = without_copies(found)
+    assert [photo.name for photo in kept.photos] == ["a.png", "c.png"]
+    assert kept.copies == {"a copy.png": "a.png", "d.png": "a.png"}
+    assert (len(found.photos), found.copies) == (4, {})
+    # With a mask of its own a copy shows something else.
+    write_photo(tmp_path / "masks/d.png", 255 - 0 * SMALL)
+    masked = without_copies(open_photos(tmp_path / "photos", masks=tmp_path / "masks"))
+    assert [photo.name for photo in masked.photos] == ["a.png", "c.png", "d.png"]
+
+
+def test_videos_beside_photos_are_named_and_hinted_at_where_there_are_no_photos(tmp_path: Path) -> None:
+    (tmp_path / "clip.MP4").write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match=r"but videos, as clip\.MP4; `ffmpeg -i clip\.MP4 "):
+        open_photos(tmp_path)
+    write_photo(tmp_path / "a.png", SMALL)
+    assert open_photos(tmp_path).videos == ["clip.MP4"]
 
 
 @pytest.mark.parametrize(

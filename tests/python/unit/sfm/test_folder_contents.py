@@ -1,0 +1,41 @@
+"""What stands in a folder beside its photos, and what is given in place of one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sfm import reconstruct
+from sfmcpp.sources.synthetic.photos import render_photos
+from textured_photos import texture, write_photo
+
+for extra in ("cv2", "PIL", "poselib"):
+    pytest.importorskip(extra, reason=f"{extra} is not installed: pip install 'sfmcpp[vision]'")
+
+
+def test_copies_and_videos_are_left_aside_and_named(tmp_path: Path) -> None:
+    truth = render_photos("planar", tmp_path, num_images=4, image_size=(240, 180), suffix=".png", seed=2)
+    options = {"camera": truth.intrinsics[0], "gps": "none", "subpixel": False}
+    alone = reconstruct(tmp_path, **options)
+    first = sorted(tmp_path.glob("*.png"))[0]
+    shutil.copy(first, tmp_path / f"{first.stem} copy.png")
+    (tmp_path / "clip.mp4").write_bytes(b"no matter")
+    run = reconstruct(tmp_path, **options)
+    assert alone.model is not None
+    assert run.model is not None
+    assert run.problem().cameras.tobytes() == alone.problem().cameras.tobytes()
+    copies, videos = (warning for warning in run.warnings if warning not in alone.warnings)
+    assert copies == f"1 image is a copy, byte for byte, and left out: {first.stem} copy.png of {first.name}"
+    assert videos.startswith("1 video is not read: clip.mp4; `ffmpeg -i clip.mp4 ")
+
+
+def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path: Path) -> None:
+    write_photo(tmp_path / "a.jpg", texture(48, 64))
+    (tmp_path / "clip.mov").write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match="is one image: give the folder"):
+        reconstruct(tmp_path / "a.jpg")
+    with pytest.raises(DatasetError, match=r"is a video: `ffmpeg -i clip\.mov "):
+        reconstruct(tmp_path / "clip.mov")
