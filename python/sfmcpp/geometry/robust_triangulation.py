@@ -145,10 +145,11 @@ def _best_of_pairs(rays: FloatArray, centres: FloatArray, limits: FloatArray) ->
     first, second = _pairs(rays.shape[1])
     found = midpoints(rays[:, first], centres[:, first], rays[:, second], centres[:, second])
     # Of v from the centre c to the point X: v·d and ‖v‖², without an array of all v.
-    along = found @ np.swapaxes(rays, 1, 2) - (centres * rays).sum(axis=2)[:, None]
-    squares = (found**2).sum(axis=2)[:, :, None] + (centres**2).sum(axis=2)[:, None]
-    squares -= 2 * (found @ np.swapaxes(centres, 1, 2))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # Rays that are parallel but for rounding meet at infinity: what is not a number is an error at its limit.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        along = found @ np.swapaxes(rays, 1, 2) - (centres * rays).sum(axis=2)[:, None]
+        squares = (found**2).sum(axis=2)[:, :, None] + (centres**2).sum(axis=2)[:, None]
+        squares -= 2 * (found @ np.swapaxes(centres, 1, 2))
         errors = (squares / along**2 - 1) / limits[:, None] ** 2
     costs = np.where((along > 0) & (errors < 1), errors, 1.0).sum(axis=2)
     best = np.argmin(costs, axis=1)

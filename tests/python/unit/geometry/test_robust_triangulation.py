@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from mvg_helpers import INTRINSICS, Array, project, residuals_of, views_of
 from sfmcpp import InvalidArgument, Problem
@@ -114,6 +116,25 @@ def test_short_tracks_and_parallel_rays_are_left_open_beside_good_ones() -> None
     assert np.isnan(points[:3]).all()
     assert np.linalg.norm(points[3:] - truth[3:], axis=1).max() < 0.5
     assert len(inliers) == np.count_nonzero(~(one_ray | unseen))
+
+
+def test_images_of_one_place_warn_of_nothing() -> None:
+    """Rays so nearly parallel that they meet at infinity, as rounding has it: of an image given twice."""
+    rng = np.random.default_rng(0)
+    cameras = cameras_round(4, 40.0)
+    turn = Rotation.from_rotvec([3e-9, -2e-9, 1e-9]).as_matrix()
+    cameras[1] = np.column_stack([cameras[0, :, :3] @ turn, cameras[0, :, 3] + [3e-8, 1e-8, -2e-8]])
+    truth = rng.uniform(-2, 2, (200, 3))
+    camera_index, point_index = (index.ravel() for index in np.indices((4, 200)))
+    pixels = np.concatenate([project(camera, INTRINSICS, truth) for camera in cameras])
+    problem = Problem(
+        "calibrated", cameras, INTRINSICS[None], np.full((200, 3), np.nan), camera_index, point_index,
+        pixels, intrinsics_index=np.zeros(4, int),
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        points, _ = robust_triangulation(problem)
+    np.testing.assert_allclose(points, truth, atol=1e-5)
 
 
 def test_tracks_do_not_depend_on_their_neighbours() -> None:
