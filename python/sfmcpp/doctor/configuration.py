@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.conventions import better_at_start
 from sfmcpp.doctor.finding import Finding, counted, named, numbers
 from sfmcpp.geometry.pinhole import (
     PINHOLE,
@@ -119,7 +120,8 @@ def coincident_centres(case: Case) -> Iterator[Finding]:
         return
     spread = _spread(problem.centres[seen])
     depth = np.median(np.linalg.norm(problem.points - problem.centres[seen].mean(axis=0), axis=1))
-    if spread <= _ONE_PLACE * depth:
+    # Translations of camera_from_world, read as centres, are equal where the cameras look at one point.
+    if spread <= _ONE_PLACE * depth and better_at_start(case) is None:
         case.is_misread = True
         yield Finding(
             "no-baseline",

@@ -77,6 +77,15 @@ def mirrored_y(problem: Problem) -> Problem:
     return replace(problem, pixels=np.column_stack([problem.pixels[:, 0], heights - problem.pixels[:, 1]]))
 
 
+def fy_for_aspect(problem: Problem) -> Problem:
+    """The problem with its second intrinsic over the focal length, of models that have an aspect."""
+    if "aspect" not in problem.intrinsic_names:
+        return problem
+    rows = problem.intrinsics.copy()
+    rows[:, 1] /= rows[:, 0]
+    return replace(problem, intrinsics=rows)
+
+
 CONVENTIONS = (
     Convention(
         "mirrored-y",
@@ -107,6 +116,12 @@ CONVENTIONS = (
         "the pixels are normalised coordinates at depth one",
         _with_pixels(lambda x, k: x * np.column_stack([k[:, 0], k[:, 0] * k[:, 1]]) + k[:, 2:4]),
         "multiply by f and add (cx, cy), or set f = 1 and the principal point to zero",
+    ),
+    Convention(
+        "fy-for-aspect",
+        "the second intrinsic is fy, where the aspect fy / fx is meant",
+        fy_for_aspect,
+        "divide it by the first: f, aspect, cx, cy, skew",
     ),
     Convention(
         "axes-of-opengl",
@@ -145,7 +160,7 @@ def conventions(case: Case) -> Iterator[Finding]:
     """Find the convention that explains the observations far better than the one they were read by."""
     if case.is_misread or not case.problem.num_observations:
         return
-    found = _better_at_start(case) or _better_adjusted(case)
+    found = better_at_start(case) or _better_adjusted(case)
     if found is not None:
         case.is_misread = True
         convention, before, after = found
@@ -162,7 +177,8 @@ def _worse(median_px: float) -> str:
     return f"{median_px:.3g} px" if np.isfinite(median_px) else "most points are behind the cameras"
 
 
-def _better_at_start(case: Case) -> tuple[Convention, float, float] | None:
+def better_at_start(case: Case) -> tuple[Convention, float, float] | None:
+    """The convention that explains the start far better, and the median errors without and with it [px]."""
     median = float(np.median(case.errors_px))
     if median <= _FITS * case.extent_px:
         return None

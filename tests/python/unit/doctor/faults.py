@@ -134,6 +134,11 @@ def translations(p: Problem, rng: Random) -> Problem:
     return with_poses(p, p.rotations, -np.einsum("cji,cj->ci", p.rotations, p.centres))
 
 
+def fy_for_aspect(p: Problem, rng: Random) -> Problem:
+    p.intrinsics[:, 1] *= p.intrinsics[:, 0]
+    return p
+
+
 def scaled_intrinsics(p: Problem, focal: float, centre: float) -> Problem:
     p.intrinsics[:, 0] *= focal
     p.intrinsics[:, 2:4] *= centre
@@ -307,6 +312,7 @@ FAULTS = (
     Fault("pixels from the centre", ("centred-pixels",),
           lambda p, rng: replace(p, pixels=p.pixels - intrinsics_of_observations(p)[:, 2:4]), PIXEL_ORIGIN),
     Fault("pixels at depth one", ("normalised-pixels",), normalised_pixels),
+    Fault("fy for the aspect", ("fy-for-aspect",), fy_for_aspect, PIXEL_ORIGIN),
     Fault("axes of OpenGL", ("axes-of-opengl",),
           lambda p, rng: with_poses(p, p.rotations * np.array([1.0, -1.0, -1.0]), p.centres)),
     Fault("camera from world", ("inverse-poses",), inverse_poses),

@@ -77,6 +77,17 @@ def test_freedoms_that_are_meant_are_a_note_and_others_a_warning() -> None:
     assert [f.severity for f in (*alone, *on_a_line)] == ["note", "warning"]
 
 
+def test_translations_that_are_all_alike_are_those_of_cameras_that_look_at_one_point() -> None:
+    problem = scene()
+    turned = np.swapaxes(problem.rotations, 1, 2).copy()
+    problem.centres[:] = -np.einsum("cij,cj->ci", turned, problem.centres)
+    translations = problem.copy()
+    assert np.ptp(translations.centres, axis=0).max() < 1e-9
+    assert diagnose(translations).codes[0] == "translations-for-centres"
+    problem.rotations[:] = turned
+    assert diagnose(problem).codes[0] == "inverse-poses"
+
+
 def test_errors_come_before_warnings_and_these_before_notes() -> None:
     problem = scene()
     problem.pixels[problem.camera_index == 2] += 300.0
