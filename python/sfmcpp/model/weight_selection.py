@@ -132,10 +132,22 @@ class WeightSelection:
         values = {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
         return {**values, "conflict": dict(vars(self.conflict))}
 
+    @property
+    def at_end(self) -> bool:
+        """Whether it is the smallest or the largest positive weight that has a score.
+
+        A trade-off criterion ends there where its curve has no corner.
+        """
+        scored = self.weights[(self.weights > 0) & np.isfinite(self.score)]
+        if self.method == "variance" or len(scored) < 3:
+            return False
+        return bool(0 < self.weight <= scored[0] or self.weight >= scored[-1])
+
     def describe(self) -> str:
         """What was chosen, and whether sensor and images agree, in one line."""
         amounts = f"σ = {self.sensor_sigma:.3g} {self.unit}" if self.weight > 0 else "left out"
-        return f"{self.weight:.3g} by {self.method} ({amounts}); {self.conflict.describe()}"
+        end = ", at the end of what was tried: no better one inside" if self.at_end else ""
+        return f"{self.weight:.3g} by {self.method} ({amounts}{end}); {self.conflict.describe()}"
 
 
 def _plain(value: Any) -> Any:

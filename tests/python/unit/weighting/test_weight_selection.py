@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -148,6 +149,21 @@ def test_trade_off_scores_are_those_of_plain_solves(
     assert known.sum() > 10
     scale = np.abs(expected[known]).max()
     np.testing.assert_allclose(chosen.score[known], expected[known], rtol=0.05, atol=0.01 * scale)
+
+
+def test_a_choice_at_the_end_of_what_was_tried_says_so() -> None:
+    truth = sfmcpp.circle_scene(12, 60, pixel_sigma_px=0.7, seed=3)
+    (without_corner,) = choose(truth.copy(), gps(truth, 0.1), weight="ltn")
+    finite = without_corner.weights[np.isfinite(without_corner.score)]
+    inside, ends = float(finite[len(finite) // 2]), finite[[0, -1]].tolist()
+    for weight in ends:
+        at_end = replace(without_corner, weight=weight)
+        assert at_end.at_end
+        assert "at the end of what was tried: no better one inside" in at_end.describe()
+        assert not replace(at_end, method="variance").at_end
+    for weight in (inside, 0.0):
+        assert not replace(without_corner, weight=weight).at_end
+        assert "at the end" not in replace(without_corner, weight=weight).describe()
 
 
 def test_weights_that_cost_a_tenth_of_the_inliers_are_not_taken(drift: tuple[Problem, Problem]) -> None:
