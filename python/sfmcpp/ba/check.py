@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.model import Problem
+from sfmcpp.ba.linearize import linearize
+from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
+from sfmcpp.model.names import Loss
 
 
 def check(problem: Problem) -> list[str]:
@@ -84,19 +87,34 @@ def residuals_px(problem: Problem) -> NDArray[np.float64]:
     return residuals(replace(problem, sigma_px=None, covariance_px2=None))
 
 
-def cost(problem: Problem) -> float:
-    """The squared cost ½ Σ ‖r‖² of a problem at its present state.
+@checked()
+def cost(
+    problem: Problem,
+    *,
+    loss: Loss | LossFunction = "squared",
+    loss_scale_px: float | Literal["auto"] = 1.0,
+) -> float:
+    """The cost ½ Σ ρ(‖r‖²) of a problem at its present state.
 
     Parameters
     ----------
     problem : Problem
         The problem at its present state.
+    loss, loss_scale_px
+        As :func:`sfmcpp.solve` takes them.
 
     Returns
     -------
     float
-        The cost, without robust loss.
+        The cost, without constraints; with them it is that of :func:`sfmcpp.linearize`.
+
+    Raises
+    ------
+    InvalidArgument
+        If the problem, the loss or its scale breaks a rule.
     """
+    if loss != "squared":
+        return linearize(problem, loss=loss, loss_scale_px=loss_scale_px).cost
     r = residuals(problem)
     return 0.5 * float(np.vdot(r, r))
 

@@ -29,6 +29,17 @@ COPIES: dict[str, LossFunction] = {
 }
 
 
+@pytest.mark.parametrize("loss", ["huber", "cauchy", COPIES["tukey"]])
+def test_the_cost_of_a_state_is_that_of_a_solve_with_the_loss(loss: str | LossFunction) -> None:
+    problem, _ = sfmcpp.add_outliers(sfmcpp.circle_scene(6, 40, pixel_sigma_px=1.0, seed=0), 0.1, seed=1)
+    before = sfmcpp.cost(problem, loss=loss, loss_scale_px=2.0)
+    summary = sfmcpp.solve(problem, loss=loss, loss_scale_px=2.0)
+    assert before == pytest.approx(summary.initial_cost, rel=1e-9)
+    after = sfmcpp.cost(problem, loss=loss, loss_scale_px=2.0)
+    assert after == pytest.approx(summary.final_cost, rel=1e-9)
+    assert after < sfmcpp.cost(problem)
+
+
 @pytest.mark.parametrize("scale", [1.0, 2.5])
 @pytest.mark.parametrize("name", COPIES)
 def test_a_copy_of_a_built_in_loss_has_its_values(name: str, scale: float) -> None:
