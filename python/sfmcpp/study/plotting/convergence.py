@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,12 +25,17 @@ Run = Summary | Sequence[Iteration]
 SMALLEST_GAP = 1e-9
 # The lowest cost itself, which has no place on a logarithmic scale, is drawn this far below the next one.
 _BELOW_THE_NEXT = 0.3
+# Of runs with one colour, as there are more runs than colours.
+_DASHES: tuple[Literal["-"], Literal["--"], Literal[":"], Literal["-."]] = ("-", "--", ":", "-.")
+# A longer legend hides curves, and stands beside them.
+_MOST_INSIDE = 8
 
 
 @dataclass(frozen=True)
 class _Curve:
     name: str
     color: str
+    dash: Literal["-", "--", ":", "-."]
     cost: NDArray[np.float64]
     iteration: NDArray[np.int64]
     seconds: NDArray[np.float64]
@@ -75,7 +81,7 @@ def plot_convergence(
     best = _lowest(costs) if best_cost is None else best_cost
     edge = SMALLEST_GAP if best_cost is not None else _edge(costs, best)
     curves = [
-        _curve(*run, cost, COLORS[position % len(COLORS)], _heights(cost, best, edge))
+        _curve(*run, cost, position, _heights(cost, best, edge))
         for position, (run, cost) in enumerate(zip(named.items(), costs, strict=True))
     ]
     figure = new_figure(10, 4)
@@ -116,11 +122,14 @@ def _heights(cost: NDArray[np.float64], best: float | None, edge: float) -> NDAr
     return cost if best is None else np.maximum(cost / best - 1, edge)
 
 
-def _curve(name: str, run: Run, cost: NDArray[np.float64], color: str, height: NDArray[np.float64]) -> _Curve:
+def _curve(
+    name: str, run: Run, cost: NDArray[np.float64], position: int, height: NDArray[np.float64]
+) -> _Curve:
     iterations = _iterations(run)
     return _Curve(
         name,
-        color,
+        COLORS[position % len(COLORS)],
+        _DASHES[position // len(COLORS) % len(_DASHES)],
         cost,
         np.array([i.iteration for i in iterations]),
         np.array([i.seconds for i in iterations]),
@@ -139,7 +148,7 @@ def _title(curves: Sequence[_Curve]) -> str:
 
 def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]) -> None:
     dot = 5.0 if len(at) <= 60 else 2.5
-    axes.plot(at, curve.height, color=curve.color, linewidth=1.6)
+    axes.plot(at, curve.height, color=curve.color, linestyle=curve.dash, linewidth=1.6)
     taken, refused = curve.accepted, ~curve.accepted
     axes.plot(at[taken], curve.height[taken], "o", color=curve.color, markersize=dot)
     axes.plot(
@@ -159,16 +168,21 @@ def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best: fl
     by_seconds.set_xlabel("seconds")
     by_seconds.set_xlim(left=0.0)
     by_iteration.set_ylabel("cost" if best is None else f"cost above {best:.6g}, as a share of it")
-    _add_legend(by_iteration, curves)
+    _add_legend(by_iteration, by_seconds, curves)
 
 
-def _add_legend(axes: Axes, curves: list[_Curve]) -> None:
+def _add_legend(left: Axes, right: Axes, curves: list[_Curve]) -> None:
     named = [curve for curve in curves if curve.name and len(curves) > 1]
-    handles = [Line2D([], [], color=curve.color, linewidth=1.6, label=curve.name) for curve in named]
+    handles = [
+        Line2D([], [], color=curve.color, linestyle=curve.dash, linewidth=1.6, label=curve.name)
+        for curve in named
+    ]
     if any((~curve.accepted).any() for curve in curves):
         handles += [_marker("o", "accepted step"), _marker("x", "rejected step")]
-    if handles:
-        axes.legend(handles=handles, fontsize=9, frameon=False, loc="upper right")
+    if len(handles) > _MOST_INSIDE:
+        right.legend(handles=handles, fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    elif handles:
+        left.legend(handles=handles, fontsize=9, frameon=False, loc="upper right")
 
 
 def _marker(marker: str, label: str) -> Line2D:

@@ -36,6 +36,20 @@ def legend_of(figure: Figure) -> list[str]:
     return [] if legend is None else [text.get_text() for text in legend.get_texts()]
 
 
+@pytest.mark.parametrize("count", [2, 20])
+def test_no_two_of_many_runs_look_alike_and_a_long_legend_hides_none(count: int) -> None:
+    figure = plot_convergence({f"run {k}": RUN for k in range(count)})
+    by_iteration, by_seconds = figure.axes
+    curves = [line for line in by_iteration.lines if line.get_marker() == "None"]
+    assert len({(line.get_color(), line.get_linestyle()) for line in curves}) == count
+    legends = [axes.get_legend() is not None for axes in (by_iteration, by_seconds)]
+    assert legends == [count == 2, count == 20]
+    if count == 20:
+        figure.canvas.draw()
+        assert by_seconds.get_legend().get_window_extent().x0 >= by_seconds.get_window_extent().x1
+        assert by_seconds.get_legend().get_window_extent().x1 <= figure.bbox.x1
+
+
 def test_cost_above_the_lowest_is_drawn_against_iterations_and_against_seconds() -> None:
     by_iteration, by_seconds = plot_convergence(RUN).axes
     assert points_of(by_iteration, "None") == [(0, 49), (1, 4), (2, 4), (3, 0.3 * 4)]
