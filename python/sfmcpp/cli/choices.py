@@ -79,12 +79,17 @@ def _annotation(option: SolveOption) -> Any:
     name = option.name
     if option.unit == "bytes":
         name = name.removesuffix("_bytes")
-        type_, look["parser"] = Any, _number_of_bytes
+        type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "BYTES|8GB|…"
     return Annotated[type_, typer.Option("--" + name.replace("_", "-"), **look)]
 
 
-_BYTES = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
-_BYTES |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
+_BYTES = {"": 1, "B": 1}
+for _power, _prefix in enumerate("KMGT", start=1):
+    _BYTES |= {
+        _prefix: 10 ** (3 * _power),
+        f"{_prefix}B": 10 ** (3 * _power),
+        f"{_prefix}IB": 2 ** (10 * _power),
+    }
 
 
 def _number_of_bytes(text: str) -> float:

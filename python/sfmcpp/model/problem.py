@@ -96,7 +96,7 @@ class Problem:
     def __post_init__(self) -> None:
         model = camera_model(self.camera_model)
         self.cameras = typed_array("cameras", self.cameras, np.float64, (-1, 3, 4))
-        self.intrinsics = typed_array("intrinsics", self.intrinsics, np.float64, (-1, len(model.intrinsics)))
+        self.intrinsics = _rows_of_intrinsics(self.intrinsics, model.intrinsics)
         self.points = typed_array("points", self.points, np.float64, (-1, model.point_size))
         self.camera_index = typed_array("camera_index", self.camera_index, np.int32, (-1,))
         count = self.num_observations
@@ -347,6 +347,13 @@ def _require_fitting_rigs(rigs: Rigs, cameras: int) -> None:
         raise InvalidArgument(f"rigs = {rigs!r}: must be Rigs or None")
     if rigs.num_cameras != cameras:
         raise InvalidArgument(f"rigs: of {rigs.num_cameras} cameras, the problem has {cameras}")
+
+
+def _rows_of_intrinsics(rows: FloatArray, names: Sequence[str]) -> FloatArray:
+    try:
+        return typed_array("intrinsics", rows, np.float64, (-1, len(names)))
+    except InvalidArgument as error:
+        raise InvalidArgument(f"{error}: {', '.join(names)} of each row") from None
 
 
 def _require_private_intrinsics(groups: int, cameras: int) -> None:

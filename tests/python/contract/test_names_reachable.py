@@ -114,7 +114,9 @@ def test_every_option_is_described(option: str) -> None:
     assert flag(option) in help_of("solve")
 
 
-@pytest.mark.parametrize(("text", "bytes_"), [("8GB", 8e9), ("1.5 MiB", 1.5 * 2**20), ("300", 300.0)])
+@pytest.mark.parametrize(
+    ("text", "bytes_"), [("8GB", 8e9), ("1.5 MiB", 1.5 * 2**20), ("2G", 2e9), ("300", 300.0)]
+)
 def test_memory_is_given_in_the_units_that_people_use(
     text: str, bytes_: float, asked: dict[str, Any]
 ) -> None:

@@ -106,3 +106,9 @@ def test_arguments_that_are_none_are_named(call: Callable[[], object], told: str
 def test_no_observations_can_be_chosen_in_either_way() -> None:
     for chosen in ([], np.zeros(150, dtype=bool)):
         assert scene().with_observations(chosen).num_observations == 0
+
+
+def test_a_matrix_of_intrinsics_is_told_what_a_row_holds() -> None:
+    message = r"intrinsics: shape \(3, 3\), must be \(any, 5\): f, aspect, cx, cy, skew of each row"
+    with pytest.raises(InvalidArgument, match=message):
+        made(intrinsics=np.eye(3))
