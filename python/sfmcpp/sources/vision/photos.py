@@ -126,12 +126,15 @@ def without_copies(folder: PhotoFolder) -> PhotoFolder:
     Returns
     -------
     PhotoFolder
-        One whose `copies` name what was left out.
+        One whose `copies` name what was left out; the same folder if all are one photo.
     """
     kept: dict[str, str] = {}
     for photo in sorted(folder.photos, key=lambda photo: len(photo.name)):
         kept.setdefault(photo.digest, photo.name)
     photos = [photo for photo in folder.photos if kept[photo.digest] == photo.name]
+    # One photo again and again: that they are the same is told where no model comes of them.
+    if len(photos) == 1:
+        return folder
     copies = {p.name: kept[p.digest] for p in folder.photos if kept[p.digest] != p.name}
     return replace(folder, photos=photos, copies=folder.copies | copies)
 
