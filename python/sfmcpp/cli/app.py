@@ -30,7 +30,7 @@ app = typer.Typer(
     # Plain help: the rich one takes longer to import than the rest of the command line.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Bundle adjustment of cameras and points.",
+    help="Bundle adjustment, structure from motion and visual SLAM.",
 )
 
 WRITABLE_FORMATS = tuple(known.name for known in sfmcpp.formats() if known.writable)
@@ -41,13 +41,13 @@ CameraModel = Annotated[
     typer.Option(
         metavar="NAME",
         callback=one_of(("projective",)),
-        help="Cameras to solve for in place of the input's: projective.",
+        help="Convert the cameras to this model first: projective.",
     ),
 ]
 Refine = Annotated[
     str | None,
     typer.Option(
-        metavar="NAMES", help="Intrinsics to refine, such as f,k1,k2, or none; else the input's choice."
+        metavar="NAMES", help="Intrinsics to refine, such as f,k1,k2, or none. Default: as in the input."
     ),
 ]
 
@@ -74,21 +74,19 @@ def _options_of_all(
 def solve(
     source: Input,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write the solved problem.")
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, or folder for COLMAP.")
     ] = None,
     camera_model: CameraModel = None,
     refine: Refine = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")
-    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")] = None,
     positions_out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Where to write the cameras' positions: csv, geojson."),
+        typer.Option(metavar="FILE", help="Write the camera positions: csv, geojson."),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to draw the convergence: png, svg, pdf.")
+        Path | None, typer.Option(metavar="FILE", help="Plot the convergence: png, svg, pdf.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,
@@ -96,16 +94,14 @@ def solve(
         Path | None,
         typer.Option(
             metavar="FILE.csv|FOLDER",
-            help="Positions of the cameras, to align to and to solve with: name or index, lat, lon, height "
-            "or x, y, z; and sigma_x, sigma_y, sigma_z if known. Or the photos, for those of their EXIF.",
+            help="Align to camera positions and adjust with them. Columns: name or index; lat, lon, height "
+            "or x, y, z; sigma_x, sigma_y, sigma_z if known. A folder: positions in the EXIF of photos.",
         ),
     ] = None,
     rigs: Annotated[
-        str, choice_option(RIGS, "Rigs of the input: sensors stay in them, are estimated, or move alone")
+        str, choice_option(RIGS, "Rig sensors: held fixed, estimated, or ignored as rigs")
     ] = RIGS[0],
-    mpi: Annotated[
-        bool, typer.Option("--mpi", help="Ask MPI for other ranks; under mpiexec that is done anyway.")
-    ] = False,
+    mpi: Annotated[bool, typer.Option("--mpi", help="Use MPI; automatic under mpiexec.")] = False,
     **options: Any,
 ) -> ExitCode:
     """Adjust cameras, intrinsics and points of a problem."""
@@ -127,23 +123,26 @@ def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
     target: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="File to write, or folder for COLMAP; csv, geojson: positions."),
+        typer.Argument(
+            metavar="OUT", help="File to write, or folder for COLMAP. csv, geojson: camera positions."
+        ),
     ],
     parts: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Make OUT a folder of N parts, for ranks of MPI.")
+        int | None, typer.Option(min=1, metavar="N", help="Write a folder of N parts, for MPI ranks.")
     ] = None,
     format: Annotated[
         str | None,
-        choice_option(WRITABLE_FORMATS, "Format of OUT, where its name does not tell"),
+        choice_option(WRITABLE_FORMATS, "Format of OUT, if its name is ambiguous"),
     ] = None,
     images: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the images, for transforms.json to point into."),
+        typer.Option(metavar="DIR", help="Image folder that transforms.json refers to."),
     ] = None,
 ) -> ExitCode:
-    """Write a problem in another format; the names tell the formats.
+    """Convert a problem to another format.
 
-    Started by mpiexec, each rank writes a part of what none needs to hold as a whole.
+    File names determine the formats. Under mpiexec each rank writes one part, and no rank
+    holds the whole problem.
     """
     from sfmcpp.cli.convert import convert_file
 
@@ -153,12 +152,15 @@ def convert(
 @app.command()
 @with_exit_code
 def demo(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder to write into.")
-    ] = Path("sfmcpp-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the scene and of its noise.")] = 0,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Output folder.")] = Path(
+        "sfmcpp-demo"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of scene and noise.")] = 0,
 ) -> ExitCode:
-    """Solve and show a synthetic scene: 30 cameras on a circle around 500 points."""
+    """Solve and show a synthetic scene.
+
+    30 cameras on a circle around 500 points.
+    """
     from sfmcpp.cli.demo import run_demo
 
     return run_demo(output, seed)

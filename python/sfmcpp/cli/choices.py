@@ -19,14 +19,14 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 Checkpoint = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Folder to save checkpoints in, from which a later run can go on."),
+    typer.Option(metavar="DIR", help="Folder to save checkpoints in, to resume from later."),
 ]
-CheckpointEvery = Annotated[
-    float, typer.Option(metavar="SECONDS", min=0.0, help="From one checkpoint to the next.")
-]
+CheckpointEvery = Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="Time between checkpoints.")]
 Resume = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Go on from the newest checkpoint in a folder: same input and options."),
+    typer.Option(
+        metavar="DIR", help="Resume from the newest checkpoint in a folder; same input and options required."
+    ),
 ]
 
 

@@ -23,25 +23,28 @@ Fix = Annotated[
     typer.Option(
         "--fix",
         metavar="FILE",
-        help="Where to write the problem, mended where that is safe: duplicates, a mirrored y, parts cut "
-        "off, gross errors.",
+        help="Write the problem with safe repairs: duplicates, a mirrored y, disconnected parts, "
+        "gross outliers.",
     ),
 ]
 Solve = Annotated[
     bool,
     typer.Option(
-        "--solve", help="Solve a copy first, and judge its end, its variances and minima nearby, too."
+        "--solve", help="Also solve a copy, and examine the solution, its variances and other minima nearby."
     ),
 ]
-Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 
 
 @with_exit_code
 def doctor(
     source: Source, fix: Fix = None, solve: Solve = False, report: Report = None, quiet: Quiet = False
 ) -> ExitCode:
-    """Say what about a problem explains a bad result, the gravest first, and what to do."""
+    """Find what explains a bad result, and what to do.
+
+    Findings are ranked, the most severe first.
+    """
     from sfmcpp.cli.reading import read_and_tell
     from sfmcpp.cli.targets import Targets
     from sfmcpp.doctor import repair

@@ -29,15 +29,14 @@ def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "")
 
 
 def _format(name: str, what: str) -> typer.models.OptionInfo:
-    return _choice(name, FORMATS, f"Format of {what}", "; else by its name")
+    return _choice(name, FORMATS, f"Format of {what}", "; default: by its name")
 
 
 Source = Annotated[
     Path,
     typer.Argument(
         metavar="MODEL|TRAJECTORY",
-        help="What to measure: a COLMAP model, what reconstruct wrote, a problem with named images; or a "
-        "trajectory.",
+        help="A COLMAP model, the output of reconstruct, a problem with named images; or a trajectory.",
     ),
 ]
 Truth = Annotated[
@@ -45,15 +44,15 @@ Truth = Annotated[
     typer.Option(
         "--truth",
         metavar="PATH",
-        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera.",
+        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera files.",
     ),
 ]
 Align = Annotated[
     str,
     typer.Option(
         metavar="all|none|first:N|robust",
-        help="Poses to align by; first:0.1 is the first tenth of a trajectory, robust those of a model's "
-        "images that agree.",
+        help="Poses used for alignment. first:0.1: the first tenth of a trajectory; robust: the images of a "
+        "model that agree.",
     ),
 ]
 
@@ -63,35 +62,32 @@ def evaluate(
     source: Source,
     truth: Truth,
     align: Align = "all",
-    scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Whether aligning may scale.")] = True,
+    scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Align with or without scale.")] = True,
     align_by: Annotated[
-        str, _choice("--align-by", ("positions", "poses"), "What to align; poses hold on straight roads too")
+        str, _choice("--align-by", ("positions", "poses"), "What to align; poses also work on straight roads")
     ] = "positions",
     match: Annotated[
-        str, _choice("--match", ("nearest", "interpolate"), "Which true pose belongs to an estimated one")
+        str, _choice("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones")
     ] = "nearest",
     max_difference_s: Annotated[
-        float | None, typer.Option(help="How far in time poses match; else 0.01, or 0.5 to interpolate.")
+        float | None,
+        typer.Option(
+            help="Largest time difference of matched poses. Default: 0.01, or 0.5 with interpolate."
+        ),
     ] = None,
-    delta: Annotated[float, typer.Option(help="Over how much relative errors are taken.")] = 1.0,
+    delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,
     delta_unit: Annotated[str, _choice("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
-    all_pairs: Annotated[
-        bool, typer.Option("--all-pairs", help="Relative errors from every pose on.")
-    ] = False,
+    all_pairs: Annotated[bool, typer.Option("--all-pairs", help="Relative errors from every pose.")] = False,
     trajectory_format: Annotated[str | None, _format("--format", "the trajectory")] = None,
     truth_format: Annotated[str | None, _format("--truth-format", "the truth")] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to write a report, as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to draw both: png, svg, pdf.")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Plot both: png, svg, pdf.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
 ) -> ExitCode:
-    """Measure a model or a trajectory against the truth.
+    """Evaluate a model or a trajectory against ground truth.
 
-    Of a trajectory: mean 3-D error, scale, absolute and relative pose errors. Of a model, image by image:
-    errors of centres and rotations, area under the recall curve of relative poses, missing images.
+    Trajectory: mean 3-D error, scale, absolute and relative pose errors. Model, per image: errors of
+    centres and rotations, AUC of relative poses, missing images.
     """
     from sfmcpp.cli.evaluate_model import evaluate_model_files, names_images
     from sfmcpp.cli.targets import Targets

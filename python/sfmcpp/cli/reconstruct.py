@@ -53,64 +53,62 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of photos; a database of COLMAP, whose keypoints and matches are used; or tracks: VGG "
-        "(.xy), text, NPZ, BAL, or a COLMAP model, of which the observations alone are used.",
+        help="A folder of photos; a COLMAP database with keypoints and matches; or tracks: VGG (.xy), text, "
+        "NPZ, BAL, or a COLMAP model (only its observations are used).",
     ),
 ]
 Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder, created if missing.")
 ]
-Method = Annotated[str, choice_option(METHODS, "How images are put together")]
+Method = Annotated[str, choice_option(METHODS, "Reconstruction method")]
 Camera = Annotated[
     str,
     typer.Option(
         metavar="FILE|PIXELS|exif|auto",
-        help="What is known of the cameras: a file (K.txt, calib.txt, YAML or XML of OpenCV, Kalibr, EuRoC), "
-        "whose intrinsics stay; a focal length in pixels to start from, which stays with --camera-model "
-        "fixed; what the photos tell, or nothing.",
+        help="Known calibration: a file (K.txt, calib.txt, YAML or XML of OpenCV, Kalibr, EuRoC), "
+        "held fixed; an initial focal length in pixels, held fixed with --camera-model fixed; exif: focal "
+        "lengths from EXIF, required; auto: from EXIF, else estimated.",
     ),
 ]
-Model = Annotated[str, choice_option(CAMERA_MODELS, "What is refined of a camera")]
-Shared = Annotated[str, choice_option(SHARING, "Which photos share a camera")]
-Matcher = Annotated[str, choice_option(MATCHERS, "Which pairs of photos are compared")]
+Model = Annotated[str, choice_option(CAMERA_MODELS, "Intrinsics to refine")]
+Shared = Annotated[str, choice_option(SHARING, "Which photos share intrinsics")]
+Matcher = Annotated[str, choice_option(MATCHERS, "Which pairs of photos are matched")]
 Masks = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
         callback=_masks,
-        help="Masks of the names of the photos: in their black parts nothing is detected.",
+        help="Masks, named as the photos; nothing is detected in black areas.",
     ),
 ]
 Gps = Annotated[
     str,
     typer.Option(
         metavar="exif|FILE.csv|none|auto",
-        help=f"Positions of the photos; auto: those in the photos, if at least {LEAST_POSITIONS} have one.",
+        help=f"Positions of the photos. auto: from EXIF, if at least {LEAST_POSITIONS} photos have one.",
     ),
 ]
 PositionsOut = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE", help="Where to write the positions of the largest model's cameras: csv, geojson."
-    ),
+    typer.Option(metavar="FILE", help="Write the camera positions of the largest model: csv, geojson."),
 ]
 Subpixel = Annotated[
     bool,
     typer.Option(
         "--subpixel/--no-subpixel",
-        help="Move what the photos show of a point to where they look most alike, by parts of a pixel.",
+        help="Refine keypoints to subpixel accuracy by aligning image patches.",
     ),
 ]
 Resume = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Go on where an earlier run into DIR was, interrupted or with fewer photos; else start anew.",
+        help="Continue an earlier run in DIR that was interrupted or had fewer photos. Default: start again.",
     ),
 ]
-View = Annotated[bool, typer.Option("--view", help="Open the model in the browser when it is done.")]
+View = Annotated[bool, typer.Option("--view", help="Open the model in the browser at the end.")]
 Threads = Annotated[
-    int | None, typer.Option(min=1, help="Threads; else as many as there are cores. Results are the same.")
+    int | None, typer.Option(min=1, help="Threads. Default: one per core. Does not change results.")
 ]
 
 
@@ -127,13 +125,13 @@ def reconstruct(
     gps: Gps = "auto",
     positions_out: PositionsOut = None,
     subpixel: Subpixel = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     resume: Resume = False,
     view: View = False,
     threads: Threads = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
 ) -> ExitCode:
-    """Make a model of points and cameras from photos or tracks."""
+    """Cameras and points from photos or tracks."""
     from sfmcpp.cli.reconstruct_run import run_reconstruction
     from sfmcpp.cli.targets import Targets
 

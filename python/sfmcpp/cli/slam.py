@@ -66,56 +66,56 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A folder of images, EuRoC's mav0 or a video; or tracks: a KITTI drive (.mat), or a text file.",
+        help="A folder of images, EuRoC's mav0, a video; or tracks: a KITTI drive (.mat) or a text file.",
     ),
 ]
 Camera = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|F,CX,CY",
-        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, Kalibr (FILE:cam1 of several) or "
-        "EuRoC; or pixels, also F,ASPECT,CX,CY,SKEW; else calib.txt, K.txt or sensor.yaml, with the images "
-        "or one folder above.",
+        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, Kalibr (FILE:cam1 for one of "
+        "several) or EuRoC; or values in pixels, also F,ASPECT,CX,CY,SKEW. Default: calib.txt, K.txt "
+        "or sensor.yaml with the images or one folder above.",
     ),
 ]
 Fps = Annotated[
     float | None,
     typer.Option(
         callback=_fps,
-        help="Images per second; else times.txt beside them (in seconds, or nanoseconds since 1970), EuRoC's "
-        "data.csv, names of images that are nanoseconds, the video's own rate, or 10 for a folder.",
+        help="Images per second. Default: times.txt (seconds, or nanoseconds since 1970), EuRoC's data.csv, "
+        "image names in nanoseconds, the video's frame rate, or 10 for a folder.",
     ),
 ]
-Corners = Annotated[str, choice_option(CORNERS, "Corners of images to follow")]
+Corners = Annotated[str, choice_option(CORNERS, "Corners to track in images")]
 Stereo = Annotated[
     bool,
-    typer.Option("--stereo", help="Use the right images of a KITTI drive, too: the map is in metres."),
+    typer.Option("--stereo", help="Also use the right images of a KITTI drive; gives metric scale."),
 ]
 Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into, made if missing.")
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder, created if missing.")
 ]
 Sensors = Annotated[
     list[str] | None,
     typer.Option("--sensor", metavar="NAME", callback=lambda names: _known_sensors(names or []),
-                 help=f"Sensor to use beside the camera; may be given several times: {', '.join(SENSORS)}."),
+                 help=f"Sensor to use beside the camera; repeatable: {', '.join(SENSORS)}."),
 ]  # fmt: skip
 SensorFile = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Sensors' measurements: CSV, or a KITTI drive (.mat); else those that INPUT holds.",
+        help="Sensor measurements: CSV, or a KITTI drive (.mat). Default: those in INPUT.",
     ),
 ]
 ClockOffset = Annotated[
-    float, typer.Option(metavar="S", help="Camera time minus sensor time: added to the sensors' stamps.")
+    float, typer.Option(metavar="S", help="Camera time minus sensor time, added to sensor time stamps.")
 ]
 Sigmas = Annotated[
     list[str] | None,
     typer.Option(
         "--sensor-sigma",
         metavar="NAME=SIGMA",
-        help="What a sensor may be off: metres, of imu radians; auto: estimated on the run. May be given "
-        "several times.",
+        help="Standard deviation of a sensor: metres, for imu radians; auto: estimated during the run. "
+        "Repeatable.",
     ),
 ]
 MountingOption = Annotated[
@@ -123,33 +123,31 @@ MountingOption = Annotated[
     typer.Option(
         "--mounting",
         metavar="HOW",
-        help="Axes of the sensors: camera (x right, y down, z ahead), forward (x ahead, y left, z up, the "
-        "camera looks ahead), or a file with body_from_camera, rows of [R | t], or EuRoC's sensor.yaml; "
-        "else what a drive or its sensor.yaml tells, or camera.",
+        help="Axes of the sensors: camera (x right, y down, z forward), forward (x forward, y left, z up, "
+        "camera looking forward), or a file with body_from_camera, rows of [R | t], or EuRoC's sensor.yaml. "
+        "Default: from the drive or its sensor.yaml, else camera.",
     ),
 ]
-View = Annotated[
-    bool, typer.Option("--view", help="Show the map in the browser while it grows, and after, until Ctrl-C.")
-]
+View = Annotated[bool, typer.Option("--view", help="Show the growing map in the browser, until Ctrl-C.")]
 Weights = Annotated[
     str | None,
-    typer.Option(metavar="RULE", help=f"How sensors are weighed: {', '.join(WEIGHTS)}; else loo."),
+    typer.Option(metavar="RULE", help=f"How sensor weights are chosen: {', '.join(WEIGHTS)}. Default: loo."),
 ]
 Bounds = Annotated[
     str,
     choice_option(
         WEIGHT_BOUNDS,
-        "Between which weights",
-        "; declared: at most what the standard deviation of a sensor amounts to, at least what a conflict "
-        "with the images leaves of it",
+        "Bounds of the weights",
+        "; declared: at most the weight of the sensor's standard deviation, at least what a conflict with "
+        "the images leaves of it",
     ),
 ]
 Final = Annotated[
     str,
     choice_option(
         FINAL_ADJUSTMENTS,
-        "Whether all keyframes are adjusted together at the end",
-        "; auto: kept where the images and all sensors gain",
+        "Adjust all keyframes together at the end",
+        "; auto: kept if the images and all sensors improve",
     ),
 ]
 
@@ -169,16 +167,16 @@ def slam(
     fps: Fps = None,
     corners: Corners = CORNERS[0],
     stereo: Stereo = False,
-    window: Annotated[int, typer.Option(help="Keyframes that the local adjustment moves.")] = 8,
+    window: Annotated[int, typer.Option(help="Keyframes in the local adjustment.")] = 8,
     final_adjustment: Final = FINAL_ADJUSTMENTS[0],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random samples.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     view: View = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,
 ) -> ExitCode:
-    """Follow a camera and map what it sees, keyframe by keyframe."""
+    """Trajectory and map from a camera and other sensors."""
     from sfmcpp.cli.checkpoints import Checkpoints
     from sfmcpp.cli.slam_run import run_slam_files
 

@@ -21,15 +21,13 @@ _DEFAULT = "Default: the scene's own."
 Scene = Annotated[
     str, typer.Argument(metavar="SCENE", callback=one_of(tuple(SCENES)), help=f"One of {_NAMES}.")
 ]
-Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="FILE", help="Where to write the problem, in any format.")
-]
+Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Output file, in any format.")]
 Truth = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Where to write the same observations with the true state."),
+    typer.Option(metavar="FILE", help="Write the same observations with the true cameras and points."),
 ]
 Cameras = Annotated[int | None, typer.Option(metavar="N", help=f"Number of cameras. {_DEFAULT}")]
-Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points placed. {_DEFAULT}")]
+Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points. {_DEFAULT}")]
 CameraModel = Annotated[
     str | None, typer.Option(metavar="NAME", help=f"calibrated, perspective or bal. {_DEFAULT}")
 ]
@@ -37,22 +35,24 @@ Focal = Annotated[float | None, typer.Option(metavar="PX", help=f"Focal length. 
 RadialDistortion = Annotated[
     str | None, typer.Option(metavar="K1,K2", help="Radial distortion of perspective and bal cameras.")
 ]
-PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise on the coordinates of the pixels.")]
+PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise of pixel coordinates.")]
 Outliers = Annotated[
-    float, typer.Option(metavar="SHARE", help="Share of the observations put anywhere in their images.")
+    float, typer.Option(metavar="SHARE", help="Share of observations moved to random places in their images.")
 ]
 OutlierSigma = Annotated[
     float | None,
-    typer.Option(metavar="PX", help="Noise on outliers, in place of putting them anywhere."),
+    typer.Option(metavar="PX", help="Noise of outliers, in place of random places."),
 ]
-PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the points.")]
-PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise on the coordinates of the centres.")]
-RotationSigma = Annotated[float, typer.Option(metavar="DEG", help="Noise on the rotations, about each axis.")]
+PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise of initial point coordinates.")]
+PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise of initial camera centres.")]
+RotationSigma = Annotated[
+    float, typer.Option(metavar="DEG", help="Noise of initial rotations, about each axis.")
+]
 FocalSigma = Annotated[
-    float, typer.Option(metavar="SHARE", help="Noise on the logarithms of free focal lengths.")
+    float, typer.Option(metavar="SHARE", help="Noise of the logarithm of free focal lengths.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the scene and of all noise.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+Seed = Annotated[int, typer.Option(min=0, help="Random seed of scene and noise.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 
 
 def two_numbers(text: str | None) -> tuple[float, float] | None:
@@ -86,7 +86,7 @@ def synth(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> ExitCode:
-    """Make a synthetic problem whose truth is known."""
+    """Generate a synthetic problem with known truth."""
     options = _given(
         num_cameras=cameras,
         num_points=points,
