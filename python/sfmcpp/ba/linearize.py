@@ -352,28 +352,28 @@ def linearize(
     gauge: Gauge = "auto",
     threads: int = 0,
 ) -> LinearModel:
-    """Linearise a problem at its present state, for Jacobians, covariances and other statistics.
+    """Linearise a problem at its current state, for Jacobians, covariances and leverages.
 
     Parameters
     ----------
     problem : Problem
-        The state, usually an optimum; left untouched.
+        The state, usually an optimum; not changed.
     constraints : iterable of ConstraintGroup or ResidualGroup
         Groups with their weights.
     loss : {"squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"} or LossFunction
-        Robust loss ρ: observations count ρ′ in the normal equations, as in those of the solver.
+        Robust loss ρ: observations are weighted by ρ′ in the normal equations, as in the solver.
     loss_scale_px : float or "auto"
-        Where the loss leaves the parabola; "auto": told by the residuals, as at the start of a solve.
+        Where the loss leaves the parabola; "auto": from the residuals, as at the start of a solve.
     gauge : {"auto", "free", "fixed"}
-        "free", and "auto" with it: all parameters have columns, covariances are those of least norm. "fixed":
-        the first pose and the scale are held, as far as nothing else holds them.
+        "free", and "auto" with it: all parameters have columns, covariances are those of the free network.
+        "fixed": the first pose and the scale are held, unless something else determines them.
     threads : int
-        0: as many as the machine has and the problem is worth. The same bits for any.
+        0: automatic. Does not change the result.
 
     Returns
     -------
     LinearModel
-        Residuals, Jacobian, constraint rows; covariances and leverages when asked for.
+        Residuals, Jacobian, constraint rows; covariances and leverages on request.
 
     Raises
     ------

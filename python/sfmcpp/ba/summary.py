@@ -174,41 +174,41 @@ class Summary:
         ``"stopped_by_callback"``, ``"stalled"`` (the cost fell, and then no step lowered it although the
         gradient is not negligible) or ``"numerical_failure"`` (no step lowered the cost).
     message : str
-        The same in words.
+        The termination in words.
     loss : str or LossFunction
-        The loss as it was given.
+        The given loss.
     method, line_search, linear_solver : str
         What was used.
     point_steps : str
-        What became of points that a step made worse, where ``"auto"`` was asked for, too.
+        How points that a step makes worse were treated; resolved if ``"auto"`` was given.
     options : dict
-        All options of the solve, by name, as given or by default.
+        All options of the solve by name, defaults included.
     version : str
-        That of this package.
+        Version of this package.
     linear_solver_reason : str
         Why this linear solver was chosen.
     linear_solver_forecast : list of LinearSolverForecast
-        What each solver that was weighed was predicted to take.
+        Predicted cost of each solver considered.
     linear_solver_changes : list of LinearSolverChange
-        Solvers that took over on the way, in their order.
+        Changes of the solver during the run, in order.
     loss_scale_px : float
         Scale of the loss, as given or as estimated.
     threads : int
         Threads used.
     seconds_setup, seconds_total : float
-        Before the first iteration, and in all [s].
+        Time before the first iteration, and total [s].
     warnings : list of str
-        What is legal but worth knowing, by name.
+        Named warnings about valid but suspicious input or results.
     observations_behind_camera : (int, int)
         Observations whose point is not in front of the camera, at the start and at the end.
     constraint_costs : dict of str to (float, float)
         Weighted cost of each group of constraints, by its name, at the start and at the end.
     iterations : list of Iteration
-        The whole history; the first is the start.
+        The history; the first entry is the initial state.
     group_weights : list of WeightSelection
         Groups whose weight was chosen from the data.
     ranks : list of RankLoad
-        What each rank had to do, in their order; none for one process alone.
+        Load of each rank, in order; empty for a single process.
     """
 
     initial_cost: float

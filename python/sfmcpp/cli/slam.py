@@ -167,7 +167,7 @@ def slam(
     fps: Fps = None,
     corners: Corners = CORNERS[0],
     stereo: Stereo = False,
-    window: Annotated[int, typer.Option(help="Keyframes in the local adjustment.")] = 8,
+    window: Annotated[int, typer.Option(help="Keyframes moved by the local adjustment.")] = 8,
     final_adjustment: Final = FINAL_ADJUSTMENTS[0],
     seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     view: View = False,

@@ -52,21 +52,21 @@ class MemberGroup:
 
 @dataclass(eq=False)
 class ConstraintGroup(MemberGroup):
-    """Constraints of one kind and one origin, with one weight: a GPS, an odometer, a prior.
+    """Constraints of one kind from one source, with one weight: a GPS, an odometer, a prior.
 
     In :func:`sfmcpp.solve` the group adds ``½ weight Σ member_weights · ε`` to the cost, each ε a *mean*
-    squared error (thesis table 5.1): the squared error over its number of entries d, of points for the forms
-    that compare images. A sensor of standard deviation σ, in the unit of its error, has the weight d / σ²
-    where observations are over theirs; of σ radians about each axis, 9 / (2 σ²) for a matrix of nine entries
-    and 3 / σ² for the logarithm: `sigma` makes that of it. Files of problems do not hold constraints.
+    squared error (thesis table 5.1): the squared error over its number of entries d, or of points for kinds
+    that compare images. `sigma` sets the weight from a standard deviation σ: d / σ² in the unit of the error;
+    for σ radians about each axis, 9 / (2 σ²) for a matrix of nine entries and 3 / σ² for the logarithm. Files
+    do not store constraints.
 
     With ``[R | t]`` the pose of a camera (rotation world_from_camera, centre in the world), hats for the
     values and "previous" for the first of two cameras:
 
     {kinds}
 
-    Lengths have the unit of the world. "focal" and "principal-point" may name two cameras instead of a
-    value: the intrinsics of the previous one take its place.
+    Lengths have the unit of the world. "focal" and "principal-point" accept two cameras instead of a value:
+    the intrinsics of the previous one are then the value.
 
     Parameters
     ----------
@@ -75,19 +75,17 @@ class ConstraintGroup(MemberGroup):
     cameras : (n,) or (n, 2) int32
         The camera of each member; for kinds between two cameras the previous one and this one.
     values : array, optional
-        Measurements, shaped as the table says; None for kinds without.
+        Measurements, with the shape in the table; None for kinds without.
     weight : float
-        Weight of the group; 0: as if it were not there. Change it between solves as you like, or have it
-        chosen: ``solve(..., weight="auto")``.
+        Weight of the group; 0: no effect. It may be changed between solves, or chosen from the data:
+        ``solve(..., weight="auto")``.
     member_weights : (n,) or (n, d) float64, optional
-        Weight of each member; of kinds whose values are vectors of d numbers also of each number, along the
-        axes of the frame: 1 / σ² of each beside the weight d, σ relative to one another beside a weight
-        that is chosen. Default: 1.
+        Weight of each member, or for kinds with vectors of d numbers of each number, along the axes of the
+        frame. 1 / σ² with weight d; only ratios count with a chosen weight. Default: 1.
     name : str
         Name of the group in summaries and messages, unique in a solve. Default: the kind.
     points : sequence of n (k, 3) float64, optional
-        World points, one array per member, of kinds that compare images; they stay where they are.
-        The images are those of a camera without distortion.
+        World points, one array per member, for kinds that compare images; held fixed. Distortion is ignored.
     loss : str or LossFunction
         Robust loss ρ of each member, for a sensor with outliers: ``"squared"`` (none), ``"huber"``,
         ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or ``"truncated"``, or one of your own. The group then
@@ -96,18 +94,17 @@ class ConstraintGroup(MemberGroup):
         Where the loss leaves the parabola, in standard deviations of the sensor, with the weight d / σ².
         Default: 95 % efficiency on normal errors, as for observations; of one of your own: 1.
     sigma : float, (n,) or (n, d) float64, optional
-        In place of both weights: standard deviation of the sensor, of each member, or of each number of kinds
-        whose values are vectors of d numbers. In metres, if those are the world's unit; of rotations in
-        radians about each axis; of what compares images in pixels; of "focal" as a share of f; of "pose",
-        "displacement-pose" and "smoothing" in metres, and 1 / √2 of it in radians. It is as strong as
-        observations whose own σ is 1 px, or what their covariance says. Not kept: it sets `weight` and
-        `member_weights`.
+        Instead of weights: standard deviation of the sensor, of each member, or of each number for kinds with
+        vectors of d numbers. Units: that of the world (metres); rotations: radians about each axis; kinds
+        that compare images: pixels; "focal": fraction of f; "pose", "displacement-pose" and "smoothing":
+        metres, and 1 / √2 of it in radians. Relative to observations in units of their own σ (1 px by
+        default). Not stored: it sets `weight` and `member_weights`.
 
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite, a σ is not positive or stands beside a weight. Indices,
-        rotations and weights wait for the solve.
+        If a shape is wrong, a number is not finite, a σ is not positive or given together with a weight.
+        Indices, rotations and weights are checked by the solve.
     """
 
     kind: ConstraintKindName | str

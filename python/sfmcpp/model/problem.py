@@ -29,16 +29,16 @@ from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 class Problem:
     """A bundle adjustment problem: C cameras, G rows of intrinsics, N points, M observations.
 
-    Arrays of the right dtype are taken as they are, without a copy, and a solve changes `cameras`,
-    `intrinsics` and `points` in place: also for whoever made the problem of them, and for other problems of
-    the same arrays. :meth:`copy` is independent, and so is what each method ``with_…`` returns, which keeps
-    the metadata too; ``Problem(…)`` has only the metadata that it is given.
+    Arrays of the right dtype are used without copying, and a solve changes `cameras`, `intrinsics` and
+    `points` in place, visibly to the caller and to other problems with the same arrays. :meth:`copy` and all
+    ``with_…`` methods return independent problems with the same metadata; ``Problem(…)`` has only the
+    metadata passed to it.
 
     Parameters
     ----------
     camera_model : str or CameraFunction
         ``"calibrated"``, ``"perspective"``, ``"bal"`` or ``"projective"``, see :class:`CameraModel`; or a
-        function of your own.
+        Python function.
     cameras : (C, 3, 4) float64
         ``[R | c]`` of each camera: rotation world_from_camera and centre in the world. A world point X
         is at ``Rᵀ (X − c)`` in the camera, z forward, y down. Projective cameras: the matrix P.
@@ -59,16 +59,16 @@ class Problem:
         Covariance of each observation [px²], in place of `sigma_px`. Residuals are then
         ``L (observed − projected)`` with ``LᵀL = Σ⁻¹``, L lower triangular (thesis eq. 1.18).
     fixed_cameras : (C,) bool, optional
-        Cameras whose pose stays as it is. Default: none.
+        Cameras with fixed pose. Default: none.
     fixed_points : (N,) bool, optional
-        Points that stay as they are. Default: none.
+        Fixed points. Default: none.
     fixed_intrinsics : (G, K) bool, optional
-        Single intrinsic parameters that stay as they are. Default: the camera model's.
+        Fixed single intrinsic parameters. Default: as the camera model defines.
     rigs : Rigs, optional
-        Which cameras are rigid to each other; a solve then moves their frames. Cameras of one frame are
-        fixed all or none. Default: each camera moves by itself.
+        Which cameras are mounted rigidly together; a solve then moves their frames. Cameras of one frame are
+        fixed all together or not at all. Default: cameras move independently.
     metadata : Metadata, optional
-        Names, colours and the like; no solver looks at it.
+        Names, colours and the like; ignored by solvers.
 
     Raises
     ------

@@ -90,21 +90,21 @@ def reconstruct(
     Parameters
     ----------
     source : path-like, MatchGraph or ImageTracks
-        A folder of images; a database of COLMAP, see :func:`sfmcpp.sfm.match_graph_of_database`; a file of
-        tracks, or of a model whose observations alone are used; or what
-        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.model.image_tracks.image_tracks` makes.
+        A folder of images; a COLMAP database, see :func:`sfmcpp.sfm.match_graph_of_database`; a file of
+        tracks, or of a model, of which only the observations are used; or the result of
+        :func:`sfmcpp.sfm.match_graph_of_arrays` or :func:`sfmcpp.model.image_tracks.image_tracks`.
     method : str
         ``"incremental"`` (thesis algorithm 5) or ``"batch"`` (algorithm 4).
     camera : str, float, path-like or array
-        ``"auto"``: focal lengths that the files tell, else estimated from the matches. ``"exif"``: the files
-        must tell them. A number: focal length to start from [px], which stays with `camera_model` "fixed". A
-        file ``K.txt`` or ``calib.txt``, or intrinsics (5,), (12,) or (3, 3): known, and they stay.
+        ``"auto"``: focal lengths from the files, else estimated from the matches. ``"exif"``: from the files,
+        required. A number: initial focal length [px], held fixed with `camera_model` "fixed". A file
+        ``K.txt`` or ``calib.txt``, or intrinsics (5,), (12,) or (3, 3): known and held fixed.
     camera_model : str
-        What of a camera is estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
-        or ``"opencv"``. ``"auto"``: ``"simple-radial"``, and then as much more as lowers the cost for good.
-        ``"fixed"``: nothing.
+        Which intrinsics are estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
+        or ``"opencv"``. ``"auto"``: ``"simple-radial"``, then more parameters if they lower the cost enough.
+        ``"fixed"``: none.
     shared_camera : str
-        Which images share a camera: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
+        Which images share intrinsics: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
         :func:`sfmcpp.sfm.cameras.shared_by`.
     matcher : str
         Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"``, ``"spatial"``
@@ -112,36 +112,36 @@ def reconstruct(
     masks : path-like, optional
         Folder of masks: nothing is detected where they are black.
     gps : str or path-like
-        Positions of images, which bring the largest model into the world: ``"none"``; ``"exif"``, those that
-        the files tell; ``"auto"``, the same if there are enough; or a file CSV of ``name, lat, lon, height``
-        (WGS84) or ``name, x, y, z`` (metres).
+        Positions of images, to georeference the largest model: ``"none"``; ``"exif"``, from the files;
+        ``"auto"``, the same if there are enough; or a CSV file of ``name, lat, lon, height`` (WGS84) or
+        ``name, x, y, z`` (metres).
     subpixel : bool
-        Whether observations of the models are moved to where the photos of a point look most alike, and all
-        is adjusted once more; see :func:`sfmcpp.sfm.subpixel.refine_tracks`. Tracks without photos stay.
+        Whether observations are refined to subpixel accuracy, and the models adjusted once more; see
+        :func:`sfmcpp.sfm.subpixel.refine_tracks`. Tracks without photos are unchanged.
     seed : int
-        Of every random sample; same seed, same result.
+        Random seed; the same seed gives the same result.
     cache : path-like, optional
-        Folder that keeps features and matches, so that a later run need not compute them anew.
+        Folder in which features and matches are kept for later runs.
     threads : int, optional
-        Threads at most; the result does not depend on it. Default: as many as the machine has.
+        Maximum number of threads; does not change the result. Default: all of the machine.
     settings : IncrementalSettings, optional
         Thresholds of the reconstruction; its seed is replaced.
     front_end : FrontEndSettings, optional
-        Of features and matches.
+        Settings of features and matches.
     progress : callable
-        Called as ``progress(stage, done, total)``; returning True stops with what there is.
+        Called as ``progress(stage, done, total)``; returning True stops and returns the result so far.
 
     Returns
     -------
     SfmRun
-        Models, the largest first; none if no two images fit together: `images` then says why.
+        Models, the largest first; none if no two images fit together, and `images` then says why.
 
     Raises
     ------
     DatasetError
         If the source cannot be read.
     InvalidArgument
-        If an argument breaks a rule.
+        If an argument is invalid.
     ModuleNotFoundError
         If OpenCV, Pillow or PoseLib is missing (extra ``vision``).
     """

@@ -114,7 +114,7 @@ def run(
     resume: CheckpointStore | None = None,
     **opening: Any,
 ) -> SlamRun:
-    """Follow a camera and map what it sees, keyframe by keyframe: ``sfmcpp slam`` from Python.
+    """Run SLAM on a camera and other sensors: ``sfmcpp slam`` from Python.
 
     Parameters
     ----------
@@ -122,26 +122,26 @@ def run(
         A folder of images, a video, a KITTI drive (.mat) or a file of tracks; or what
         :func:`sfmcpp.sources.drives.open_drive` made of one.
     sensors : sequence of str
-        What to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
+        Sensors to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
     sigmas : mapping of str to float or None, optional
-        What a sensor of that name may be off: the `sigma_m` [m] or `sigma_rad` [rad] of its class; None:
-        estimated on the run. Default: those of the classes.
+        Standard deviation by sensor name: the `sigma_m` [m] or `sigma_rad` [rad] of its class; None:
+        estimated during the run. Default: those of the classes.
     weights : str
-        How sensors are weighed; see :class:`SlamSettings`.
+        How sensor weights are chosen; see :class:`SlamSettings`.
     weight_bounds : str
-        Between which weights: ``"declared"``, what a sensor declares of itself bounds them, or ``"none"``.
+        Bounds of the weights: ``"declared"``, from the standard deviation of the sensor, or ``"none"``.
     window : int
-        Keyframes that the local adjustment moves.
+        Number of keyframes that the local adjustment moves.
     final_adjustment : str
         Whether all keyframes are adjusted together at the end: ``"auto"``, ``"on"`` or ``"off"``; see
         :class:`SlamSettings`.
     seed : int
-        Of all random samples.
+        Random seed.
     callback : callable, optional
-        Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
-        False, as a solve does.
+        Called as ``callback(frame, result)`` after each frame, with its number; returning False stops the
+        run.
     checkpoint, resume : CheckpointFolder, optional
-        Where to save checkpoints, and where to take an earlier run up; see :func:`run_slam`.
+        Where to save checkpoints, and where to resume from; see :func:`run_slam`.
     **opening
         For a path: the keyword arguments of :func:`sfmcpp.sources.drives.open_drive`, such as `sensor_file`,
         `mounting` and `camera`.
@@ -149,14 +149,14 @@ def run(
     Returns
     -------
     SlamRun
-        :class:`sfmcpp.study.SlamReport` measures it against the truth, and writes its files.
+        Pass it to :class:`sfmcpp.study.SlamReport` to evaluate it against ground truth and write its files.
 
     Raises
     ------
     DatasetError
-        If a file cannot be read, or does not hold what is asked for.
+        If a file cannot be read, or lacks what is needed.
     InvalidArgument
-        If an option breaks its rule, or the input lacks what a sensor needs.
+        If an option is invalid, or the input lacks what a sensor needs.
     """
     if isinstance(sensors, str):
         raise InvalidArgument(f"sensors = {sensors!r}: must be a sequence of names, such as [{sensors!r}]")

@@ -40,81 +40,83 @@ def solve(
 ) -> Summary:
     """Adjust cameras, intrinsics and points of a problem, in place.
 
-    Minimises ½ Σ ρ(‖r‖²) over everything that is free, r = (observed − projected) / σ, and the costs of
-    the constraints, each group with a loss of its own. A :class:`LossFunction` stands in place of the name of
-    a loss, a :class:`CameraFunction` in place of the problem's camera model.
+    Minimises ½ Σ ρ(‖r‖²) + the costs of the constraints over all free parameters, r = (observed − projected)
+    / σ. The loss may also be a :class:`LossFunction`, the camera model of the problem a
+    :class:`CameraFunction`.
 
     Parameters
     ----------
     problem : Problem
-        Its arrays `cameras`, `intrinsics` and `points` hold the best state found afterwards, however the
-        solve ends. Use ``problem.copy()`` to keep the start.
+        Its arrays `cameras`, `intrinsics` and `points` are overwritten with the best state found, however the
+        solve ends. Use ``problem.copy()`` to keep the initial values.
     constraints : iterable of ConstraintGroup or ResidualGroup
         Named weighted groups of constraints on the cameras; see :class:`ConstraintGroup`, and
-        :class:`ResidualGroup` for residuals by a function of your own. For metric camera models. An algebraic
-        line search proposes its lengths by the pixels alone.
+        :class:`ResidualGroup` for residuals by your own function. Metric camera models only. Algebraic line
+        searches consider only the pixels.
     weight : str or mapping of str to str, optional
-        How to choose the weights of the groups from the data before the solve: one method for all, or the
-        method of some by their names, the others keeping their weights. None: all keep theirs. The chosen
-        weight replaces the attribute `weight` of its group; the solve is then the same, bit for bit, as one
+        How to choose the weights of the groups from the data before the solve: one method for all groups, or
+        a mapping from group names to methods; other groups keep their weights. None: all groups do. The
+        chosen weight is stored in the attribute `weight` of its group; the solve has the same bits as one
         given that weight.
 
         - "variance", and "auto" with it: restricted likelihood (variance components), several groups
-          together; for up to 4000 free parameters of cameras. Where the noise of a sensor is normal, it
-          recovers its standard deviation as well as the redundancy r allows, to a share of 1 / √(2r). The
-          choice and the solve together cost two to three and a half times the solve alone (BAL problem-49,
-          and a scene of 15,000 observations solved in 10 ms).
+          together; for up to 4000 free parameters of cameras. With normal sensor noise it recovers the
+          standard deviation as well as the redundancy r allows, to a fraction of 1 / √(2r). The choice and
+          the solve together cost two to three and a half times the solve alone (BAL problem-49, and a scene
+          of 15,000 observations solved in 10 ms).
         - "loo-approx": leave-one-out cross-validation of the observations, in closed form, over 21 weights.
-        - "k-fold": the same by refits without a quarter of the observations; for problems of any size.
-        - "l-curve", "l-curve-scaled", "ltn": trade-off criteria over 17 weights (thesis §2.4). Cheap, of any
-          size, and often far off.
+        - "k-fold": the same with refits that leave out a quarter of the observations; for problems of any
+          size.
+        - "l-curve", "l-curve-scaled", "ltn": trade-off criteria over 17 weights (thesis §2.4). Cheap, for
+          problems of any size, often far off.
 
-        On scenes with sensors of known noise (bench/experiments, "whole-weights") the first lost 1 % against
-        the true weights in the median and at most 8 %; cross-validation 0 to 3 %, but in some runs it took no
-        weight at all; trade-off criteria 1 to 330 %. A sensor that is wrong where the images drift as far
-        bends the result, and its equivalent standard deviation grows less than it should.
+        On scenes with sensors of known noise (bench/experiments, "whole-weights") the error with "variance"
+        is 1 % above that with the true weights in the median, at most 8 %; with cross-validation 0 to 3 %,
+        but in some runs it chose no weight at all; with trade-off criteria 1 to 330 %. A faulty sensor bends
+        the result where the images drift as much, and its equivalent standard deviation grows less than it
+        should.
 
-        Residuals by a function have a standard deviation in their own unit: 1 where they are over their σ.
-        Of a group with a robust loss, members beyond 4.6 standard deviations have no say in its weight.
+        Own residuals have a standard deviation in their own unit: 1 if they are divided by σ. In a group with
+        a robust loss, members beyond 4.6 standard deviations do not influence the weight.
 
-        Every weight keeps 90 % of the inliers of the images alone, if any does. All fits use the loss,
-        linear solver, gauge and limits given here, each for itself; Ctrl-C during the choice raises
-        KeyboardInterrupt and leaves everything as it was.
+        The chosen weight keeps 90 % of the inliers of the images alone, if any weight does. All fits use the
+        loss, linear solver, gauge and limits given here, each separately. Ctrl-C during the choice raises
+        KeyboardInterrupt and leaves everything unchanged.
     callback : callable, optional
         Called as ``callback(iteration)`` after every iteration; returning False stops the solve.
     checkpoint : CheckpointFolder, optional
-        Where to save, from time to time and when the solve is stopped, what a later call needs to go on. If
-        that fails once the solve runs, it goes on, and a warning of the summary names the file.
+        Where to save the state, periodically and when the solve is stopped, to resume from later. If saving
+        fails during the solve, the solve continues, and a warning in the summary names the file.
     resume : CheckpointFolder, optional
-        Where an earlier call with the same arguments saved checkpoints: this one goes on from the newest.
-        `problem` must be as it was at the start, read again for instance. The result has the bits of one
-        call that was never stopped, times aside. `threads`, `max_iterations` and `max_seconds` may differ;
-        the limits, the history and the seconds are those of both calls together. Weights are chosen anew,
-        and come out the same. The callback hears of new iterations alone.
+        Where an earlier call with the same arguments saved checkpoints; the solve resumes from the newest.
+        `problem` must have its initial values, for example read again. The result has the bits of one call
+        that was never stopped, except for times. `threads`, `max_iterations` and `max_seconds` may differ;
+        limits, history and seconds cover both calls together. Weights are chosen again, with the same result.
+        The callback is called for new iterations only.
     comm : mpi4py.MPI.Comm, optional
-        Processes that solve the problem together; each calls this, with the same arguments but for
-        `problem`, `callback` and `threads`. Every run with the same number of them has the same bits; with
-        another number, steps of direct linear solvers have the same costs but for rounding, and those of
-        iterative ones to their tolerance. Weights are chosen by rank 0, which gathers parts for it. Of
-        checkpoints each rank has its own in the folder, and as many ranks take them up. Run such a
-        program by ``mpiexec -n N python -m mpi4py PROGRAM``: an exception on one rank then ends all.
+        MPI processes that solve the problem together. Each calls this with the same arguments, except for
+        `problem`, `callback` and `threads`. Runs with the same number of processes have the same bits; with
+        another number, costs agree to rounding for direct linear solvers, and to their tolerance for
+        iterative ones. Weights are chosen by rank 0, which gathers the parts. Each rank has its own
+        checkpoints in the folder; resume with the same number of ranks. Run the program with ``mpiexec -n N
+        python -m mpi4py PROGRAM``, so that an exception on one rank ends all.
     **options
 
     Returns
     -------
     Summary
-        Costs, termination, history and warnings. Ctrl-C returns too, with termination "interrupted".
+        Costs, termination, history and warnings. Also after Ctrl-C, with termination "interrupted".
 
     Raises
     ------
     InvalidArgument
-        If the problem or an option breaks a rule; the message names it. The problem is untouched then. With
+        If the problem or an option is invalid; the message names it, and the problem is unchanged. With
         `weight`: if there is nothing to choose from, the problem is too large for the method, or a name is
         unknown.
     DatasetError
-        If `checkpoint` cannot be written or holds checkpoints of an earlier run; if `resume` has no whole
+        If `checkpoint` cannot be written or has checkpoints of an earlier run; if `resume` has no complete
         checkpoint, or one of another problem, other options, another version or instruction set. The problem
-        is untouched then.
+        is unchanged.
     """
     if comm is not None:
         ranks = Ranks(comm)

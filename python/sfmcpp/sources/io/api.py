@@ -65,21 +65,21 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     Parameters
     ----------
     path : path-like
-        File, or folder of a COLMAP model (binary if it has both kinds). ``…cams….txt`` is sba's format,
-        with ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are
-        BAL; ``.out`` is Bundler, ``.nvm`` VisualSFM, ``.g2o`` g2o, ``.sfm`` AliceVision; ``.json`` is
-        OpenMVG's sfm_data, AliceVision's, or transforms.json: its contents tell; ``.npz`` is this package's
-        own, and so is a folder named ``parts`` or ``….parts``, which has it in parts for several ranks. A
-        folder of ``IMAGE.camera`` is the truth of Strecha's benchmark. That and transforms.json are cameras
-        without points.
+        File, or folder of a COLMAP model (binary if it has both). ``…cams….txt`` is sba's format, with
+        ``…pts.txt`` and ``calib.txt`` beside it; ``.txt``, ``.txt.bz2``, ``.txt.gz``, ``.txt.xz`` are BAL;
+        ``.out`` is Bundler, ``.nvm`` VisualSFM, ``.g2o`` g2o, ``.sfm`` AliceVision; ``.json`` is OpenMVG's
+        sfm_data, AliceVision's, or transforms.json, decided by its contents; ``.npz`` is this package's own
+        format, and so is a folder named ``parts`` or ``….parts``, with parts for several ranks. A folder of
+        ``IMAGE.camera`` is the ground truth of Strecha's benchmark. That and transforms.json have cameras but
+        no points.
     format : str, optional
         Name of the format, one of :func:`formats`, where the file's name does not tell.
 
     Returns
     -------
     Problem
-        In this package's conventions: world_from_camera, z forward, y down, pixels. Cameras are in the order
-        of the file; those of a COLMAP model in that of their image ids, as from pycolmap.
+        In the conventions of this package: world_from_camera, z forward, y down, pixels. Cameras have the
+        order of the file; in a COLMAP model that of the image ids, as from pycolmap.
 
     Raises
     ------
@@ -98,19 +98,19 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
 
 @checked()
 def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None:
-    """Write a problem; the file appears complete or not at all.
+    """Write a problem; the file is written completely or not at all.
 
-    Masks of cameras and points are kept by ``.npz`` and ``.g2o``, standard deviations and covariances by
-    these and sba's format, rigs by ``.npz`` and COLMAP's formats: in others each camera is by itself.
+    Masks of cameras and points are stored by ``.npz`` and ``.g2o``, standard deviations and covariances by
+    these and sba's format, rigs by ``.npz`` and COLMAP's formats; other formats store independent cameras.
 
     Parameters
     ----------
     problem : Problem
-        What to write; it is not changed.
+        The problem; not changed.
     path : path-like
-        Where to; the name tells the format as in :func:`read`, ``.ply`` is for viewers, ``.rrd`` for
-        that of rerun, ``transforms.json`` for nerfstudio and Gaussian splatting, and a name without suffix is
-        the folder of a binary COLMAP model.
+        Output file or folder; the name determines the format as in :func:`read`. ``.ply`` is for viewers,
+        ``.rrd`` for the rerun viewer, ``transforms.json`` for nerfstudio and Gaussian splatting; a name
+        without suffix is the folder of a binary COLMAP model.
     format : str, optional
         Name of the format, where the file's name does not tell.
 
