@@ -18,7 +18,7 @@ from sfmcpp.model.names import Loss
 
 
 def check(problem: Problem) -> list[str]:
-    """Look a problem over without solving it.
+    """Check a problem without solving it.
 
     Parameters
     ----------
@@ -28,13 +28,13 @@ def check(problem: Problem) -> list[str]:
     Returns
     -------
     list of str
-        What is legal but worth knowing: cameras or points without observations, points seen once, parts
-        that share no point.
+        Warnings about valid but suspicious input: cameras or points without observations, points seen once,
+        parts that share no point.
 
     Raises
     ------
     InvalidArgument
-        If a rule is broken: the message names the array, the position, the value and the rule.
+        If the problem is invalid: the message names the array, the position, the value and the rule.
     """
     return list(_core.check(core_arrays(problem)))
 
@@ -120,14 +120,14 @@ def cost(
 
 
 def check_jacobians(problem: Problem, max_observations: int = 1000) -> _core.JacobianCheck:
-    """Compare the analytic derivatives with numeric ones at the present state of a problem.
+    """Compare analytic derivatives with numeric ones at the current state of a problem.
 
     Parameters
     ----------
     problem : Problem
         The problem at its present state.
     max_observations : int
-        Observations compared at most, spread evenly over the problem.
+        Maximum number of observations compared, spread evenly over the problem.
 
     Returns
     -------

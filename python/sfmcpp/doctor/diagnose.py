@@ -57,31 +57,31 @@ _OF_PROJECTIVE_CAMERAS = (duplicates, connections, gauge)
 def diagnose(
     problem: Problem, *, constraints: Iterable[Group] = (), summary: Summary | None = None
 ) -> Diagnosis:
-    """Find everything about a problem that explains a bad result of a solve.
+    """Diagnose a problem: find what explains a bad result of a solve.
 
-    Adjusts copies with a robust loss to tell gross errors from a start that is merely far away; of more than
-    200 cameras or 100,000 observations, copies of a part. The same findings in every run.
+    Adjusts copies with a robust loss to separate gross errors from poor initial values; above 200 cameras or
+    100,000 observations, copies of a part. The findings are the same in every run.
 
     Parameters
     ----------
     problem : Problem
-        Left untouched; its state is the start of a solve, or with `summary` the end of one.
+        Not changed. Its state is the initial state of a solve, or with `summary` the final one.
     constraints : iterable of ConstraintGroup or ResidualGroup
         Those of the solve.
     summary : Summary, optional
-        What the solve that ended here returned: then variances, the worst parameters and other basins
-        near the solution are looked at, too.
+        Result of the solve that ended in this state: variances, the worst parameters and other minima near
+        the solution are then examined, too.
 
     Returns
     -------
     Diagnosis
-        Findings in the order of their weight, and what was skipped.
+        Findings, the most severe first, and skipped examinations.
 
     Raises
     ------
     InvalidArgument
-        If a constraint is no valid group, its function returns what are no residuals, or rays of the camera
-        model are not known. What is wrong with the problem is a finding.
+        If a constraint is not a valid group, its function does not return residuals, or the camera model has
+        no rays. Errors of the problem itself are findings.
     KeyboardInterrupt
         On Ctrl-C, during adjustments too.
     """

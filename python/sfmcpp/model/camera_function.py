@@ -26,37 +26,37 @@ _STEP, _STRAIGHT_STEP = (float(np.finfo(float).eps ** power) for power in (1 / 3
 
 @dataclass(frozen=True, eq=False)
 class CameraFunction:
-    """A camera model by a NumPy function, in place of the name of one: ``Problem(camera_model=…)``.
+    """Your own camera model as a NumPy function, for ``Problem(camera_model=…)``.
 
-    Poses are those of the other metric models, ``[R | c]``; the function takes points in the frame of the
-    camera, ``x = Rᵀ (X − c)``, to pixels. Nothing else of a camera is known: no point is behind it, and what
-    needs rays, matrices or files is refused. Every pass over the observations is one call, from the thread
-    that called the solve; the bits do not depend on the number of threads.
+    Poses are ``[R | c]`` as for other metric models; the function maps points in the frame of the camera, ``x
+    = Rᵀ (X − c)``, to pixels. No point counts as behind the camera, and operations that need rays, matrices
+    or files are refused. Each pass over the observations is one call, from the thread that called the solve;
+    results do not depend on the number of threads.
 
     Parameters
     ----------
     project : callable
         Called as ``project(points, intrinsics)`` with the points (M, 3) of all observations and the
-        intrinsics (M, K) of their cameras; returns pixels (M, 2), each row of the same row of its arguments
-        alone. NaN: the camera cannot see this point; a step that leads there is refused. What it raises ends
-        the solve and is raised as it is; the problem then holds the best state until there.
+        intrinsics (M, K) of their cameras; returns pixels (M, 2), each row only from the same row of the
+        arguments. NaN: the camera cannot see this point; a step that leads there is rejected. An exception
+        ends the solve and is passed on; the problem then has the best state so far.
     intrinsics : tuple of str
         Names of the K intrinsic parameters, 1 to 12. The constraints ``focal`` and ``principal-point`` go by
         ``f``, ``cx`` and ``cy``.
     jacobians : callable, optional
         Called as `project` is; returns the derivatives of the pixels by points (M, 2, 3) and by intrinsics
-        (M, 2, K). Default: central differences, of 2 (3 + K) calls of `project`.
-        :func:`sfmcpp.check_jacobians` tells whether they are right.
+        (M, 2, K). Default: central differences, of 2 (3 + K) calls of `project`. Check them with
+        :func:`sfmcpp.check_jacobians`.
     name : str
         Its name in messages. Default: that of `project`.
     free_by_default : tuple of str
-        Intrinsics that a problem leaves free unless it says otherwise. Default: none.
+        Intrinsics that are free by default. Default: none.
 
     Raises
     ------
     InvalidArgument
-        If a function is not callable, or a name is missing, unknown or there twice. What the functions
-        return waits for the solve.
+        If a function is not callable, or a name is missing, unknown or duplicate. Return values are checked
+        by the solve.
     """
 
     project: Projection

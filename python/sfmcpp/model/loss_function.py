@@ -30,31 +30,30 @@ _RHO_TOLERANCE = 1e-6  # of ρ beside the integral of ρ′
 
 
 class LossFunction(_core.LossTable):
-    """A robust loss ρ(s) by NumPy functions, in place of the name of one: ``solve(loss=…)`` and groups.
+    """Your own robust loss ρ(s) as NumPy functions, for ``solve(loss=…)`` and groups.
 
-    The cost is ``½ Σ c² ρ(‖r‖² / c²)`` with the scale c of the solve or the group, which is one unless given:
-    residuals are over their σ. Solvers ask for single values from many threads, so that the derivative is
-    tabulated here, once: polynomials of degree 7 on cells that are halved until they agree with the function
-    to 1e-12 of its value, or to its rounding; kinks and leaps end in cells of 1e-13 of s. ρ is the integral
-    of that table, so that cost and gradient belong together; beyond ``s = 2¹⁰⁰`` it goes on as a line.
+    The cost is ``½ Σ c² ρ(‖r‖² / c²)`` with the scale c of the solve or the group, 1 by default, and
+    residuals divided by their σ. The derivative is tabulated once, because solvers evaluate single values
+    from many threads: polynomials of degree 7 on cells that are halved until they agree with the function to
+    1e-12 of its value, or to its rounding; kinks and jumps end in cells of 1e-13 of s. ρ is the integral of
+    that table, so cost and gradient are consistent; beyond ``s = 2¹⁰⁰`` it is continued as a line.
 
     Parameters
     ----------
     rho : callable
-        ρ of squared scaled residuals s ≥ 0 (n,), (n,) itself; zero at zero. It is compared with the integral
-        of `derivative`.
+        ρ(s) of squared scaled residuals s ≥ 0, from (n,) to (n,); zero at zero. It is compared with the
+        integral of `derivative`.
     derivative : callable
-        ρ′ = dρ/ds, the weight of an observation: finite and not negative; one at zero where small residuals
-        are to count in full.
+        ρ′ = dρ/ds, the weight of an observation: finite and not negative; one at zero if small residuals
+        should have full weight.
     name : str
         Its name in summaries. Default: that of `rho`.
 
     Raises
     ------
     InvalidArgument
-        If what a function returns has another shape or is no number, a weight is negative, `rho` is not the
-        integral of `derivative`, or `derivative` is too rough to be tabulated: another value wherever it is
-        asked.
+        If a function returns another shape or values that are not numbers, a weight is negative, `rho` is not
+        the integral of `derivative`, or `derivative` is too rough to be tabulated.
     """
 
     def __init__(self, rho: Curve, derivative: Curve, name: str = "") -> None:

@@ -173,7 +173,7 @@ class Problem:
 
     @property
     def is_metric(self) -> bool:
-        """Whether the cameras are poses in a Euclidean world, rather than projection matrices."""
+        """Whether the cameras are Euclidean poses, not projection matrices."""
         return self._model.metric
 
     def set_free_intrinsics(self, *names: str) -> Problem:
@@ -201,7 +201,7 @@ class Problem:
         return self
 
     def with_observations(self, chosen: ArrayLike) -> Problem:
-        """A copy with all cameras, intrinsics and points, and some of the observations.
+        """Copy with some of the observations, and all cameras, intrinsics and points.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Problem:
         return selecting.of_observations(self, chosen)
 
     def with_points(self, chosen: ArrayLike) -> Problem:
-        """A copy with all cameras and intrinsics, some of the points, and all observations of these.
+        """Copy with some of the points and their observations, and all cameras and intrinsics.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class Problem:
         return selecting.of_points(self, chosen)
 
     def with_cameras(self, chosen: ArrayLike) -> Problem:
-        """A copy with some of the cameras, all observations by these, and all points, seen or not.
+        """Copy with some of the cameras and their observations, and all points, seen or not.
 
         Parameters
         ----------
@@ -262,7 +262,7 @@ class Problem:
         return selecting.of_cameras(self, chosen)
 
     def with_shared_intrinsics(self, groups: ArrayLike | None = None) -> Problem:
-        """A copy in which cameras share intrinsics, as photos of one camera and one zoom do.
+        """Copy in which cameras share intrinsics, like photos of one camera at one zoom.
 
         Parameters
         ----------
@@ -291,7 +291,7 @@ class Problem:
         *,
         sigma_px: ArrayLike | None = None,
     ) -> Problem:
-        """A copy with more points, such as ground control points with their marks in the images.
+        """Copy with more points, such as ground control points with their marks in the images.
 
         Parameters
         ----------

@@ -15,12 +15,12 @@ from sfmcpp.model.checks import ROTATION_TOLERANCE, is_rotation
 
 @dataclass(eq=False)
 class Rigs:
-    """Which cameras of a problem are rigid to each other: each is one sensor of one frame.
+    """Cameras mounted rigidly together: each camera of a problem is one sensor of one frame.
 
-    Camera i is where both put it: ``R_i = R_f R_s`` and ``c_i = c_f + R_f t_s``, with the pose of its frame
-    in the world ``[R_f | c_f]``. A solve moves frames, six numbers each, and sensors that are free, six for
-    all frames; nothing else moves the cameras of a frame against each other. A camera by itself is the only
-    one of its frame, with a sensor of its own at ``[I | 0]``.
+    The pose of camera i follows from both: ``R_i = R_f R_s`` and ``c_i = c_f + R_f t_s``, with the pose of
+    its frame in the world ``[R_f | c_f]``. A solve estimates six parameters per frame, and six per free
+    sensor, shared by all frames. An independent camera is the only one of its frame, with its own sensor at
+    ``[I | 0]``.
 
     Parameters
     ----------
@@ -30,11 +30,11 @@ class Rigs:
     frame_of_camera : (C,) int32
         Frame of each camera, below C.
     sensor_of_camera : (C,) int32
-        Sensor of each camera, a row of `sensors`. A frame has a sensor once at most.
+        Sensor of each camera, a row of `sensors`. A frame has each sensor at most once.
     free_sensors : (S,) bool, optional
-        Sensors whose poses are estimated; :meth:`freed` makes the usual choice. Of those that frames hold
-        together one must stay, as long as a frame moves: if all are free, a solve leaves the first as it is
-        and says so. Default: none.
+        Sensors whose poses are estimated; :meth:`freed` makes the usual choice. One sensor of each connected
+        group must be fixed as long as a frame moves: if all are free, a solve holds the first fixed, with a
+        warning. Default: none.
 
     Raises
     ------

@@ -86,33 +86,33 @@ def georeference(
     seed: int = 0,
     **options: Unpack[SolveKeywords],
 ) -> Georeferenced:
-    """Bring a problem into the world of positions of its cameras, and adjust both together, in place.
+    """Georeference a problem: align it to positions of its cameras and adjust both together, in place.
 
-    The images are adjusted alone first. Then the problem is moved to most of the positions, and adjusted
-    with them at the weight that restricted likelihood gives them; positions that lie are left out.
+    The images are adjusted alone first. Then the problem is aligned to most of the positions, and adjusted
+    with them at a weight chosen by restricted likelihood; outlier positions are left out.
 
     Parameters
     ----------
     problem : Problem
-        Of a metric camera model; no camera and no point fixed. Afterwards it is in metres from
-        ``outcome.origin``, which its metadata keep.
+        With a metric camera model; no camera or point fixed. Afterwards it is in metres from
+        ``outcome.origin``, which is stored in its metadata.
     positions : (C, 3) array-like
-        x, y, z [m] of each camera, or latitude, longitude [deg, WGS84] and height [m]; not a number where
-        unknown. At least five, not on a line.
+        x, y, z [m] of each camera, or latitude, longitude [deg, WGS84] and height [m]; NaN where unknown. At
+        least five, not on a line.
     geodetic : bool
-        Whether they are latitude, longitude and height; axes of the world are then east, north, up.
+        Whether positions are latitude, longitude and height; the world axes are then east, north, up.
     sigmas_m : (C, 3) array-like, optional
-        Standard deviations along the axes of the world as a receiver states them [m]. They count relative
-        to one another; how far they are right is found, but for problems of more than 4000 free parameters
-        of cameras, which need them as they are. Default: all alike.
+        Standard deviations along the world axes as stated by the receiver [m]. They count relative to one
+        another, and their common factor is estimated. Problems with more than 4000 free camera parameters
+        need them, and use them as stated. Default: all equal.
     seed : int
-        Of the search for the positions that agree.
+        Random seed of the search for positions that agree.
     **options
 
     Returns
     -------
     Georeferenced
-        What was found, and the group of positions.
+        The outcome, and the constraint group of the positions.
 
     Raises
     ------

@@ -40,15 +40,15 @@ _ANY_SEAL = re.compile(rb"sfmcpp checkpoint (\d+) sha256 [0-9a-f]{64}\Z")
 
 
 class CheckpointFolder:
-    """A folder for the checkpoints of one run, of which it keeps the last two.
+    """A folder for the checkpoints of one run; it keeps the last two.
 
     Parameters
     ----------
     path : path-like
-        The folder; it is made if it is missing, its parent must exist.
+        The folder, created if missing; its parent must exist.
     every_s : float
-        Seconds from one checkpoint to the next; 0: one after each iteration. A run that is stopped, by a
-        limit, Ctrl-C or a callback, leaves one in any case.
+        Seconds between checkpoints; 0: one after each iteration. A run stopped by a limit, Ctrl-C or a
+        callback always saves one.
 
     Raises
     ------

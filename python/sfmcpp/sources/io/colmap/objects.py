@@ -16,19 +16,19 @@ from sfmcpp.sources.io.views import UNREGISTERED
 
 
 def from_pycolmap(reconstruction: Any) -> Problem:
-    """Make a problem of a reconstruction of pycolmap.
+    """Convert a pycolmap reconstruction to a problem.
 
     Parameters
     ----------
     reconstruction : pycolmap.Reconstruction
-        It is not changed. Images without a pose are no part of a problem and are left out with their
-        keypoints, as in COLMAP's own files; ``metadata.extra["unregistered_images"]`` names them.
+        Not changed. Images without a pose are left out with their keypoints, as in COLMAP's own files;
+        ``metadata.extra["unregistered_images"]`` lists them.
 
     Returns
     -------
     Problem
-        Camera model ``"perspective"``; what it keeps, and in which order, is told at
-        ``sfmcpp.read`` for a binary COLMAP model. Names and identifiers are metadata.
+        Camera model ``"perspective"``; contents and order as for ``sfmcpp.read`` of a binary COLMAP model.
+        Names and identifiers are metadata.
 
     Raises
     ------
@@ -50,18 +50,18 @@ def from_pycolmap(reconstruction: Any) -> Problem:
 
 @checked()
 def to_pycolmap(problem: Problem) -> Any:
-    """Make a reconstruction for pycolmap, with the rigs of the problem or a trivial rig for each camera.
+    """Convert a problem to a pycolmap reconstruction, with its rigs or a trivial rig per camera.
 
     Parameters
     ----------
     problem : Problem
-        It is not changed. Names and identifiers are those of its metadata, where it has them.
+        Not changed. Names and identifiers are those of its metadata, if any.
 
     Returns
     -------
     pycolmap.Reconstruction
-        Errors of points are computed anew, of this state [px]. Masks, standard deviations and covariances
-        have no place there.
+        Errors of points are computed from this state [px]. Masks, standard deviations and covariances are not
+        kept.
 
     Raises
     ------
