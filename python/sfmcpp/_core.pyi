@@ -67,7 +67,7 @@ class SolveOptions:
     @property
     def acceleration(self) -> str:
         """
-        Whether steps are bent by the curvature of the residuals
+        Geodesic acceleration of steps by the curvature of the residuals
         """
     @acceleration.setter
     def acceleration(self, arg1: str) -> None:
@@ -75,7 +75,7 @@ class SolveOptions:
     @property
     def algebraic_weights(self) -> str:
         """
-        How observations count in an algebraic line search
+        Weights of observations in an algebraic line search
         """
     @algebraic_weights.setter
     def algebraic_weights(self, arg1: str) -> None:
@@ -83,7 +83,7 @@ class SolveOptions:
     @property
     def backtracking_test(self) -> str:
         """
-        What a backtracking line search demands of a length
+        Acceptance test of the backtracking line search
         """
     @backtracking_test.setter
     def backtracking_test(self, arg1: str) -> None:
@@ -91,7 +91,7 @@ class SolveOptions:
     @property
     def damping_matrix(self) -> str:
         """
-        What λ multiplies
+        Matrix that λ multiplies
         """
     @damping_matrix.setter
     def damping_matrix(self, arg1: str) -> None:
@@ -99,7 +99,7 @@ class SolveOptions:
     @property
     def function_tolerance(self) -> float:
         """
-        Stop when an accepted step decreases the cost by less than this share
+        Stop when an accepted step decreases the cost by less than this fraction
         """
     @function_tolerance.setter
     def function_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -107,7 +107,7 @@ class SolveOptions:
     @property
     def gauge(self) -> str:
         """
-        What holds position, orientation and scale where nothing else does
+        What fixes position, orientation and scale if nothing else does
         """
     @gauge.setter
     def gauge(self, arg1: str) -> None:
@@ -115,7 +115,7 @@ class SolveOptions:
     @property
     def gradient_tolerance(self) -> float:
         """
-        Stop when no entry of the gradient is larger
+        Stop when no entry of the gradient exceeds this
         """
     @gradient_tolerance.setter
     def gradient_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -123,7 +123,7 @@ class SolveOptions:
     @property
     def initial_damping(self) -> float | None:
         """
-        First λ; else that of the method
+        Initial λ; default: that of the method
         """
     @initial_damping.setter
     def initial_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -131,7 +131,7 @@ class SolveOptions:
     @property
     def initial_radius(self) -> float | None:
         """
-        First radius of the Dog-Leg; else that of the method
+        Initial radius of the Dog-Leg; default: that of the method
         """
     @initial_radius.setter
     def initial_radius(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -139,7 +139,7 @@ class SolveOptions:
     @property
     def line_search(self) -> str:
         """
-        How far to go along each step
+        Line search along each step
         """
     @line_search.setter
     def line_search(self, arg1: str) -> None:
@@ -147,7 +147,7 @@ class SolveOptions:
     @property
     def line_search_damping(self) -> float | None:
         """
-        Search in later iterations too while λ is above this
+        Also search in later iterations while λ is above this
         """
     @line_search_damping.setter
     def line_search_damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -155,7 +155,7 @@ class SolveOptions:
     @property
     def line_search_iterations(self) -> int:
         """
-        Iterations, from the first on, that search
+        Number of first iterations that use the line search
         """
     @line_search_iterations.setter
     def line_search_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -163,7 +163,7 @@ class SolveOptions:
     @property
     def line_search_on_rejection(self) -> bool:
         """
-        Search in later iterations too where the unit step would be rejected
+        Also search in later iterations where the unit step would be rejected
         """
     @line_search_on_rejection.setter
     def line_search_on_rejection(self, arg1: bool) -> None:
@@ -187,7 +187,7 @@ class SolveOptions:
     @property
     def loss_scale_px(self) -> float | str:
         """
-        Residual over σ at which the loss leaves the parabola, at least where the loss is auto; auto: from the median absolute residual at the start
+        Residual over σ at which the loss leaves the parabola; the minimum if the loss is auto; auto: from the median absolute residual at the start
         """
     @loss_scale_px.setter
     def loss_scale_px(self, arg1: typing.SupportsFloat | typing.SupportsIndex | str) -> None:
@@ -195,7 +195,7 @@ class SolveOptions:
     @property
     def max_iterations(self) -> int:
         """
-        Steps tried at most, rejected ones included
+        Maximum number of steps, rejected ones included
         """
     @max_iterations.setter
     def max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -203,7 +203,7 @@ class SolveOptions:
     @property
     def max_memory_bytes(self) -> float | None:
         """
-        Memory that the solve may take beside the problem: obeyed by another linear solver, or the problem is refused
+        Memory limit of the solve beside the problem: another linear solver is chosen, or the problem is refused
         """
     @max_memory_bytes.setter
     def max_memory_bytes(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -227,7 +227,7 @@ class SolveOptions:
     @property
     def parameter_tolerance(self) -> float:
         """
-        Stop when the step is shorter than this share of the norm of the unknowns
+        Stop when the step is shorter than this fraction of the norm of the unknowns
         """
     @parameter_tolerance.setter
     def parameter_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -235,7 +235,7 @@ class SolveOptions:
     @property
     def pcg_forcing(self) -> float:
         """
-        Without pcg_tolerance, the iterative linear solver stops at an iteration that gains less than this share of what the average one did
+        Without pcg_tolerance, the iterative linear solver stops at an iteration that gains less than this fraction of the average one
         """
     @pcg_forcing.setter
     def pcg_forcing(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None:
@@ -243,7 +243,7 @@ class SolveOptions:
     @property
     def pcg_max_iterations(self) -> int:
         """
-        Iterations of the iterative linear solver at most
+        Maximum iterations of the iterative linear solver
         """
     @pcg_max_iterations.setter
     def pcg_max_iterations(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -251,7 +251,7 @@ class SolveOptions:
     @property
     def pcg_tolerance(self) -> float | None:
         """
-        Relative residual at which the iterative linear solver stops; else as pcg_forcing says
+        Relative residual at which the iterative linear solver stops; default: by pcg_forcing
         """
     @pcg_tolerance.setter
     def pcg_tolerance(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
@@ -259,7 +259,7 @@ class SolveOptions:
     @property
     def point_steps(self) -> str:
         """
-        What becomes of points that a step makes worse
+        Treatment of points that a step makes worse
         """
     @point_steps.setter
     def point_steps(self, arg1: str) -> None:
@@ -267,7 +267,7 @@ class SolveOptions:
     @property
     def precision(self) -> str:
         """
-        How the Jacobian of the observations is stored
+        Precision in which the Jacobian of the observations is stored
         """
     @precision.setter
     def precision(self, arg1: str) -> None:
@@ -283,7 +283,7 @@ class SolveOptions:
     @property
     def threads(self) -> int:
         """
-        Threads, the result has the same bits for any; 0: as many as the machine has and the problem is worth
+        Number of threads, does not change the result; 0: by machine and problem size
         """
     @threads.setter
     def threads(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None:

@@ -64,99 +64,100 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
   f(
       O{"method", "Minimiser"}, [](auto& o) -> auto& { return o.minimizer.method; });
   f(
-      O{"line_search", "How far to go along each step"},
+      O{"line_search", "Line search along each step"},
       [](auto& o) -> auto& { return o.minimizer.line_search.kind; });
   f(
-      O{"line_search_iterations", "Iterations, from the first on, that search", kNotNegative},
+      O{"line_search_iterations",
+        "Number of first iterations that use the line search",
+        kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.line_search.iterations; });
   f(
       O{"line_search_damping",
-        "Search in later iterations too while λ is above this",
+        "Also search in later iterations while λ is above this",
         kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.line_search.damping_threshold; });
   f(
       O{"line_search_on_rejection",
-        "Search in later iterations too where the unit step would be rejected"},
+        "Also search in later iterations where the unit step would be rejected"},
       [](auto& o) -> auto& { return o.minimizer.line_search.on_rejection; });
   f(
-      O{"backtracking_test", "What a backtracking line search demands of a length"},
+      O{"backtracking_test", "Acceptance test of the backtracking line search"},
       [](auto& o) -> auto& { return o.minimizer.line_search.backtracking_test; });
   f(
-      O{"algebraic_weights", "How observations count in an algebraic line search"},
+      O{"algebraic_weights", "Weights of observations in an algebraic line search"},
       [](auto& o) -> auto& { return o.algebraic_weights; });
   f(
-      O{"acceleration", "Whether steps are bent by the curvature of the residuals"},
+      O{"acceleration", "Geodesic acceleration of steps by the curvature of the residuals"},
       [](auto& o) -> auto& { return o.minimizer.acceleration; });
   f(
-      O{"point_steps", "What becomes of points that a step makes worse"},
+      O{"point_steps", "Treatment of points that a step makes worse"},
       [](auto& o) -> auto& { return o.minimizer.point_steps; });
   f(
       O{"linear_solver", "Solver of the reduced camera system"},
       [](auto& o) -> auto& { return o.linear_solver.kind; });
   f(
-      O{"precision", "How the Jacobian of the observations is stored"},
+      O{"precision", "Precision in which the Jacobian of the observations is stored"},
       [](auto& o) -> auto& { return o.precision; });
   f(
       O{"loss", "Robust loss"}, [](auto& o) -> auto& { return o.loss; });
   f(
       O{"loss_scale_px",
-        "Residual over σ at which the loss leaves the parabola, at least where the loss is auto; "
+        "Residual over σ at which the loss leaves the parabola; the minimum if the loss is auto; "
         "auto: from the median absolute residual at the start",
         kLossScale,
         "pixels",
         "auto"},
       [](auto& o) -> auto& { return o.loss_scale_px; });
   f(
-      O{"max_iterations", "Steps tried at most, rejected ones included", kNotNegative},
+      O{"max_iterations", "Maximum number of steps, rejected ones included", kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.termination.max_iterations; });
   f(
       O{"max_seconds", "Time limit", kPositive, "seconds"},
       [](auto& o) -> auto& { return o.minimizer.termination.max_seconds; });
   f(
       O{"function_tolerance",
-        "Stop when an accepted step decreases the cost by less than this share",
+        "Stop when an accepted step decreases the cost by less than this fraction",
         kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.termination.function_tolerance; });
   f(
-      O{"gradient_tolerance", "Stop when no entry of the gradient is larger", kNotNegative},
+      O{"gradient_tolerance", "Stop when no entry of the gradient exceeds this", kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.termination.gradient_tolerance; });
   f(
       O{"parameter_tolerance",
-        "Stop when the step is shorter than this share of the norm of the unknowns",
+        "Stop when the step is shorter than this fraction of the norm of the unknowns",
         kNotNegative},
       [](auto& o) -> auto& { return o.minimizer.termination.parameter_tolerance; });
   f(
       O{"threads",
-        "Threads, the result has the same bits for any; 0: as many as the machine has and the "
-        "problem is worth",
+        "Number of threads, does not change the result; 0: by machine and problem size",
         kNumThreads},
       [](auto& o) -> auto& { return o.num_threads; });
   f(
-      O{"gauge", "What holds position, orientation and scale where nothing else does"},
+      O{"gauge", "What fixes position, orientation and scale if nothing else does"},
       [](auto& o) -> auto& { return o.gauge; });
   f(
-      O{"initial_damping", "First λ; else that of the method", kPositiveAndFinite},
+      O{"initial_damping", "Initial λ; default: that of the method", kPositiveAndFinite},
       [](auto& o) -> auto& { return o.minimizer.initial_damping; });
   f(
       O{"initial_radius",
-        "First radius of the Dog-Leg; else that of the method",
+        "Initial radius of the Dog-Leg; default: that of the method",
         kPositiveAndFinite},
       [](auto& o) -> auto& { return o.minimizer.initial_radius; });
   f(
-      O{"damping_matrix", "What λ multiplies"},
+      O{"damping_matrix", "Matrix that λ multiplies"},
       [](auto& o) -> auto& { return o.minimizer.damping_matrix; });
   f(
       O{"pcg_tolerance",
-        "Relative residual at which the iterative linear solver stops; else as pcg_forcing says",
+        "Relative residual at which the iterative linear solver stops; default: by pcg_forcing",
         kShare},
       [](auto& o) -> auto& { return o.linear_solver.pcg_tolerance; });
   f(
-      O{"pcg_max_iterations", "Iterations of the iterative linear solver at most", kAtLeastOne},
+      O{"pcg_max_iterations", "Maximum iterations of the iterative linear solver", kAtLeastOne},
       [](auto& o) -> auto& { return o.linear_solver.pcg_max_iterations; });
   f(
       O{"pcg_forcing",
         "Without pcg_tolerance, the iterative linear solver stops at an iteration that gains less "
-        "than this share of what the average one did",
+        "than this fraction of the average one",
         kShare},
       [](auto& o) -> auto& { return o.linear_solver.pcg_forcing; });
   f(
@@ -164,8 +165,8 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       [](auto& o) -> auto& { return o.linear_solver.preconditioner; });
   f(
       O{"max_memory_bytes",
-        "Memory that the solve may take beside the problem: obeyed by another linear solver, or "
-        "the problem is refused",
+        "Memory limit of the solve beside the problem: another linear solver is chosen, or the "
+        "problem is refused",
         kPositive,
         "bytes"},
       [](auto& o) -> auto& { return o.linear_solver.max_memory_bytes; });
