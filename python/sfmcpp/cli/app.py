@@ -51,6 +51,17 @@ Refine = Annotated[
     ),
 ]
 
+View = Annotated[
+    Path | None, typer.Option(metavar="FILE.html", help="Where to show the result in 3-D, for a browser.")
+]
+CovarianceFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Where to write how well the result is known: csv, standard deviations; npz, covariances.",
+    ),
+]
+
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -88,6 +99,8 @@ def solve(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where to draw the convergence: png, svg, pdf.")
     ] = None,
+    view: View = None,
+    covariances: CovarianceFile = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
@@ -114,7 +127,7 @@ def solve(
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
 
-    targets = Targets(output, report, plot, positions_out)
+    targets = Targets(output, report, plot, positions_out, view, covariances)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
     job = Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps), rigs)
@@ -127,7 +140,9 @@ def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
     target: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="File to write, or folder for COLMAP; csv, geojson: positions."),
+        typer.Argument(
+            metavar="OUT", help="File to write, or folder for COLMAP; csv, geojson: positions; html: a page."
+        ),
     ],
     parts: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Make OUT a folder of N parts, for ranks of MPI.")

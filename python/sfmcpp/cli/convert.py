@@ -10,7 +10,7 @@ from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed
-from sfmcpp.cli.targets import Targets, require_writable_problem
+from sfmcpp.cli.targets import PAGE_SUFFIXES, Targets, require_writable_problem, write_page
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io import transforms
@@ -31,7 +31,8 @@ def convert_file(
     """Write the problem of a file to another, or to a folder of so many parts.
 
     The name of the target tells its format, unless that is given: to a file of positions go those of the
-    cameras, as they are. Of a transforms.json, the names of images lead to the folder `images`.
+    cameras, as they are, to ``.html`` a page of all. Of a transforms.json, the names of images lead to the
+    folder `images`.
 
     Raises
     ------
@@ -46,8 +47,11 @@ def convert_file(
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
-    if parts is None and format is None and images is None and target.suffix.lower() in POSITION_SUFFIXES:
+    plain = parts is None and format is None and images is None
+    if plain and target.suffix.lower() in POSITION_SUFFIXES:
         return _convert_to_positions(source, target)
+    if plain and target.suffix.lower() in PAGE_SUFFIXES:
+        return _convert_to_page(source, target)
     if parts is None:
         return _convert_one(source, target, format, images)
     problem = read_and_tell(source)
@@ -85,6 +89,16 @@ def _convert_to_positions(source: Path, target: Path) -> ExitCode:
     Gps().check_fits(target, problem)
     write_camera_positions(target, problem, None)
     say(f"{target}: positions of {problem.num_cameras:,} cameras")
+    return ExitCode.DONE
+
+
+def _convert_to_page(source: Path, target: Path) -> ExitCode:
+    targets = Targets(page=target)
+    targets.check(source)
+    problem = read_and_tell(source)
+    targets.check_fits(problem)
+    write_page(problem, target, source)
+    say(f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser")
     return ExitCode.DONE
 
 
