@@ -24,6 +24,7 @@ from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
+from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -137,7 +138,7 @@ def solve(
 @app.command()
 @with_exit_code
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Problem or trajectory to read.")],
     target: Annotated[
         Path,
         typer.Argument(
@@ -149,20 +150,27 @@ def convert(
     ] = None,
     format: Annotated[
         str | None,
-        choice_option(WRITABLE_FORMATS, "Format of OUT, where its name does not tell"),
+        choice_option(
+            (*WRITABLE_FORMATS, *WRITABLE_TRAJECTORY_FORMATS),
+            "Format of OUT, where its name does not tell, or for a trajectory",
+        ),
     ] = None,
     images: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder of the images, for transforms.json to point into."),
     ] = None,
+    times: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Times of KITTI's poses, a line for each, for tum and euroc."),
+    ] = None,
 ) -> ExitCode:
-    """Write a problem in another format; the names tell the formats.
+    """Write a problem or a trajectory in another format; the names tell those of problems.
 
     Started by mpiexec, each rank writes a part of what none needs to hold as a whole.
     """
     from sfmcpp.cli.convert import convert_file
 
-    return convert_file(source, target, parts, format, images)
+    return convert_file(source, target, parts, format, images, times)
 
 
 @app.command()

@@ -41,7 +41,7 @@ class Targets:
             require_writable_problem(self.problem)
         for path in self._beside:
             if path is not None:
-                _require_writable_file(path)
+                require_writable_file(path)
         if self.picture is not None:
             _require_picture(self.picture)
         if self.page is not None:
@@ -103,12 +103,13 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     if chosen.target_check is not None:
         chosen.target_check(path)
     if chosen.suffixes:
-        _require_writable_file(path)
+        require_writable_file(path)
     else:
         _require_writable_folder(path, path if path.is_dir() else path.parent)
 
 
-def _require_writable_file(path: Path) -> None:
+def require_writable_file(path: Path) -> None:
+    """Raise a DatasetError unless a file could be written to `path`."""
     with failures_named(path):
         require_regular_file(path)
     _require_writable_folder(path, path.parent)
