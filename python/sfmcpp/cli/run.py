@@ -13,7 +13,7 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.choices import RIGS
+from sfmcpp.cli.choices import RIGS, as_options
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
@@ -203,7 +203,10 @@ def _check_options(values: dict[str, Any]) -> None:
     options = sfmcpp.SolveOptions()
     for name, value in values.items():
         setattr(options, name, value)
-    options.validate()
+    try:
+        options.validate()
+    except InvalidArgument as error:
+        raise InvalidArgument(as_options(str(error))) from error
 
 
 def _solve(
@@ -223,7 +226,7 @@ def _solve(
                 **job.options,
             )
     except InvalidArgument as error:
-        raise DatasetError(job.source, str(error)) from error
+        raise DatasetError(job.source, as_options(str(error))) from error
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
