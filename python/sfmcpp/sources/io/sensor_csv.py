@@ -67,7 +67,8 @@ _GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
     "geodetic": (("latitude_longitude", "height"),),
 }
 
-_HEADER = re.compile(r"#?\s*([^\[\]]+?)\s*(?:\[\s*([^\]]*?)\s*\])?\s*")
+# A unit stands in brackets of either kind.
+_HEADER = re.compile(r"#?\s*([^\[\]()]+?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*([^)]*?)\s*\))?\s*")
 
 # Beside the columns, the line of the file that each row stands on.
 _LINE = "line"
@@ -137,6 +138,12 @@ def _columns(path: Path, number: int, headers: list[str]) -> list[Column | None]
             reason = f"the header lacks the column {', '.join(lacking)} of {group}{advice}"
             raise DatasetError(path, reason, number)
     return columns
+
+
+def left_out_columns(path: Path) -> list[str]:
+    """Columns of a file, as its first line names them, that are not known by their name."""
+    _, header = next(numbered_lines(path), (1, ""))
+    return [column for column in _split(header, separator_of(header)) if _is_foreign(column)]
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -276,11 +283,13 @@ def parse_column(header: str) -> Column | None:
     match = _HEADER.fullmatch(header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
-    name, unit = _ALIASES.get(match[1], match[1]), match[2] or ""
+    name, unit = _ALIASES.get(match[1], match[1]), match[2] or match[3] or ""
     if name in _UNUSED:
         return None
     for group, (units, names) in GROUPS.items():
         if name in names:
             return Column(group, name, unit_factor(header, unit, units))
     known = ", ".join(name for _, names in GROUPS.values() for name in names)
-    raise ValueError(f"column {header!r} is unknown: must be one of {known}")
+    raise ValueError(
+        f"column {header!r} is unknown: must be one of {known}, with its unit: 't [s]', 'speed [km/h]'"
+    )
