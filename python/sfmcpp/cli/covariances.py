@@ -24,7 +24,6 @@ class Precision:
     def __init__(self) -> None:
         self._found: Covariances | None = None
         self._reason = ""
-        self._has_groups = False
 
     def write(
         self,
@@ -46,7 +45,6 @@ class Precision:
         if summary.termination in _NO_MINIMUM:
             self._reason = f"not written: the solve ended by {summary.termination}, at no minimum"
             return
-        self._has_groups = bool(groups)
         try:
             model = linearize(
                 problem,
@@ -73,8 +71,6 @@ class Precision:
             return
         yield "covariances", f"refer to {self._found.gauge}"
         factor = self._found.variance_factor
-        if factor == factor:  # positions have a σ of their own, which no common factor mends
-            guess = (
-                f": if the σ of observations is a guess, multiply standard deviations by {factor**0.5:.3g}"
-            )
-            yield "variance factor", f"{factor:.4g}" + guess * (not self._has_groups)
+        if factor == factor:
+            guess = f"if the σ of observations is a guess, multiply standard deviations by {factor**0.5:.3g}"
+            yield "variance factor", f"{factor:.4g}: {guess}"

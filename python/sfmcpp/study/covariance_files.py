@@ -71,7 +71,7 @@ class Covariances:
     def gauge(self) -> str:
         """What the covariances refer to."""
         if self.freedoms == 0:
-            return "the frame of what is fixed or given"
+            return "the frame that fixed parameters or positions give"
         return f"the mean of all cameras and points, as {self.freedoms} freedoms of the world are left"
 
     def to_dict(self) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def test_covariances_as_arrays_are_not_numbers_where_nothing_was_estimated(tmp_p
     arrays = tmp_path / "covariances.npz"
     result = run_here("solve", tmp_path / "start.npz", "--covariances", arrays)
     assert result.returncode == 0
-    assert "the frame of what is fixed or given" in " ".join(result.stdout.split())
+    assert "the frame that fixed parameters or positions give" in " ".join(result.stdout.split())
     with np.load(arrays) as found:
         assert found["free_freedoms"] == 0
         assert found["cameras"].shape == (6, 6, 6)
@@ -132,3 +132,18 @@ def test_a_page_of_projective_cameras_is_refused(tmp_path: Path) -> None:
     problem = sfmcpp.as_projective(sfmcpp.circle_scene(6, 50, seed=0))
     with pytest.raises(DatasetError, match="projective cameras have no world to show"):
         write_problem_page(problem, tmp_path / "view.html", "a circle")
+
+
+def test_covariances_with_positions_are_those_that_the_accuracy_is_told_by(tmp_path: Path) -> None:
+    truth = sfmcpp.circle_scene(12, 150, pixel_sigma_px=0.4, seed=1)
+    sfmcpp.write(truth, tmp_path / "start.npz")
+    gps = truth.centres + np.random.default_rng(1).normal(0, 0.1, truth.centres.shape)
+    np.savetxt(tmp_path / "gps.csv", gps, delimiter=",", header="x,y,z", comments="")
+    arrays, report = tmp_path / "blocks.npz", tmp_path / "report.json"
+    files = ("--gps", tmp_path / "gps.csv", "--covariances", arrays, "--report", report)
+    assert run_here("solve", tmp_path / "start.npz", *files).returncode == 0
+    with np.load(arrays) as found:
+        variances = np.diagonal(found["cameras"], axis1=1, axis2=2)[:, 3:6] * found["variance_factor"]
+    told = strict_json(report)
+    assert np.sqrt(variances.mean()) == pytest.approx(told["gps"]["accuracy_m"], rel=0.02)
+    assert told["covariances"]["free_freedoms"] == 0

@@ -104,7 +104,7 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
     line = np.outer(np.arange(len(few)), [1.0, 2.0, 0.0])
     with pytest.raises(InvalidArgument, match=r"lie on a line"):
         georeference_map(world, Positions(line), SETTINGS)
-    with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image"):
+    with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image \("):
         positions_of(["a"], {"x": (0.0, 0.0, 0.0)}, geodetic=False)
 
 
@@ -316,6 +316,14 @@ def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
         InvalidArgument, match=r"positions of m/2\.jpg and of n/2\.jpg may both be those of 2\.JPG"
     ):
         named_alike(images, ["n/2.jpg", "m/2.jpg"])
+
+
+def test_names_may_lack_their_suffix() -> None:
+    images = ["a/1.JPG", "a/2.v2.jpg", "3.JPG", "3.DNG"]
+    assert named_alike(images, ["1", "2.v2"]) == {"a/1.JPG": "1", "a/2.v2.jpg": "2.v2"}
+    with pytest.raises(InvalidArgument, match=r"position of 3 may be that of 3\.JPG or of 3\.DNG"):
+        named_alike(images, ["3"])
+    assert named_alike(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
 
 
 def test_the_same_bits_for_the_same_seed() -> None:
