@@ -334,3 +334,11 @@ def test_the_same_bits_for_the_same_seed() -> None:
     two = georeference_map(b, Positions(gps), replace(SETTINGS, seed=3))
     assert np.array_equal(a.poses, b.poses)
     assert one.sigma_m == two.sigma_m
+
+
+def test_what_came_out_of_positions_is_told_in_a_line() -> None:
+    truth = flight(GRID, 3)
+    gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
+    told = repr(georeference(in_a_frame_of_its_own(truth, 3), gps).outcome)
+    assert re.match(r"GpsOutcome\(σ \S+ m, the model within \S+ m; left out none of \d+; origin x_m ", told)
+    assert "\n" not in told
