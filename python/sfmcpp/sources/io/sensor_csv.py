@@ -54,7 +54,8 @@ GROUPS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
 _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alone"}
 
 # Names in EuRoC's imu0/data.csv and a few common ones.
-_ALIASES = {"time": "t", "timestamp": "t", "alt": "height", "latitude": "lat", "longitude": "lon"}
+_ALIASES = {"time": "t", "timestamp": "t", "latitude": "lat", "longitude": "lon", "lng": "lon"}
+_ALIASES |= dict.fromkeys(("alt", "altitude", "elevation"), "height")
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
 _KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
 # The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
@@ -248,7 +249,8 @@ def _orientations(path: Path, table: Table) -> FloatArray:
 def _geodetic(path: Path, table: Table) -> FloatArray:
     horizontal, height = _group(table, "latitude_longitude"), _group(table, "height")
     if bool(horizontal.size) != bool(height.size):
-        raise DatasetError(path, "lat, lon and height must be given together", 1)
+        given = "lat and lon" if horizontal.size else "height"
+        raise DatasetError(path, f"lat, lon and height must be given together: it has {given} alone", 1)
     return np.hstack([horizontal, height])
 
 

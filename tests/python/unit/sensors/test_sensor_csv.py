@@ -168,3 +168,11 @@ def test_units_may_stand_in_parentheses(tmp_path: Path) -> None:
     stream = read_sensor_csv(path)["speed"]
     np.testing.assert_allclose(stream.t_s, [0, 0.1])
     np.testing.assert_allclose(stream.values.ravel(), [10, 5])
+
+
+@pytest.mark.parametrize("height", ["altitude", "alt", "elevation", "height"])
+def test_heights_have_the_names_that_receivers_give_them(tmp_path: Path, height: str) -> None:
+    path = tmp_path / "gps.csv"
+    path.write_text(f"timestamp [s],latitude [deg],lng [deg],{height} [m]\n0,48,11,500\n1,48,11.001,501\n")
+    stream = read_sensor_csv(path)["geodetic"]
+    np.testing.assert_allclose(stream.values[1], [48, 11.001, 501], rtol=1e-12)
