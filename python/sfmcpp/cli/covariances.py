@@ -70,6 +70,8 @@ class Precision:
         if self._found is None:
             return
         yield "covariances", f"refer to {self._found.gauge}"
+        if not self._found.has_points:
+            yield "covariances", "of cameras alone: the points are too many, or none is estimated"
         factor = self._found.variance_factor
         if factor == factor:
             guess = f"if the σ of observations is a guess, multiply standard deviations by {factor**0.5:.3g}"

@@ -58,8 +58,10 @@ class Targets:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.page is not None and not problem.is_metric:
             raise DatasetError(self.page, f"{problem.camera_model} cameras have no world to show")
-        if self.covariances is not None and not problem.is_metric:
-            raise DatasetError(self.covariances, f"{problem.camera_model} cameras have no covariances")
+        if self.covariances is not None:
+            from sfmcpp.study.covariance_files import require_covariances
+
+            require_covariances(problem, self.covariances)
         if self.problem is None:
             return
         chosen = format_of(self.problem)

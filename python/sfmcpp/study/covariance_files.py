@@ -17,6 +17,10 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
 
 COVARIANCE_SUFFIXES = (".csv", ".npz")
+# Free parameters of cameras beyond which no inverse of all is held, and each block is a solve.
+MOST_COLUMNS = 4000
+# Points times these parameters: some ten seconds of one processor.
+MOST_PRODUCTS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,7 @@ class Covariances:
     cameras : (C, D, D) float64
         Of each camera; not a number for parameters that were not estimated.
     points : (N, 3, 3) float64
-        Of each point; likewise.
+        Of each point; likewise, and for all where they are too many.
     freedoms : int
         Freedoms of the world that nothing holds: the covariances are those of the free network then.
     variance_factor : float
@@ -56,16 +60,23 @@ class Covariances:
         InvalidArgument
             As :meth:`sfmcpp.LinearModel.covariance`.
         """
-        found = model.covariance(cameras="all", points="all")
+        few = problem.num_points * model.num_camera_columns <= MOST_PRODUCTS
+        found = model.covariance(cameras="all", points="all" if few else ())
         found.cameras[_none_of(model.camera_columns < 0)] = np.nan
-        found.points[model.point_columns < 0] = np.nan
+        points = found.points if few else np.full((problem.num_points, 3, 3), np.nan)
+        points[model.point_columns < 0] = np.nan
         determined = model.num_determined
         redundancy = 2 * problem.num_observations - determined + sum(len(g.errors) for g in model.groups)
         squares = np.sum(model.observation_weights[:, None] * model.residuals**2)
         squares += sum(g.weight * g.squared_error for g in model.groups)
         factor = float(squares / redundancy) if redundancy > 0 else np.nan
         freedoms = model.num_columns - determined
-        return cls(problem, model.parameter_names, found.cameras, found.points, freedoms, factor)
+        return cls(problem, model.parameter_names, found.cameras, points, freedoms, factor)
+
+    @property
+    def has_points(self) -> bool:
+        """Whether those of any point were computed."""
+        return bool(np.isfinite(self.points).any())
 
     @property
     def gauge(self) -> str:
@@ -106,6 +117,18 @@ def require_covariance_format(path: Path) -> None:
         )
 
 
+def require_covariances(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError if a problem has no covariances, or they would take longer than its solve."""
+    if not problem.is_metric:
+        raise DatasetError(path, f"{problem.camera_model} cameras have no covariances")
+    moving = 6 * np.count_nonzero(~problem.fixed_cameras)
+    columns = int(moving + np.count_nonzero(~problem.fixed_intrinsics))
+    if columns > MOST_COLUMNS:
+        advice = "in Python, linearize(problem).covariance(cameras=[…]) gives those of some"
+        reason = f"covariances of {columns:,} free parameters of cameras: must be at most {MOST_COLUMNS:,}"
+        raise DatasetError(path, f"{reason}; {advice}")
+
+
 def _none_of(missing: Any) -> Any:
     """(C, D, D) mask of the entries that belong to a parameter that is missing (C, D)."""
     return missing[:, :, None] | missing[:, None, :]
@@ -135,7 +158,7 @@ def _csv(found: Covariances) -> str:
     names = found.problem.metadata.names(found.problem.num_cameras)
     for k, sigmas in enumerate((_sigmas(found.cameras) * degrees)[:, order].tolist()):
         writer.writerow(["camera", k, names[k], *map(_cell, sigmas)])
-    for k, sigmas in enumerate(_sigmas(found.points).tolist()):
+    for k, sigmas in enumerate(_sigmas(found.points).tolist() if found.has_points else ()):
         writer.writerow(["point", k, "", *map(_cell, sigmas), *[""] * (len(order) - 3)])
     return text.getvalue()
 

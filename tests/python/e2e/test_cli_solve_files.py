@@ -14,6 +14,7 @@ from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_ci
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Metadata
 from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.study import covariance_files
 from sfmcpp.study.pages.problem_scene import write_problem_page
 
 
@@ -147,3 +148,20 @@ def test_covariances_with_positions_are_those_that_the_accuracy_is_told_by(tmp_p
     told = strict_json(report)
     assert np.sqrt(variances.mean()) == pytest.approx(told["gps"]["accuracy_m"], rel=0.02)
     assert told["covariances"]["free_freedoms"] == 0
+
+
+def test_covariances_that_would_take_too_long_are_left_out_or_refused_before_the_solve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, table = write_noisy_circle(tmp_path), tmp_path / "sigmas.csv"
+    monkeypatch.setattr(covariance_files, "MOST_PRODUCTS", 36 * 60 - 1)
+    result = run_here("solve", source, "--covariances", table)
+    assert result.returncode == 0
+    assert "of cameras alone: the points are too many" in result.stdout
+    assert [row["kind"] for row in rows_of(table)] == ["camera"] * 6
+    table.unlink()
+    monkeypatch.setattr(covariance_files, "MOST_COLUMNS", 35)
+    result = run_here("solve", source, "--covariances", table)
+    assert result.returncode == 2
+    assert "covariances of 36 free parameters of cameras: must be at most 35" in result.stderr
+    assert not table.exists()
