@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, Rigs, camera_model
-from sfmcpp.model.arrays import number_array, require_unmasked
+from sfmcpp.model.arrays import IndexArray, index_array, number_array, require_unmasked
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
 
@@ -105,3 +106,15 @@ def has_own_sigmas(arrays: dict[str, Any]) -> bool:
 def unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
     """What residuals are in, by whether any part of a problem has σ of its own."""
     return "σ" if any(own_sigmas) else "px"
+
+
+def chosen_numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
+    """Numbers of some of `count` cameras or points; "all" is every one."""
+    if isinstance(value, str):
+        if value != "all":
+            raise InvalidArgument(f"{name} = {value!r}: must be numbers or 'all'")
+        return np.arange(count, dtype=np.int32)
+    numbers = index_array(name, number_array(name, value).reshape(-1))
+    for number in numbers[(numbers < 0) | (numbers >= count)]:
+        raise InvalidArgument(f"{name}: {number}, must be in [0, {count})")
+    return numbers

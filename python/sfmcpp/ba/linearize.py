@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints
+from sfmcpp.ba.arrays import chosen_numbers, core_arrays, core_constraints
 from sfmcpp.ba.linear_results import ConstraintRows, Covariance, LinearStep, moved_to_cameras
 from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.undetermined import naming_cameras
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray, IndexArray, index_array, number_array
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.names import Gauge, Loss
 from sfmcpp.model.residual_group import Group
@@ -210,15 +211,18 @@ class LinearModel:
         return matrix, -gradient[:c] + across @ gradient[c:]
 
     @property
+    @naming_cameras
     def num_determined(self) -> int:
         """How many parameters observations and constraints determine: the rank of H."""
         return self._core.num_determined()
 
     @property
+    @naming_cameras
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the reduced camera system, in the fixed gauge."""
         return self._core.log_determinant()
 
+    @naming_cameras
     def covariance(
         self,
         *,
@@ -249,8 +253,8 @@ class LinearModel:
             For a number out of range, a parameter that nothing determines, normal equations singular beyond
             the gauge, and the camera model "projective", whose gauge of 15 freedoms nothing holds.
         """
-        chosen_cameras = _numbers("cameras", cameras, len(self.camera_columns))
-        chosen_points = _numbers("points", points, len(self.point_columns))
+        chosen_cameras = chosen_numbers("cameras", cameras, len(self.camera_columns))
+        chosen_points = chosen_numbers("points", points, len(self.point_columns))
         of_cameras = self.camera_columns[chosen_cameras]
         first = self.point_columns[chosen_points, None]
         of_points = np.where(first < 0, -1, first + np.arange(3)).astype(np.int32)
@@ -268,6 +272,7 @@ class LinearModel:
         by_sensor = None if self._by_sensor is None else self._by_sensor[chosen_cameras]
         return moved_to_cameras(found, self._by_frame[chosen_cameras], by_sensor)
 
+    @naming_cameras
     def leverages(self) -> FloatArray:
         """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
 
@@ -284,6 +289,7 @@ class LinearModel:
         return self._core.leverages()
 
     @checked()
+    @naming_cameras
     def hat_matrix(self, group: int) -> FloatArray:
         """How much the errors of a group draw the fit to themselves: ``w G H⁻¹ Gᵀ``.
 
@@ -306,6 +312,7 @@ class LinearModel:
         return self._core.hat(self._group(group))
 
     @checked()
+    @naming_cameras
     def hat_spectrum(self, group: int) -> tuple[FloatArray, FloatArray]:
         """Eigenvalues, ascending, and eigenvectors, in columns, of :meth:`hat_matrix`.
 
@@ -326,6 +333,7 @@ class LinearModel:
             raise InvalidArgument(f"group = {group}: must be in [0, {len(self.groups)})")
         return group
 
+    @naming_cameras
     def step(self) -> LinearStep:
         """The minimum of the linear model: an undamped Gauss–Newton step.
 
@@ -382,14 +390,3 @@ def linearize(
     """
     options = SolveOptions(loss=loss, loss_scale_px=loss_scale_px, gauge=gauge, threads=threads)
     return LinearModel(problem, constraints, options)
-
-
-def _numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
-    if isinstance(value, str):
-        if value != "all":
-            raise InvalidArgument(f"{name} = {value!r}: must be numbers or 'all'")
-        return np.arange(count, dtype=np.int32)
-    numbers = index_array(name, number_array(name, value).reshape(-1))
-    for number in numbers[(numbers < 0) | (numbers >= count)]:
-        raise InvalidArgument(f"{name}: {number}, must be in [0, {count})")
-    return numbers

@@ -24,6 +24,7 @@ from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
+from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -48,6 +49,17 @@ Refine = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES", help="Intrinsics to refine, such as f,k1,k2, or none. Default: as in the input."
+    ),
+]
+
+View = Annotated[
+    Path | None, typer.Option(metavar="FILE.html", help="Write a 3-D view of the result for a browser.")
+]
+CovarianceFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Write standard deviations (csv) or covariances (npz) of the result.",
     ),
 ]
 
@@ -86,6 +98,8 @@ def solve(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Plot the convergence: png, svg, pdf.")
     ] = None,
+    view: View = None,
+    covariances: CovarianceFile = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
@@ -110,7 +124,7 @@ def solve(
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
 
-    targets = Targets(output, report, plot, positions_out)
+    targets = Targets(output, report, plot, positions_out, view, covariances)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
     job = Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps), rigs)
@@ -120,11 +134,12 @@ def solve(
 @app.command()
 @with_exit_code
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Problem to read.")],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Problem or trajectory to read.")],
     target: Annotated[
         Path,
         typer.Argument(
-            metavar="OUT", help="File to write, or folder for COLMAP. csv, geojson: camera positions."
+            metavar="OUT",
+            help="File to write, or folder for COLMAP. csv, geojson: camera positions. html: a page.",
         ),
     ],
     parts: Annotated[
@@ -132,21 +147,28 @@ def convert(
     ] = None,
     format: Annotated[
         str | None,
-        choice_option(WRITABLE_FORMATS, "Format of OUT, if its name is ambiguous"),
+        choice_option(
+            (*WRITABLE_FORMATS, *WRITABLE_TRAJECTORY_FORMATS),
+            "Format of OUT, if its name is ambiguous, or of a trajectory",
+        ),
     ] = None,
     images: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Image folder that transforms.json refers to."),
     ] = None,
+    times: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Time stamps of KITTI poses, one per line, for tum and euroc."),
+    ] = None,
 ) -> ExitCode:
-    """Convert a problem to another format.
+    """Convert a problem or a trajectory to another format.
 
-    File names determine the formats. Under mpiexec each rank writes one part, and no rank
+    File names determine the formats of problems. Under mpiexec each rank writes one part, and no rank
     holds the whole problem.
     """
     from sfmcpp.cli.convert import convert_file
 
-    return convert_file(source, target, parts, format, images)
+    return convert_file(source, target, parts, format, images, times)
 
 
 @app.command()

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from sfmcpp._core import SolveOption
-from sfmcpp.ba.options import signature_with_options
+from sfmcpp.ba.options import OPTIONS, signature_with_options
 
 # What holds the cameras of a rig to each other.
 RIGS = ("fixed", "free", "ignore")
@@ -76,11 +76,9 @@ def _annotation(option: SolveOption) -> Any:
         type_, look["parser"] = Any, _number_or_text(option)
     elif option.optional:
         type_ = type_ | None
-    name = option.name
     if option.unit == "bytes":
-        name = name.removesuffix("_bytes")
         type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "BYTES|8GB|…"
-    return Annotated[type_, typer.Option("--" + name.replace("_", "-"), **look)]
+    return Annotated[type_, typer.Option(_flag(option), **look)]
 
 
 _BYTES = {"": 1, "B": 1}
@@ -90,6 +88,18 @@ for _power, _prefix in enumerate("KMGT", start=1):
         f"{_prefix}B": 10 ** (3 * _power),
         f"{_prefix}IB": 2 ** (10 * _power),
     }
+
+
+def as_options(text: str) -> str:
+    """A message of a solve, ``name = value: rule``, with options as the command line has them."""
+    for option in OPTIONS.values():
+        text = re.sub(rf"\b{option.name} = ", f"{_flag(option)} ", text)
+    return text
+
+
+def _flag(option: SolveOption) -> str:
+    name = option.name.removesuffix("_bytes") if option.unit == "bytes" else option.name
+    return "--" + name.replace("_", "-")
 
 
 def _number_of_bytes(text: str) -> float:
@@ -109,7 +119,7 @@ def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
         except ValueError:
             raise typer.BadParameter(
                 f"{text!r} is neither a number of {option.unit} nor {option.unset!r}",
-                param_hint=f"'--{option.name.replace('_', '-')}'",
+                param_hint=f"'{_flag(option)}'",
             ) from None
 
     return read

@@ -6,12 +6,13 @@ from pathlib import Path
 
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
+from sfmcpp.cli.convert_trajectory import convert_trajectory, refuse_trajectory
 from sfmcpp.cli.exit_codes import ExitCode, say
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed
-from sfmcpp.cli.targets import Targets, require_writable_problem
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.cli.targets import PAGE_SUFFIXES, Targets, require_writable_problem, write_page
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
@@ -19,6 +20,7 @@ from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
+from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
 
 
 def convert_file(
@@ -27,27 +29,36 @@ def convert_file(
     parts: int | None = None,
     format: str | None = None,
     images: Path | None = None,
+    times: Path | None = None,
 ) -> ExitCode:
     """Write the problem of a file to another, or to a folder of so many parts.
 
     The name of the target tells its format, unless that is given: to a file of positions go those of the
-    cameras, as they are. Of a transforms.json, the names of images lead to the folder `images`.
+    cameras, as they are, to ``.html`` a page of all. Of a transforms.json, the names of images lead to the
+    folder `images`. Formats of trajectories are for trajectories, which `times` stamps if they have no times.
 
     Raises
     ------
     DatasetError
         If one cannot be read, or the other written.
     InvalidArgument
-        If several ranks are asked for another number of parts than one each, a format is given for parts, or
-        a folder of images for what does not point to them.
+        If several ranks are asked for another number of parts than one each, a format is given for parts, a
+        folder of images for what does not point to them, or times for what is no trajectory.
     """
+    if format in WRITABLE_TRAJECTORY_FORMATS and parts is None and images is None:
+        return convert_trajectory(source, target, format, times)
+    if times is not None:
+        raise InvalidArgument("--times: for trajectories, --format tum or euroc")
     ranks = launched_ranks(asked=False)
     if ranks is not None or parts is not None:
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
         return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
-    if parts is None and format is None and images is None and target.suffix.lower() in POSITION_SUFFIXES:
+    plain = parts is None and format is None and images is None
+    if plain and target.suffix.lower() in POSITION_SUFFIXES:
         return _convert_to_positions(source, target)
+    if plain and target.suffix.lower() in PAGE_SUFFIXES:
+        return _convert_to_page(source, target)
     if parts is None:
         return _convert_one(source, target, format, images)
     problem = read_and_tell(source)
@@ -68,7 +79,7 @@ def _convert_one(source: Path, target: Path, format: str | None, images: Path | 
     if images is not None and chosen is not transforms.FORMAT:
         raise InvalidArgument(f"--images: {chosen.name} does not point to images, transforms.json does")
     require_writable_problem(target, chosen)
-    problem = read_and_tell(source)
+    problem = _read(source)
     if images is None:
         write(problem, target, format=chosen.name)
     else:
@@ -77,14 +88,32 @@ def _convert_one(source: Path, target: Path, format: str | None, images: Path | 
     return ExitCode.DONE
 
 
+def _read(source: Path) -> Problem:
+    try:
+        return read_and_tell(source)
+    except DatasetError as error:
+        refuse_trajectory(source, error)
+        raise
+
+
 def _convert_to_positions(source: Path, target: Path) -> ExitCode:
     targets = Targets(positions=target)
     targets.check(source)
-    problem = read_and_tell(source)
+    problem = _read(source)
     targets.check_fits(problem)
     Gps().check_fits(target, problem)
     write_camera_positions(target, problem, None)
     say(f"{target}: positions of {problem.num_cameras:,} cameras")
+    return ExitCode.DONE
+
+
+def _convert_to_page(source: Path, target: Path) -> ExitCode:
+    targets = Targets(page=target)
+    targets.check(source)
+    problem = read_and_tell(source)
+    targets.check_fits(problem)
+    write_page(problem, target, source)
+    say(f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser")
     return ExitCode.DONE
 
 

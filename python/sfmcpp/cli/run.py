@@ -13,13 +13,14 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.choices import RIGS
+from sfmcpp.cli.choices import RIGS, as_options
+from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed, tell_left_out
 from sfmcpp.cli.stopping import ctrl_c_noted
-from sfmcpp.cli.targets import Targets
+from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import read_part, write, write_part
@@ -105,7 +106,14 @@ def solve_file(job: Job) -> ExitCode:
         complaints += _complaints(
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
-        return _finished(job, ProblemSize.of(problem), summary, seconds_read, complaints, gps=outcome)
+        complaints += _complaints(lambda path: write_page(problem, path, job.source), job.targets.page)
+        groups = () if georeferenced is None else (georeferenced.group,)
+        known = Precision()
+        complaints += _complaints(
+            lambda path: known.write(path, problem, summary, groups, job.options), job.targets.covariances
+        )
+        size = ProblemSize.of(problem)
+        return _finished(job, size, summary, seconds_read, complaints, gps=outcome, known=known)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
@@ -113,6 +121,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
 
     ranks.from_root(lambda: _check(job))
     ranks.from_root(lambda: job.gps.refuse_ranks(job.targets.positions))
+    ranks.from_root(job.targets.refuse_ranks)
     started = time.perf_counter()
     part = _part(job, ranks)
     ranks.from_root(lambda: job.targets.check_fits(part.problem))
@@ -142,18 +151,21 @@ def _finished(
     complaints: list[DatasetError],
     memory: Sequence[float] = (),
     gps: GpsOutcome | None = None,
+    known: Precision | None = None,
 ) -> ExitCode:
     """Report and print; `memory` is the largest that each rank has used [bytes]."""
     report = _report(job.source, size, summary, seconds_read)
     report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
     report |= {} if gps is None else {"gps": gps.to_dict()}
+    report |= {} if known is None else known.to_report()
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
         from sfmcpp.study.gps_rows import gps_rows
 
         placed = () if gps is None else (*gps_rows(gps), *(("warning", told) for told in gps.warnings))
-        print_summary(job.source, size, summary, seconds_read, job.targets, placed)
+        precise = () if known is None else known.rows()
+        print_summary(job.source, size, summary, seconds_read, job.targets, (*placed, *precise))
     return _exit_code(job, summary, complaints)
 
 
@@ -191,7 +203,10 @@ def _check_options(values: dict[str, Any]) -> None:
     options = sfmcpp.SolveOptions()
     for name, value in values.items():
         setattr(options, name, value)
-    options.validate()
+    try:
+        options.validate()
+    except InvalidArgument as error:
+        raise InvalidArgument(as_options(str(error))) from error
 
 
 def _solve(
@@ -211,7 +226,7 @@ def _solve(
                 **job.options,
             )
     except InvalidArgument as error:
-        raise DatasetError(job.source, str(error)) from error
+        raise DatasetError(job.source, as_options(str(error))) from error
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:

@@ -8,28 +8,32 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, write
 from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_regular_file
 from sfmcpp.sources.io.format import Format
 
+PAGE_SUFFIXES = (".html", ".htm")
+
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a solve writes: the problem, the report, the picture and positions; None is not wanted."""
+    """Where a solve writes: the problem and what tells of it; None is not wanted."""
 
     problem: Path | None = None
     report: Path | None = None
     picture: Path | None = None
     positions: Path | None = None
+    page: Path | None = None
+    covariances: Path | None = None
 
     def __iter__(self) -> Iterator[Path]:
         return (path for path in (self.problem, *self._beside) if path is not None)
 
     @property
     def _beside(self) -> tuple[Path | None, ...]:
-        return self.report, self.picture, self.positions
+        return self.report, self.picture, self.positions, self.page, self.covariances
 
     def check(self, source: Path) -> None:
         """Raise a DatasetError if one of them could not be written, or would overwrite another."""
@@ -37,15 +41,27 @@ class Targets:
             require_writable_problem(self.problem)
         for path in self._beside:
             if path is not None:
-                _require_writable_file(path)
+                require_writable_file(path)
         if self.picture is not None:
             _require_picture(self.picture)
+        if self.page is not None:
+            require_page_name(self.page)
+        if self.covariances is not None:
+            from sfmcpp.study.covariance_files import require_covariance_format
+
+            require_covariance_format(self.covariances)
         _require_distinct(self, source)
 
     def check_fits(self, problem: Problem) -> None:
         """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions."""
         if self.positions is not None and not problem.is_metric:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
+        if self.page is not None and not problem.is_metric:
+            raise DatasetError(self.page, f"{problem.camera_model} cameras have no world to show")
+        if self.covariances is not None:
+            from sfmcpp.study.covariance_files import require_covariances
+
+            require_covariances(problem, self.covariances)
         if self.problem is None:
             return
         chosen = format_of(self.problem)
@@ -54,6 +70,31 @@ class Targets:
             return
         with _scratch_beside(self.problem) as folder:
             _try_to_write(problem, self.problem, Path(folder))
+
+    def refuse_ranks(self) -> None:
+        """Raise InvalidArgument if something is wanted that needs all of the problem; no process has it."""
+        for option, path in (("--view", self.page), ("--covariances", self.covariances)):
+            if path is not None:
+                raise InvalidArgument(f"{option}: for one process, not for ranks of MPI")
+
+
+def write_page(problem: Problem, path: Path, source: Path) -> None:
+    """Write a page of a problem in three dimensions, with the name of its file as heading.
+
+    Raises
+    ------
+    DatasetError
+        If the cameras are projective, or the file cannot be written.
+    """
+    from sfmcpp.study.pages.problem_scene import write_problem_page
+
+    write_problem_page(problem, path, source.resolve().name)
+
+
+def require_page_name(path: Path) -> None:
+    """Raise a DatasetError unless a file of this name is a page."""
+    if path.suffix.lower() not in PAGE_SUFFIXES:
+        raise DatasetError(path, f"the name of a page must end in {', '.join(PAGE_SUFFIXES)}")
 
 
 def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
@@ -64,12 +105,13 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     if chosen.target_check is not None:
         chosen.target_check(path)
     if chosen.suffixes:
-        _require_writable_file(path)
+        require_writable_file(path)
     else:
         _require_writable_folder(path, path if path.is_dir() else path.parent)
 
 
-def _require_writable_file(path: Path) -> None:
+def require_writable_file(path: Path) -> None:
+    """Raise a DatasetError unless a file could be written to `path`."""
     with failures_named(path):
         require_regular_file(path)
     _require_writable_folder(path, path.parent)

@@ -88,7 +88,8 @@ def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None
         return
     raise InvalidArgument(
         f"stream {stream.name!r} lasts from {start_s:.3f} to {end_s:.3f} s and the images from {first_s:.3f} "
-        f"to {last_s:.3f} s: must overlap; are both on the same clock?"
+        f"to {last_s:.3f} s: must overlap; are both on the same clock? A clock offset of "
+        f"{first_s - start_s:.6f} s (--clock-offset) lets them start together"
     )
 
 

@@ -12,8 +12,8 @@ from sfmcpp.errors import InvalidArgument
 def named_alike(images: Iterable[str], told: Iterable[str]) -> dict[str, str]:
     """Find for each image the name that a table has for it.
 
-    It is the same; else it may have more or fewer folders in front, and a suffix of another case, if it is
-    the only one like it.
+    It is the same; else it may have more or fewer folders in front, and a suffix of another case or none, if
+    it is the only one like it.
 
     Parameters
     ----------
@@ -45,12 +45,14 @@ def named_alike(images: Iterable[str], told: Iterable[str]) -> dict[str, str]:
 
 
 def _alike(image: str, told: dict[str, list[str]]) -> Iterator[str]:
-    parts = _parts(image)
-    for name in told.get(parts[-1], ()):
-        others = _parts(name)
-        shared = min(len(parts), len(others))
-        if parts[-shared:] == others[-shared:]:
-            yield name
+    *folders, file = _parts(image)
+    for called in dict.fromkeys((file, PurePath(file).stem)):
+        parts = (*folders, called)
+        for name in told.get(called, ()):
+            others = _parts(name)
+            shared = min(len(parts), len(others))
+            if parts[-shared:] == others[-shared:]:
+                yield name
 
 
 def _require_single(image: str, name: str, found: dict[str, str], users: dict[str, str]) -> None:

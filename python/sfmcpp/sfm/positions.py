@@ -162,8 +162,8 @@ def positions_of(
     """
     alike = named_alike(names, known)
     if not alike:
-        listed = ", ".join(list(known)[:3])
-        raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image")
+        listed, wanted = (", ".join(list(some)[:3]) for some in (known, names))
+        raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
     told = [alike.get(name) for name in names]
     stated = None if sigmas is None else _in_order(told, sigmas)
     return local_positions(_in_order(told, known), geodetic, stated)

@@ -35,7 +35,7 @@ class ImageOutcome:
     reason: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GpsOutcome:
     """How the first model was brought into the world by positions of its images.
 
@@ -74,6 +74,12 @@ class GpsOutcome:
     stated_sigma_m: float | None = None
     sigmas_m: dict[str, FloatArray] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        told = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
+        out = f"left out {', '.join(self.outliers) or 'none'} of {len(self.residuals_m)}"
+        origin = ", ".join(f"{name} {value:.10g}" for name, value in self.world_origin.to_dict().items())
+        return f"GpsOutcome({told}; {out}; origin {origin})"
 
     @property
     def world_origin(self) -> WorldOrigin:

@@ -18,7 +18,7 @@ from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.euroc import EurocFolder, euroc_folder
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.sources.io.sensor_csv import columns_of, read_sensor_csv
+from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
@@ -90,8 +90,17 @@ class Drive:
                 return self.streams[kind]
         wanted = " or ".join(map(_with_columns, kinds))
         if self.sensor_file is not None:
-            raise DatasetError(self.sensor_file, f"holds no {wanted}, which the sensor {name!r} needs")
+            reason = f"holds no {wanted}, which the sensor {name!r} needs{_left_out(self.sensor_file)}"
+            raise DatasetError(self.sensor_file, reason)
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
+
+
+def _left_out(path: Path) -> str:
+    """What a file of sensors has under names that are not known, in words."""
+    if path.suffix.lower() not in (".csv", ".txt"):
+        return ""
+    names = ", ".join(repr(name) for name in left_out_columns(path))
+    return f"; left out, as their names are unknown: {names}" if names else ""
 
 
 def _with_columns(kind: str) -> str:

@@ -114,17 +114,36 @@ def _found_times(images: Frames) -> FloatArray | None:
     """Times that files or names tell [s]; None if none does."""
     listed = file_beside(images.path, _TIMES)
     if listed is not None:
-        return _listed_times(listed, images)
+        return read_times(listed, lambda count: require_as_many(listed, count, "times", images))
     by_name = file_beside(images.path, _EUROC)
     found = None if by_name is None or not images.names else _times_by_name(by_name, images)
     return _times_of_names(images) if found is None else found
 
 
-def _listed_times(path: Path, images: Frames) -> FloatArray:
+def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
+    """Read times from the lines of a file, in seconds or, since 1970, in nanoseconds.
+
+    Parameters
+    ----------
+    path : Path
+        The file; lines that start with ``#`` are comments.
+    require_fit : callable
+        Called with the number of times; raises if there should be another.
+
+    Returns
+    -------
+    (n,) float64
+        Times [s], strictly increasing.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, or times are neither or do not increase; and what `require_fit` raises.
+    """
     with failures_named(path):
         text = NumberText(path, read_text_bytes(path), comments=True)
     text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
-    require_as_many(path, len(text.values), "times", images)
+    require_fit(len(text.values))
     values = text.values
     if len(values) and values.min() >= _SURELY_NS:
         values = values * _NS

@@ -21,6 +21,7 @@ from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weigh
 from sfmcpp.study.report_files import Step, write_report, write_steps
 
 if TYPE_CHECKING:
+    from sfmcpp.slam import SlamRun
     from sfmcpp.study.slam_report import SlamReport
 
 REPORT = "report.json"
@@ -84,6 +85,11 @@ def _draw(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Pa
     save_figure(figure, path)
 
 
+def _has_latitudes(run: SlamRun) -> bool:
+    """Whether positions of latitude and longitude were used: the world is then east, north, up."""
+    return "gps" in run.sensors and run.drive.streams_of(["gps"])[0].kind == "geodetic"
+
+
 def _unit(report: SlamReport, aligned: bool = False) -> str:
     return "m" if aligned or report.run.result.metric else ""
 
@@ -125,6 +131,7 @@ def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scen
         truth_name="",
         unit=_unit(report),
         facts={name: f"{run.totals[name]:,}" for name in _FACTS},
+        east_north_up=run.georeferenced and _has_latitudes(run),
     )
     if comparison is None:
         return scene

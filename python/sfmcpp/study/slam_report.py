@@ -144,10 +144,10 @@ class SlamReport(ReportTable):
         yield "input", str(run.drive.path)
         yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
         if frames.assumed_fps is not None:
-            yield (
-                "times",
-                f"{frames.assumed_fps:g} frames a second are assumed: there is no times.txt, nor --fps",
-            )
+            told = f"{frames.assumed_fps:g} frames a second are assumed: there is no times.txt, nor --fps"
+            # Metres a second at the wrong seconds are as many wrong metres.
+            wrong = "; where that is wrong, so are the scale and the clocks of the sensors"
+            yield ("warning", told + wrong) if run.sensors else ("times", told)
         yield "of these", f"{count['bridged']:,} from the frame before alone, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"

@@ -30,19 +30,19 @@ from cli_helpers import (
         (["solve", "a.txt", "--frobnicate"], "--frobnicate"),
         (["solve", "a.txt", "--method", "newton"], "'newton' is unknown; choose one of lm"),
         (["solve", "a.txt", "--line-search", "golden"], "'golden' is unknown; choose one of none, g-als"),
-        (["solve", "a.txt", "--line-search-iterations", "-1"], "line_search_iterations = -1"),
+        (["solve", "a.txt", "--line-search-iterations", "-1"], "--line-search-iterations -1"),
         (["solve", "a.txt", "--camera-model", "fisheye"], "'fisheye' is unknown; choose one of projective"),
         (
             ["solve", "a.txt", "--method", "gradient-descent", "--linear-solver", "dense"],
-            "linear_solver = 'dense' with method = 'gradient-descent'",
+            "--linear-solver 'dense' with --method 'gradient-descent'",
         ),
         (["solve", "a.txt", "--linear-solver", "qr"], "'qr' is unknown; choose one of auto"),
         (["solve", "a.txt", "--loss", "l1"], "'l1' is unknown; choose one of squared"),
         (["solve", "a.txt", "--gauge", "loose"], "'loose' is unknown"),
         (["solve", "a.txt", "--loss-scale-px", "wide"], "'wide' is neither a number"),
         (["solve", "a.txt", "--max-iterations", "many"], "--max-iterations"),
-        (["solve", "a.txt", "--max-iterations", "-3"], "max_iterations = -3"),
-        (["solve", "a.txt", "--max-seconds", "nan"], "max_seconds = nan"),
+        (["solve", "a.txt", "--max-iterations", "-3"], "--max-iterations -3: must be at least 0"),
+        (["solve", "a.txt", "--max-seconds", "nan"], "--max-seconds nan"),
         (["solve", "a.txt", "--refine", "f,"], "'f,' holds an empty name"),
         (["convert", "a.txt"], "OUT"),
         (["solve", ""], "''"),
@@ -227,3 +227,9 @@ def test_a_module_that_cannot_be_loaded_is_told_in_one_line(
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert "failed to map segment" in result.stderr
+
+
+def test_a_limit_of_memory_is_told_by_the_option_of_the_command_line(tmp_path: Path) -> None:
+    result = run("solve", write_noisy_circle(tmp_path), "--max-memory", "1KB")
+    assert result.returncode == 2
+    assert ": --max-memory 1000: the leanest, 'iterative', would need" in result.stderr

@@ -18,6 +18,7 @@ from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 FIRST_S, STEP_S = 100.0, 0.1
 SPEED = "t [s],speed [m/s]"
 RATES = "t [s],wx [rad/s],wy [rad/s],wz [rad/s]"
+ALIEN = "t [s],wheel [m/s],x [m],y [m],z [m]"
 BOTH = f"{SPEED},wx [rad/s],wy [rad/s],wz [rad/s]"
 PLACES = f"{SPEED},x [m],y [m],z [m]"
 TEXTS = ("trajectory.txt", "keyframes.txt", "points.ply")
@@ -72,11 +73,12 @@ def going(speed: str) -> list[str]:
         ("imu", RATES, ["100,0,0,1", "100.1,0,0,40"], "s.csv:3: .*angular rate of 40 rad/s .* degrees/s"),
         ("imu", RATES, ["100,0,0,1", "100.1,0,,1"], "s.csv:3: only a part of angular_rate"),
         ("odometer", "t [s],speed", ["100,5"], "s.csv:1: column 'speed' names no unit"),
+        ("odometer", ALIEN, ["100,5,1,1,1"], r"s.csv: holds no .* names are unknown: .wheel \[m/s\].$"),
         (
             "odometer",
             SPEED,
             every_tenth("5", start_s=0.0),
-            "s.csv: stream 'speed' lasts from 0.000 .* must overlap",
+            "s.csv: stream 'speed' lasts from 0.000 .* must overlap.* clock offset of 100.0* s \\(--clock-",
         ),
         (
             "odometer",

@@ -201,7 +201,7 @@ def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:
     )
     for table, reason in (
         (named, f"{looks} lat, lon, height (geodetic=True)"),
-        (alien, "none of its names (x.jpg) is the name of an image"),
+        (alien, "none of its names (x.jpg) is the name of an image (IMG_000.jpg, IMG_001.jpg, IMG_002.jpg)"),
         (few, "3 images of the model have a position, 5 are needed"),
         (tmp_path / "missing.csv", "no such file or directory"),
     ):

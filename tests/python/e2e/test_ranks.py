@@ -194,7 +194,7 @@ def test_of_the_reduced_matrix_only_what_is_not_zero_is_sent(solver: str, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("--max-iterations", "-1"), "max_iterations = -1"),  # before the input is read
+        (("--max-iterations", "-1"), "--max-iterations -1"),  # before the input is read
         (("--camera-model", "projective", "--gauge", "fixed"), "camera_model = 'projective'"),  # by the core
     ],
 )

@@ -17,10 +17,11 @@ _INDEX = ("index", "number", "camera")
 _HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
 _GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
 _METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
+_ALL_AXES = "x y z"
 _SIGMAS = (
-    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", "x y z"),
-    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", "x y z"),
-    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", "x y z"),
+    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", _ALL_AXES),
+    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", _ALL_AXES),
+    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", _ALL_AXES),
 )
 _SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
 # Those of RTKLIB, in one word.
@@ -103,7 +104,7 @@ def _sigmas(headers: Sequence[str]) -> list[Column]:
     places = _places(titles, _SIGMAS)
     told = [header for header, title in zip(headers, titles, strict=True) if any(title in s for s in _SIGMAS)]
     if places is None and told:
-        rule = "must be sigma_x, sigma_y, sigma_z, or sigma_horizontal, sigma_vertical"
+        rule = "must be sigma_x, sigma_y, sigma_z, or sigma_horizontal, sigma_vertical, or one sigma"
         raise ValueError(f"its standard deviations are {', '.join(told)}: {rule}")
     return [_column(headers, place, LENGTH) for place in places or ()]
 
@@ -138,11 +139,13 @@ def _plain(header: str) -> str:
 
 
 def _spread_axis(header: str) -> str:
-    """The axis that a header names a standard deviation along; empty if it names none."""
-    words = _words(header)
-    if len(words) == 1:
-        return _SPREAD_OF_AXIS.get(words[0], "")
-    return " ".join(word for word in words if word not in _SPREAD) if _SPREAD & set(words) else ""
+    """The axis that a header names a standard deviation along, or all; empty if it names none."""
+    words = [word for word in _words(header) if word != "position"]
+    if len(words) == 1 and words[0] in _SPREAD_OF_AXIS:
+        return _SPREAD_OF_AXIS[words[0]]
+    if not _SPREAD & set(words):
+        return ""
+    return " ".join(word for word in words if word not in _SPREAD) or _ALL_AXES
 
 
 def _place(titles: Sequence[str], names: Sequence[str]) -> int | None:

@@ -54,7 +54,8 @@ GROUPS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
 _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alone"}
 
 # Names in EuRoC's imu0/data.csv and a few common ones.
-_ALIASES = {"time": "t", "timestamp": "t", "alt": "height", "latitude": "lat", "longitude": "lon"}
+_ALIASES = {"time": "t", "timestamp": "t", "latitude": "lat", "longitude": "lon", "lng": "lon"}
+_ALIASES |= dict.fromkeys(("alt", "altitude", "elevation"), "height")
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
 _KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
 # The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
@@ -67,7 +68,8 @@ _GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
     "geodetic": (("latitude_longitude", "height"),),
 }
 
-_HEADER = re.compile(r"#?\s*([^\[\]]+?)\s*(?:\[\s*([^\]]*?)\s*\])?\s*")
+# A unit stands in brackets of either kind.
+_HEADER = re.compile(r"#?\s*([^\[\]()]+?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*([^)]*?)\s*\))?\s*")
 
 # Beside the columns, the line of the file that each row stands on.
 _LINE = "line"
@@ -137,6 +139,12 @@ def _columns(path: Path, number: int, headers: list[str]) -> list[Column | None]
             reason = f"the header lacks the column {', '.join(lacking)} of {group}{advice}"
             raise DatasetError(path, reason, number)
     return columns
+
+
+def left_out_columns(path: Path) -> list[str]:
+    """Columns of a file, as its first line names them, that are not known by their name."""
+    _, header = next(numbered_lines(path), (1, ""))
+    return [column for column in _split(header, separator_of(header)) if _is_foreign(column)]
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -241,7 +249,8 @@ def _orientations(path: Path, table: Table) -> FloatArray:
 def _geodetic(path: Path, table: Table) -> FloatArray:
     horizontal, height = _group(table, "latitude_longitude"), _group(table, "height")
     if bool(horizontal.size) != bool(height.size):
-        raise DatasetError(path, "lat, lon and height must be given together", 1)
+        given = "lat and lon" if horizontal.size else "height"
+        raise DatasetError(path, f"lat, lon and height must be given together: it has {given} alone", 1)
     return np.hstack([horizontal, height])
 
 
@@ -276,11 +285,13 @@ def parse_column(header: str) -> Column | None:
     match = _HEADER.fullmatch(header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
-    name, unit = _ALIASES.get(match[1], match[1]), match[2] or ""
+    name, unit = _ALIASES.get(match[1], match[1]), match[2] or match[3] or ""
     if name in _UNUSED:
         return None
     for group, (units, names) in GROUPS.items():
         if name in names:
             return Column(group, name, unit_factor(header, unit, units))
     known = ", ".join(name for _, names in GROUPS.values() for name in names)
-    raise ValueError(f"column {header!r} is unknown: must be one of {known}")
+    raise ValueError(
+        f"column {header!r} is unknown: must be one of {known}, with its unit: 't [s]', 'speed [km/h]'"
+    )

@@ -135,6 +135,7 @@ def _data(scene: ModelScene) -> dict[str, Any]:
         "radius": radius,
         "cameraSize": camera_size(centres, radius),
         "unit": scene.unit,
+        "north": [0.0, 1.0, 0.0] if scene.east_north_up else None,
         "facts": list(scene.facts.items()),
         "omitted": stride,
     }

@@ -27,6 +27,7 @@ function prepare() {
   scheduled = false;
   resize();
   turnAxes();
+  showGauges();
 }
 function resize() {
   const ratio = Math.min(devicePixelRatio || 1, 2);

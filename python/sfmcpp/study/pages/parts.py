@@ -29,7 +29,8 @@ def template(name: str) -> str:
 
 def filled_page(name: str, title: str, scene: Any) -> str:
     """Page of a scene in three dimensions: a template with its title, data and the script that turns it."""
-    page = template(name).replace("{{orbit}}", template("orbit.js")).replace("{{title}}", html.escape(title))
+    scripts = template("orbit.js") + template("gauges.js")
+    page = template(name).replace("{{orbit}}", scripts).replace("{{title}}", html.escape(title))
     return page.replace("{{scene}}", script(scene))
 
 

@@ -38,6 +38,8 @@ class Scene:
         Of lengths; empty for a map of unknown scale.
     facts : mapping of str to str
         Names and values for the panel.
+    east_north_up : bool
+        Whether the axes of the world are these; the page then shows where north is.
 
     Raises
     ------
@@ -53,6 +55,7 @@ class Scene:
     truth_name: str = "truth"
     unit: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
+    east_north_up: bool = False
 
     def __post_init__(self) -> None:
         for name in ("points", "path", "truth", "cameras"):
@@ -110,6 +113,7 @@ def _data(scene: Scene) -> dict[str, Any]:
         "cameras": packed(_moved_cameras(scene.cameras, moved)),
         "truthName": scene.truth_name,
         "unit": scene.unit,
+        "north": turn[:, 1].tolist() if scene.east_north_up else None,
         "facts": list(scene.facts.items()),
         # From a height in the page to one above the first centre.
         "originHeight": float(origin[2] - turned[0, 2]),

@@ -103,6 +103,13 @@ HEADER = "t [s],speed [m/s]"
     ("header", "lines", "line", "told"),
     [
         ("t [s],speed", ["0,1"], 1, r"column 'speed' names no unit: must be one of \[m/s\], \[km/h\]"),
+        ("t [s],speed (knots)", ["0,1"], 1, r"'speed \(knots\)' has the unknown unit 'knots'"),
+        (
+            "Time (ms),speed (m/s)",
+            ["0,1"],
+            1,
+            r"'Time \(ms\)' is unknown: .*, with its unit: 't \[s\]'",
+        ),
         ("t [s],speed [knots]", ["0,1"], 1, r"'speed \[knots\]' has the unknown unit 'knots'"),
         ("t [s],sonar [m]", ["0,1"], 1, r"column 'sonar \[m\]' is unknown: must be one of t, speed"),
         ("t [s],speed [m/s],WX [rad/s]", ["0,1,1"], 1, r"column 'WX \[rad/s\]' is unknown"),
@@ -153,3 +160,19 @@ def test_a_gap_in_a_file_is_bridged_or_not_as_in_any_stream(tmp_path: Path) -> N
     stream = read_sensor_csv(write(tmp_path, HEADER, *lines))["speed"]
     assert travelled_distance(stream, 0.2, 0.7) == pytest.approx(5.0)
     assert travelled_distance(stream, 0.6, 2.1) is None
+
+
+def test_units_may_stand_in_parentheses(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t (ms),speed (km/h),state (of wheel)\n0,36,ok\n100,18,ok\n")
+    stream = read_sensor_csv(path)["speed"]
+    np.testing.assert_allclose(stream.t_s, [0, 0.1])
+    np.testing.assert_allclose(stream.values.ravel(), [10, 5])
+
+
+@pytest.mark.parametrize("height", ["altitude", "alt", "elevation", "height"])
+def test_heights_have_the_names_that_receivers_give_them(tmp_path: Path, height: str) -> None:
+    path = tmp_path / "gps.csv"
+    path.write_text(f"timestamp [s],latitude [deg],lng [deg],{height} [m]\n0,48,11,500\n1,48,11.001,501\n")
+    stream = read_sensor_csv(path)["geodetic"]
+    np.testing.assert_allclose(stream.values[1], [48, 11.001, 501], rtol=1e-12)

@@ -104,7 +104,7 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
     line = np.outer(np.arange(len(few)), [1.0, 2.0, 0.0])
     with pytest.raises(InvalidArgument, match=r"lie on a line"):
         georeference_map(world, Positions(line), SETTINGS)
-    with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image"):
+    with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image \("):
         positions_of(["a"], {"x": (0.0, 0.0, 0.0)}, geodetic=False)
 
 
@@ -318,6 +318,14 @@ def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
         named_alike(images, ["n/2.jpg", "m/2.jpg"])
 
 
+def test_names_may_lack_their_suffix() -> None:
+    images = ["a/1.JPG", "a/2.v2.jpg", "3.JPG", "3.DNG"]
+    assert named_alike(images, ["1", "2.v2"]) == {"a/1.JPG": "1", "a/2.v2.jpg": "2.v2"}
+    with pytest.raises(InvalidArgument, match=r"position of 3 may be that of 3\.JPG or of 3\.DNG"):
+        named_alike(images, ["3"])
+    assert named_alike(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
+
+
 def test_the_same_bits_for_the_same_seed() -> None:
     truth = truth_of(1)
     gps = truth.centres + np.random.default_rng(0).normal(0, 1, truth.centres.shape)
@@ -326,3 +334,11 @@ def test_the_same_bits_for_the_same_seed() -> None:
     two = georeference_map(b, Positions(gps), replace(SETTINGS, seed=3))
     assert np.array_equal(a.poses, b.poses)
     assert one.sigma_m == two.sigma_m
+
+
+def test_what_came_out_of_positions_is_told_in_a_line() -> None:
+    truth = flight(GRID, 3)
+    gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
+    told = repr(georeference(in_a_frame_of_its_own(truth, 3), gps).outcome)
+    assert re.match(r"GpsOutcome\(σ \S+ m, the model within \S+ m; left out none of \d+; origin x_m ", told)
+    assert "\n" not in told

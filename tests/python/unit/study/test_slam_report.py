@@ -53,6 +53,16 @@ def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
     assert told in measured(0.5).table()
 
 
+def test_a_rate_that_is_assumed_is_a_warning_where_sensors_count_seconds() -> None:
+    report = measured()
+    assert "assumed" not in report.table()
+    report.run.drive.frames.assumed_fps = 10.0
+    told = "10 frames a second are assumed: there is no times.txt, nor --fps"
+    assert f"warning         {told}; where that is wrong, so are the scale" in report.table()
+    alone = SlamReport(replace(report.run, sensors=()))
+    assert f"times           {told}\n" in alone.table()
+
+
 def test_the_report_is_plain_and_holds_no_curves() -> None:
     report = measured().to_dict()
     assert json.loads(json.dumps(report)) == report

@@ -50,6 +50,14 @@ def test_horizontal_and_vertical_deviations(tmp_path: Path) -> None:
     assert read_position_csv(written(tmp_path, text)).sigmas == {"a": (0.1, 0.1, 0.4)}
 
 
+@pytest.mark.parametrize(
+    "title", ["sigma", "Accuracy (m)", "Position accuracy [m]", "std_dev", "gps_accuracy"]
+)
+def test_one_deviation_is_that_of_all_axes(tmp_path: Path, title: str) -> None:
+    text = f"name,x,y,z,{title},HDOP,yaw accuracy\na,1,2,3,0.5,9,8\n"
+    assert read_position_csv(written(tmp_path, text)).sigmas == {"a": (0.5, 0.5, 0.5)}
+
+
 def test_images_without_names_are_numbered_by_index_or_line(tmp_path: Path) -> None:
     by_index = read_position_csv(written(tmp_path, "index,x,y,z\n4,1,2,3\n0,,,\n"), numbered=True)
     assert by_index.by_number

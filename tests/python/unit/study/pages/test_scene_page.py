@@ -133,3 +133,53 @@ def test_a_browser_draws_an_empty_scene_without_failing(tmp_path: Path) -> None:
 def count_near(picture: np.ndarray, color: tuple[int, int, int]) -> int:
     """Number of pixels of nearly that colour."""
     return int((np.abs(picture - np.array(color) / 255).max(axis=2) < 0.06).sum())
+
+
+def test_north_is_turned_with_the_world_and_absent_where_nobody_knows() -> None:
+    assert data_of(scene_page(street()))["north"] is None
+    turn = Rotation.from_rotvec([-np.pi / 2, 0, 0])  # the street leads north: y of the world, z up
+    north = data_of(scene_page(street(turned=turn.inv() * Rotation.identity(), east_north_up=True)))["north"]
+    ahead = data_of(scene_page(street(turned=turn, east_north_up=True)))["north"]
+    np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(north, [0, -1, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("width", [420, 1400])
+def test_a_bar_of_some_metres_is_as_long_as_they_are_in_the_view(tmp_path: Path, width: int) -> None:
+    save_scene_page(street(unit="m"), tmp_path / "view.html")
+    with opened("about:blank", tmp_path) as ask:
+        ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=800,
+            deviceScaleFactor=2,
+            mobile=width < 600,
+        )
+        ask("Page.navigate", url=(tmp_path / "view.html").as_uri())
+        value_of(ask, "top_.onclick(); view.target[2] = 0; redraw(); new Promise(requestAnimationFrame)")
+        text, long, left, right = value_of(
+            ask,
+            """(() => { const box = element("bar").getBoundingClientRect();
+                return [element("scale").textContent, box.width, box.left, box.right]; })()""",
+        )
+        # From above, a path of ten metres in the plane of the target, in pixels of the page.
+        ends = value_of(
+            ask,
+            "[0, poses - 1].map(i => onScreen(inCamera(...row(path, i))).map(x => x * innerWidth / width))",
+        )
+        panel = value_of(ask, "element('about').getBoundingClientRect().right")
+    metres = float(text.strip().removesuffix(" m"))
+    pixels_of_a_metre = np.linalg.norm(np.subtract(*ends)) / 10
+    assert long == pytest.approx(metres * pixels_of_a_metre, rel=0.02)
+    assert 0 < left < right < width
+    assert width > 600 or left > panel
+
+
+def test_a_world_without_metres_has_no_bar(tmp_path: Path) -> None:
+    save_scene_page(street(), tmp_path / "view.html")
+    with opened((tmp_path / "view.html").as_uri(), tmp_path) as ask:
+        value_of(ask, "new Promise(requestAnimationFrame)")
+        assert (
+            value_of(ask, "[element('scale').hidden, element('compass').hasAttribute('hidden')]")
+            == [True] * 2
+        )

@@ -1,0 +1,78 @@
+"""Covariances of a solve on the command line: computed and written after it, and told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfmcpp.ba import Summary, linearize
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Problem
+from sfmcpp.model.residual_group import Group
+
+if TYPE_CHECKING:
+    from sfmcpp.study.covariance_files import Covariances
+
+# A state that is no minimum has no covariances.
+_NO_MINIMUM = ("interrupted", "numerical_failure")
+
+
+class Precision:
+    """How well the result of a solve is known, once :meth:`write` was called."""
+
+    def __init__(self) -> None:
+        self._found: Covariances | None = None
+        self._reason = ""
+
+    def write(
+        self,
+        path: Path,
+        problem: Problem,
+        summary: Summary,
+        groups: Sequence[Group],
+        options: dict[str, Any],
+    ) -> None:
+        """Write covariances with the loss, the gauge and the constraints of the solve.
+
+        Raises
+        ------
+        DatasetError
+            If nothing determines a parameter, or the file cannot be written.
+        """
+        from sfmcpp.study.covariance_files import Covariances, write_covariances
+
+        if summary.termination in _NO_MINIMUM:
+            self._reason = f"not written: the solve ended by {summary.termination}, at no minimum"
+            return
+        try:
+            model = linearize(
+                problem,
+                constraints=groups,
+                loss=summary.loss,
+                loss_scale_px=summary.loss_scale_px,
+                gauge=options.get("gauge", "auto"),
+                threads=options.get("threads", 0),
+            )
+            self._found = Covariances.of(problem, model)
+        except InvalidArgument as error:
+            raise DatasetError(path, f"no covariances: {error}") from error
+        write_covariances(path, self._found)
+
+    def to_report(self) -> dict[str, Any]:
+        """What the report of the solve has of it."""
+        return {} if self._found is None else {"covariances": self._found.to_dict()}
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """What the table at the end of a solve says of it."""
+        if self._reason:
+            yield "covariances", self._reason
+        if self._found is None:
+            return
+        yield "covariances", f"refer to {self._found.gauge}"
+        if not self._found.has_points:
+            yield "covariances", "of cameras alone: the points are too many, or none is estimated"
+        factor = self._found.variance_factor
+        if factor == factor:
+            guess = f"if the σ of observations is a guess, multiply standard deviations by {factor**0.5:.3g}"
+            yield "variance factor", f"{factor:.4g}: {guess}"

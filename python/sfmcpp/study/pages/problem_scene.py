@@ -1,0 +1,89 @@
+"""The scene of a problem for the page of a model: what a file holds, without the photos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sfmcpp.ba import residuals_px
+from sfmcpp.errors import DatasetError
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
+from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
+from sfmcpp.study.pages.model_page import ModelScene, save_model_page
+
+_BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
+
+
+def write_problem_page(
+    problem: Problem, path: Path, title: str, facts: Mapping[str, str] | None = None
+) -> None:
+    """Write a page of a problem in three dimensions: points that are seen, cameras and their mean errors.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its images are as large as its metadata say, or else as its observations ask for. Metres and north
+        are shown where positions have told its world.
+    path : Path
+        Where to.
+    title : str
+        Heading of the page.
+    facts : mapping of str to str, optional
+        Names and values for the panel, below those of the problem.
+
+    Raises
+    ------
+    DatasetError
+        If the cameras are projective, metadata do not fit the problem, or the file cannot be written.
+    """
+    save_model_page(_scene(problem, path, title, facts or {}), path)
+
+
+def _scene(problem: Problem, path: Path, title: str, facts: Mapping[str, str]) -> ModelScene:
+    if not problem.is_metric:
+        raise DatasetError(path, f"{problem.camera_model} cameras have no world to show")
+    require_valid(problem, path)
+    errors = np.linalg.norm(residuals_px(problem), axis=1)
+    seen = np.bincount(problem.point_index, minlength=problem.num_points) > 0
+    origin = WorldOrigin.of(problem.metadata)
+    told = {
+        "cameras": f"{problem.num_cameras:,}",
+        "points": f"{np.count_nonzero(seen):,}",
+        "mean error": f"{errors.mean():.3g} px" if len(errors) else "no observations",
+    }
+    return ModelScene(
+        title,
+        problem.points[seen],
+        point_colors(problem, _BLACK, path)[seen],
+        problem.cameras,
+        _corners(problem, path),
+        image_names(problem, path),
+        _notes(problem, errors),
+        [None] * problem.num_cameras,
+        told | dict(facts),
+        "" if origin is None else "m",
+        origin is not None and origin.geodetic,
+    )
+
+
+def _corners(problem: Problem, path: Path) -> FloatArray:
+    """(C, 4) left, top, right and bottom of images at distance 1 from their cameras, without distortion."""
+    lenses = lenses_from_corner(problem, path)
+    f, aspect, cx, cy = lenses.values[:, perspective_columns("f", "aspect", "cx", "cy")].T
+    width, height = np.asarray(lenses.sizes, dtype=np.float64).T
+    rows = np.stack([-cx / f, -cy / (aspect * f), (width - cx) / f, (height - cy) / (aspect * f)], axis=1)
+    return np.asarray(rows[problem.intrinsics_index])
+
+
+def _notes(problem: Problem, errors: FloatArray) -> list[str]:
+    counts = np.bincount(problem.camera_index, minlength=problem.num_cameras)
+    sums = np.bincount(problem.camera_index, errors, minlength=problem.num_cameras)
+    return [
+        f"{count:,} observations" + (f", mean error {total / count:.3g} px" if count else "")
+        for count, total in zip(counts.tolist(), sums.tolist(), strict=True)
+    ]
