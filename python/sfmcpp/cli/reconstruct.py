@@ -10,8 +10,8 @@ import typer
 
 from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
-from sfmcpp.sfm.positions import LEAST_POSITIONS
 from sfmcpp.sfm.run import METHODS as WAYS
 from sfmcpp.sources.cameras import camera_file
 from sfmcpp.sources.vision.pairs import MATCHERS

@@ -7,6 +7,7 @@ from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_varian
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
+from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
 from sfmcpp.sensors.prediction import (
     interpolate_poses,
     interpolate_rotations,
@@ -25,8 +26,10 @@ from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
 
 __all__ = [
     "MOST_TURNS",
+    "BendCheck",
     "Gap",
     "Mounting",
+    "PositionClock",
     "Registration",
     "RotationCheck",
     "SensorStream",
@@ -34,6 +37,8 @@ __all__ = [
     "Turn",
     "camera_displacement",
     "carried_over",
+    "check_bends",
+    "check_position_clock",
     "check_rotations",
     "check_turns",
     "describe_coverage",

@@ -59,7 +59,7 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
     for stream in streams:
         _require_short(stream)
     local = [local_positions(stream) if stream.kind == "geodetic" else stream for stream in streams]
-    _require_same(local, _WAYS, _way, _LEAST_WAY_M, "ways", "km/h, mm or km")
+    _require_same(local, _WAYS, _way, _LEAST_WAY_M, "ways", "km/h, ft, mm or km")
     _require_same(local, _TURNS, _turn, _LEAST_TURN_RAD, "rotations", "degrees")
     for stream in local:
         for turning in local:

@@ -20,6 +20,11 @@ FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 # Each round of a latitude leaves a 150th of its error, the squared eccentricity.
 _ROUNDS = 8
+# Fewer positions leave nothing to judge them by.
+LEAST_POSITIONS = 5
+# Degrees taken for metres: horizontally all within this of each other, which is less than a way or a baseline
+# of photos, and so many times farther from zero.
+_DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 
 
 @checked()
@@ -129,6 +134,20 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     from_axis = (normal + height) * np.cos(latitude)
     z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def require_metres(rows: FloatArray) -> None:
+    """Refuse latitudes and longitudes, (n, 3) with any heights, under the names of x and y."""
+    plane = rows[rows[:, :2].any(axis=1), :2]  # where a receiver had no fix there are zeros
+    if len(plane) < LEAST_POSITIONS:
+        return
+    middle, extent = np.median(plane, axis=0), float(np.ptp(plane, axis=0).max())
+    small = 0 < extent < _DEGREES_WITHIN and np.linalg.norm(middle) > _DEGREES_FROM_ZERO * extent
+    if small and np.abs(middle).max() <= 180 and np.abs(middle).min() <= 90:
+        raise InvalidArgument(
+            f"gps: x and y are {middle[0]:.6g} and {middle[1]:.6g} to within {extent:.2g}, which look like "
+            "degrees: must be metres, or be named lat, lon, height (geodetic=True)"
+        )
 
 
 def geodetic_of(local: ArrayLike, origin: ArrayLike) -> FloatArray:

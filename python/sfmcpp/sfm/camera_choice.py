@@ -10,9 +10,10 @@ import numpy as np
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjusting import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
-from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions
+from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # What is freed, each on top of what was worth it before, and what the model is called then.

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.positions import LEAST_POSITIONS, Positions, positions_of
+from sfmcpp.sensors.gps import LEAST_POSITIONS
+from sfmcpp.sfm.positions import Positions, positions_of
 from sfmcpp.sources.io.position_csv import NamedPositions, Triple, read_position_csv
 from sfmcpp.sources.vision.photos import open_photos
 

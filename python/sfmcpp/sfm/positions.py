@@ -10,16 +10,11 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.gps import east_north_up
+from sfmcpp.sensors.gps import east_north_up, require_metres
 from sfmcpp.sfm.position_names import named_alike
 
-# Fewer positions leave nothing to judge them by.
-LEAST_POSITIONS = 5
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].
 _GRID_M = 1000.0
-# Degrees taken for metres: horizontally all within this of each other, which is less than a baseline of
-# photos, and so many times farther from zero.
-_DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 # A position at zero is none where the others are farther from there than any flight goes [m].
 _FAR_M = 100e3
 
@@ -101,7 +96,7 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
     if not told.any():
         raise InvalidArgument("gps: no position is known")
     if not geodetic:
-        _require_metres(rows[told])
+        require_metres(rows[told])
     if sigmas_m is not None:
         wrong = told & ~((sigmas_m > 0) & np.isfinite(sigmas_m)).all(axis=1)
         if wrong.any():
@@ -114,20 +109,6 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
     lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
     metres[lost] = np.nan
     return Positions(metres, origin, geodetic, sigmas_m, lost)
-
-
-def _require_metres(rows: FloatArray) -> None:
-    """Refuse latitudes and longitudes under the names of x and y."""
-    plane = rows[rows[:, :2].any(axis=1), :2]  # where a receiver had no fix there are zeros
-    if len(plane) < LEAST_POSITIONS:
-        return
-    middle, extent = np.median(plane, axis=0), float(np.ptp(plane, axis=0).max())
-    small = 0 < extent < _DEGREES_WITHIN and np.linalg.norm(middle) > _DEGREES_FROM_ZERO * extent
-    if small and np.abs(middle).max() <= 180 and np.abs(middle).min() <= 90:
-        raise InvalidArgument(
-            f"gps: x and y are {middle[0]:.6g} and {middle[1]:.6g} to within {extent:.2g}, which look like "
-            "degrees: must be metres, or be named lat, lon, height (geodetic=True)"
-        )
 
 
 def positions_of(

@@ -19,6 +19,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors import Mounting, local_positions
+from sfmcpp.sensors.gps import require_metres
 from sfmcpp.slam.frame_run import run_slam
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, MotionSensor, Odometer
@@ -156,7 +157,7 @@ def run(
     DatasetError
         If a file cannot be read, or lacks what is needed.
     InvalidArgument
-        If an option is invalid, or the input lacks what a sensor needs.
+        If an option is invalid, the input lacks what a sensor needs, or positions look like degrees.
     """
     if isinstance(sensors, str):
         raise InvalidArgument(f"sensors = {sensors!r}: must be a sequence of names, such as [{sensors!r}]")
@@ -210,8 +211,8 @@ def motion_sensors(
     DatasetError
         If the drive's file lacks what a sensor needs, or its streams cannot be right.
     InvalidArgument
-        If a sensor is unknown or named twice, or the input lacks what it needs; if a σ is not positive, or of
-        no such sensor.
+        If a sensor is unknown or named twice, or the input lacks what it needs; if positions look like
+        degrees; if a σ is not positive, or of no such sensor.
     """
     streams = drive.streams_of(names)
     made = [_MAKERS[name](name, stream, drive.mounting) for name, stream in zip(names, streams, strict=True)]
@@ -234,6 +235,8 @@ def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]
 
 
 def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
+    if stream.kind == "position":
+        require_metres(stream.values)
     return Gps(local_positions(stream) if stream.kind == "geodetic" else stream, mounting, name)
 
 

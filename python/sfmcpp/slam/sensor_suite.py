@@ -56,7 +56,7 @@ class SensorSuite:
         self._moved_s: dict[str, float] = {}
         # What was taken from the rates of each gyroscope [rad/s].
         self._biases: dict[str, FloatArray] = {}
-        # The last rotations that pairs of images have told, and the time up to which they were asked [s].
+        # The motions that pairs of images have told, and the time up to which they were asked [s].
         self._turns: list[Turn] = []
         self.turns_until_s = -np.inf
         # Whether no clock is in doubt any more.
@@ -172,10 +172,14 @@ class SensorSuite:
             for sensor in self.sensors
             if isinstance(sensor, _Stamped) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
         ]
-        self._moved_s |= {name: self._moved_s.get(name, 0.0) + check.offset_s for name in alike}
-        self._correct()
-        self._forget(alike)
+        self.move_stamps(alike, check.offset_s)
         return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
+
+    def move_stamps(self, names: Collection[str], offset_s: float) -> None:
+        """Add as many seconds to the stamps of the sensors of these names."""
+        self._moved_s |= {name: self._moved_s.get(name, 0.0) + offset_s for name in names}
+        self._correct()
+        self._forget(names)
 
     def _refine_clocks(self, vision: Trajectory) -> None:
         """Set clocks that were wrong once more: hundredths of a second are ten milliradians of a turn."""
@@ -187,8 +191,13 @@ class SensorSuite:
 
     @property
     def compares_pairs(self) -> bool:
-        """Whether there are any whose bias or mounting pairs of images can tell."""
-        return any(_has_rates(sensor) or isinstance(sensor, Odometer) for sensor in self.sensors)
+        """Whether there are any whose bias, mounting or axes pairs of images can tell."""
+        return any(_has_rates(sensor) or isinstance(sensor, Odometer | Gps) for sensor in self.sensors)
+
+    @property
+    def turns(self) -> tuple[Turn, ...]:
+        """What pairs of images have told, in the order of time."""
+        return tuple(self._turns)
 
     def remove_biases(self, turns: Sequence[Turn], until_s: float) -> bool:
         """Take from the rates of gyroscopes what pairs of images, these and those so far, say is no rotation.
@@ -205,7 +214,7 @@ class SensorSuite:
         bool
             Whether any rates have changed.
         """
-        self._turns, self.turns_until_s = [*self._turns, *turns][-MOST_TURNS:], until_s
+        self._turns, self.turns_until_s = [*self._turns, *turns], until_s
         known = dict(self._biases)
         for sensor in self._given:
             if _has_rates(sensor):
@@ -319,7 +328,7 @@ class SensorSuite:
     def _misaligned(self) -> dict[str, FloatArray]:
         """How the camera is turned from what the mountings of odometers say, where images tell."""
         odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
-        told = {odometer.name: _steps(odometer, self._turns) for odometer in odometers}
+        told = {odometer.name: _steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
         return {name: turn for name, steps in told.items() if (turn := find_misalignment(*steps)) is not None}
 
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:

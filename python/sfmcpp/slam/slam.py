@@ -18,6 +18,7 @@ from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, triangulate_new
+from sfmcpp.slam.position_doubts import doubt_positions
 from sfmcpp.slam.registering import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.saving import State
@@ -118,6 +119,7 @@ class Slam:
             self.result.warnings += self._sensors.shortcomings(times[0], times[-1], metric=self.result.metric)
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
+        self.result.warnings += doubt_positions(self.result, self._sensors)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""

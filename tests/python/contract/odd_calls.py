@@ -117,6 +117,8 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "projective_problem": {"pixels": SCENE.pixels},
     "sensors.camera_displacement": {"stream": SensorStream(STAMPS, np.ones((6, 3)), "velocity")},
     "sensors.carried_over": {"stream": SPEED, "stretches": []},
+    "sensors.check_bends": {"stream": POSITION, "vision": PATH},
+    "sensors.check_position_clock": {"stream": POSITION, "path": PATH},
     "sensors.check_rotations": {"vision": PATH},
     "sensors.doubtful_stretches": {"stream": SPEED},
     "sensors.local_positions": {"stream": GEODETIC},

@@ -125,6 +125,14 @@ def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp
     assert "aligned to all of it" in str(found)
 
 
+def test_degrees_under_the_names_of_metres_are_refused() -> None:
+    drive = georeferenced(bend())
+    metres = drive.streams["position"]
+    degrees = replace(metres, values=[8.4, 49.0, 110.0] + (metres.values - UTM_M) / [73e3, 111e3, 1.0])
+    with pytest.raises(InvalidArgument, match=r"x and y are 8\.4.* which look like degrees"):
+        slam.run(replace(drive, streams={"position": degrees}), ["gps"])
+
+
 def test_a_run_without_a_world_is_measured_as_evaluate_measures_it_and_by_its_drift() -> None:
     drive = georeferenced(bend())
     drifting = study.SlamReport(slam.run(drive))
