@@ -78,6 +78,18 @@ def test_masks_that_cover_everything(field: Path, tmp_path: Path, capsys: pytest
     assert "hardly anything is detected outside its mask" in said
 
 
+def test_positions_that_no_photo_tells_are_asked_for_before_the_work(
+    field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(capsys, field, tmp_path / "out", "--gps", "exif")
+    assert "gps = 'exif': no image tells its position" in said
+    assert not (tmp_path / "out").exists()
+    table = tmp_path / "other.csv"
+    table.write_text("name,lat,lon,height\nelsewhere.jpg,46.5,9.25,12.5\n")
+    refused(capsys, field, tmp_path / "out", "--gps", str(table))
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_calibration_matrix_of_other_images(
     field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
