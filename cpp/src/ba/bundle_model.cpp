@@ -239,6 +239,25 @@ void BundleModel::move_camera(
   }
 }
 
+// Of cameras and points from the first camera: the origin of the world may be far away.
+double BundleModel::size(const State& state) const {
+  if (!is_metric(problem_.camera_model) || state.cameras.empty())
+    return LeastSquaresModel::size(state);
+  constexpr long kPart = 4096;
+  const Eigen::Map<const PoseMatrix> first(state.cameras.data());
+  const Eigen::Vector3d origin = first.col(3);
+  double cameras = 0.0;
+  for (int i = 0; i < graph_.num_cameras; ++i) {
+    const Eigen::Map<const PoseMatrix> pose(state.cameras.data() + problem_.camera_offset(i));
+    cameras += pose.leftCols<3>().squaredNorm() + (pose.col(3) - origin).squaredNorm();
+  }
+  const double points = pool_.sum_of_parts(graph_.num_points, kPart, [&](long begin, long end) {
+    const Eigen::Map<const Eigen::Matrix3Xd> part(state.points.data() + 3 * begin, 3, end - begin);
+    return (part.colwise() - origin).squaredNorm();
+  });
+  return std::sqrt(cameras + linear::squared_norm(pool_, state.intrinsics) + exchange_.sum(points));
+}
+
 void BundleModel::normalize(State& state) const {
   if (is_metric(problem_.camera_model)) return;
   for (int i = 0; i < graph_.num_cameras; ++i) {

@@ -11,7 +11,6 @@ namespace sfmcpp::ba {
 
 // A motion of a sensor that nothing tells is shared out among all columns: rounding hides it there.
 void LinearModel::require_sensors() {
-  if (!has_free_sensors()) return;
   constexpr double kLargest = 1e10;  // inflation
   const int first = sensor_column(problem_, work_->space.intrinsics.size());
   const std::vector<std::vector<int>> cameras = FreeSensors(problem_, work_->space.graph).cameras();

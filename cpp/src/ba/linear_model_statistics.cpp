@@ -11,6 +11,8 @@ namespace {
 // A variance this many times that of the parameter with all others held is rounding: nothing
 // determines the parameter.
 constexpr double kLargestInflation = 1e13;
+// Far above rounding, and so little that what it alone determines is told apart.
+constexpr double kNamingDamping = 1e-12;
 
 // out += the rows of a camera block that have a column (Pᵀ y); and back (P x).
 void fold(const linear::ParameterMap& map,
@@ -54,15 +56,25 @@ void LinearModel::factorize() {
                   .kind;
   if (kind != linear::LinearSolverKind::kDense) kind = linear::LinearSolverKind::kSparse;
   auto solver = std::make_unique<linear::ExplicitSchurSolver>(work_->normal(), kind);
-  const auto result = solver->solve({.lambda = ridge_}, step_, [] { return false; });
-  if (!result.success) {
-    throw InvalidArgument(
-        "problem: its normal equations are singular: observations and constraints do not determine "
-        "all free parameters of the cameras; fix some or add observations");
-  }
+  const auto factorizes = [&](double damping) {
+    return solver->solve({.lambda = damping}, step_, [] { return false; }).success;
+  };
+  const bool is_regular = factorizes(ridge_);
+  // Rounding decides whether what nothing tells is singular: with a little damping it has a name.
+  const bool may_have_name = has_free_sensors() && (is_regular || factorizes(kNamingDamping));
   work_->solver = std::move(solver);
-  require_sensors();
-  find_unseen();
+  try {
+    if (may_have_name) require_sensors();
+    if (!is_regular) {
+      throw InvalidArgument(
+          "problem: its normal equations are singular: observations and constraints do not "
+          "determine all free parameters of the cameras; fix some or add observations");
+    }
+    find_unseen();
+  } catch (...) {
+    work_->solver.reset();  // refused again when asked again
+    throw;
+  }
 }
 
 // Rows by columns as they are called outside; zero where held.
@@ -153,8 +165,8 @@ const MatrixXd& LinearModel::inverse() {
   return inverse_;
 }
 
-MatrixXd LinearModel::solve(const SparseColumns& rhs) {
-  if (inverse_.rows() == rhs.rows()) return inverse_ * rhs;
+// By the factor, though the inverse may be there: the same bits whatever was asked before.
+MatrixXd LinearModel::solve(const SparseColumns& rhs) const {
   MatrixXd x = rhs;
   work_->solver->solve_reduced(x);
   return x;
@@ -164,7 +176,13 @@ MatrixXd LinearModel::covariance(std::span<const int> columns) {
   factorize();
   for (int column : columns) require_in_range("columns", column, num_columns());
   const SparseColumns rhs = reduced(columns);
-  MatrixXd result = rhs.transpose() * solve(rhs);
+  return covariance(columns, rhs, solve(rhs));
+}
+
+MatrixXd LinearModel::covariance(std::span<const int> columns,
+                                 const SparseColumns& rhs,
+                                 const MatrixXd& solution) const {
+  MatrixXd result = rhs.transpose() * solution;
   const auto count = static_cast<Index>(columns.size());
   for (Index a = 0; a < count; ++a) {
     for (Index b = 0; b < count; ++b) {
@@ -214,8 +232,9 @@ void LinearModel::covariance_blocks(std::span<const int> columns, int width, dou
     throw InvalidArgument("width = " + std::to_string(width) + ": " +
                           std::to_string(columns.size()) + " columns are no blocks of that width");
   factorize();
+  for (int column : columns) require_in_range("columns", std::max(column, 0), num_columns());
   const int size = work_->space.map.num_columns;
-  if (size <= kMaxInverse && static_cast<int>(columns.size()) > size) inverse();
+  const bool by_inverse = size <= kMaxInverse && static_cast<int>(columns.size()) > size;
   for (std::size_t first = 0; first < columns.size(); first += width) {
     std::vector<int> chosen, place;
     for (int k = 0; k < width; ++k) {
@@ -225,7 +244,9 @@ void LinearModel::covariance_blocks(std::span<const int> columns, int width, dou
     }
     Eigen::Map<Eigen::MatrixXd> block(out + width * first, width, width);
     block.setZero();
-    block(place, place) = covariance(chosen);
+    const SparseColumns rhs = reduced(chosen);
+    block(place, place) =
+        covariance(chosen, rhs, by_inverse ? MatrixXd(inverse() * rhs) : solve(rhs));
   }
 }
 

@@ -8,7 +8,6 @@
 #include "model_line.hpp"
 #include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "state_algebra.hpp"
 #include "stops.hpp"
 
 namespace sfmcpp::optim {
@@ -105,7 +104,7 @@ class Minimizer {
   }
 
   void judge_gradient() {
-    if (gradient_norm() <= options_.termination.gradient_tolerance)
+    if (gradient_norm() <= options_.termination.gradient_tolerance && is_flat())
       finish(endings::kGradientIsZero);
   }
 
@@ -142,8 +141,7 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    if (now_.step_norm <=
-        options_.termination.parameter_tolerance * norm(state_, model_.normal_equations()))
+    if (now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_))
       finish_negligible();
   }
 
@@ -296,14 +294,17 @@ class Minimizer {
 
   // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
   void finish_negligible() {
-    if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible() ||
-        (!progressed() && largest_prediction_ <= negligible())) {
+    if (is_flat() || (!progressed() && largest_prediction_ <= negligible())) {
       finish(endings::kStepIsSmall);
     } else if (progressed()) {
       finish(endings::kStepsBecameSmall);
     } else {
       finish(endings::kNoStepDecreases);
     }
+  }
+
+  bool is_flat() const {
+    return linear::decrease_by_each_alone(model_.normal_equations()) <= negligible();
   }
 
   double negligible() const { return negligible_decrease(options_.termination, cost_); }

@@ -65,24 +65,31 @@ def requests_as_ctrl_c() -> Iterator[None]:
 def lost_interrupts_again() -> Iterator[None]:
     """Let an interrupt come again that fell into a callback, whose exceptions the interpreter ignores.
 
-    Modules that are loaded have such callbacks: the command would go on to its end.
+    Modules that are loaded have such callbacks: the command would go on to its end. What has not come again
+    when it ends comes before that, not later into what called it.
     """
-    before, main_thread = sys.unraisablehook, threading.main_thread().ident
+    if not _in_main_thread():
+        yield
+        return
+    before, main_thread = sys.unraisablehook, threading.get_ident()
+    waiting: list[threading.Timer] = []
 
     def hook(ignored: Any) -> None:
         if not issubclass(ignored.exc_type, KeyboardInterrupt):
             before(ignored)
             return
         _Stops.forget()
-        again = threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT))
-        again.daemon = True
-        again.start()
+        waiting.append(threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT)))
+        waiting[-1].daemon = True
+        waiting[-1].start()
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
         sys.unraisablehook = before
+        for again in waiting:
+            again.join()
 
 
 @contextmanager

@@ -101,10 +101,11 @@ def synth(
         "focal_sigma": focal_sigma,
     }
     _check_targets(output, truth)
-    true_problem = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
-    if outliers != 0:
-        true_problem, _ = add_outliers(true_problem, outliers, sigma_px=outlier_sigma_px, seed=seed)
-    start = perturb(true_problem, seed=seed, **noise)
+    with np.errstate(all="ignore"):  # noise beyond numbers is refused where it is written
+        true_problem = SCENES[scene](pixel_sigma_px=pixel_sigma_px, seed=seed, **options)
+        if outliers != 0:
+            true_problem, _ = add_outliers(true_problem, outliers, sigma_px=outlier_sigma_px, seed=seed)
+        start = perturb(true_problem, seed=seed, **noise)
     _write(start, output, true_problem, truth)
     if not quiet:
         say(f"{output}: {start}, {_tracks(start)}")

@@ -55,9 +55,11 @@ def require_unmasked(name: str, value: ArrayLike | None) -> None:
 
 def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Like :func:`finite_array`, but any number passes, NaN too."""
-    require_unmasked(name, value)
+    given = number_array(name, value)
+    if np.iscomplexobj(given):  # of which NumPy would take the real parts
+        raise InvalidArgument(f"{name}: must be an array of real numbers")
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        array = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
     if array.ndim != len(shape) or any(n not in (ANY, m) for n, m in zip(shape, array.shape, strict=True)):

@@ -51,6 +51,12 @@ def require_above(name: str, value: float, limit: float, what: str) -> None:
         raise InvalidArgument(f"{name} = {value}: must be finite and above {limit:g}, {what}")
 
 
+def require_at_most(name: str, value: float, limit: float) -> None:
+    """Raise InvalidArgument if `value` is greater than `limit`."""
+    if value > limit:
+        raise InvalidArgument(f"{name} = {value}: must be at most {limit:g}")
+
+
 def require_share(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is from zero to one."""
     if not (_is_finite(name, value) and 0 <= value <= 1):

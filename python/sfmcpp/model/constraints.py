@@ -86,6 +86,8 @@ class ConstraintGroup(MemberGroup):
         Name of the group in summaries and messages, unique in a solve. Default: the kind.
     points : sequence of n (k, 3) float64, optional
         World points, one array per member, for kinds that compare images; held fixed. Distortion is ignored.
+        Images use the intrinsics at the start of the solve: where the focal length is free,
+        :func:`sfmcpp.linearize` at the end gives another cost of the group.
     loss : str or LossFunction
         Robust loss ρ of each member, for a sensor with outliers: ``"squared"`` (none), ``"huber"``,
         ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or ``"truncated"``, or one of your own. The group then

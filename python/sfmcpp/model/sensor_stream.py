@@ -176,7 +176,8 @@ def _values(given: FloatArray, stamps: FloatArray, kind: SensorKind) -> FloatArr
 
 
 def _require_plausible(limit: Limit, stamps: FloatArray, values: FloatArray) -> None:
-    magnitude, row = limit.measure(stamps, values)
+    with np.errstate(over="ignore"):
+        magnitude, row = limit.measure(stamps, values)
     if magnitude > limit.largest:
         raise ImplausibleSample(
             f"{limit.what} of {magnitude:.6g} {limit.unit} at sample {row}, at {stamps[row]:.6f} s: "

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
@@ -72,5 +73,8 @@ def _apart(poses: FloatArray, positions: Positions | None, settings: Incremental
         return 0.0
     centres, metres = poses[known, :, 3], positions.metres[known]
     good = agreeing_pairs(centres, metres, seed=settings.seed)
-    place = fit_similarity(centres[good], metres[good])
+    try:
+        place = fit_similarity(centres[good], metres[good])
+    except InvalidArgument:  # all at one place, or on a line: they tell nothing of how a model bends
+        return 0.0
     return float(np.sqrt(((place.apply(centres) - metres)[good] ** 2).sum(axis=1).mean()))

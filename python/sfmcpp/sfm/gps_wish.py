@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from os import PathLike, fspath
 from pathlib import Path
@@ -48,7 +49,9 @@ def positions_of_photos(folder: Path) -> NamedPositions:
 
 
 def _told_by(photos: Sequence[Photo]) -> dict[str, Triple]:
-    return {photo.name: photo.position for photo in photos if photo.position is not None}
+    """Positions with their heights: without one a photo is anywhere on a plumb line."""
+    told = {photo.name: photo.position for photo in photos if photo.position is not None}
+    return {name: position for name, position in told.items() if math.isfinite(position[2])}
 
 
 def positions_wanted(
@@ -82,5 +85,5 @@ def positions_wanted(
     if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
         return None
     if not told:
-        raise InvalidArgument("gps = 'exif': no image tells its position")
+        raise InvalidArgument("gps = 'exif': no image tells its position with its height")
     return positions_of(names, told, geodetic=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,7 @@ class _Run:
     model: str
     settings: IncrementalSettings
     progress: Progress
+    positions: Callable[[Sequence[Photo]], Positions | None]
     seconds: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
@@ -149,7 +151,8 @@ def reconstruct(
     require_seed(seed)
     looked_up("camera_model", camera_model, {"auto": None, **dict.fromkeys(FREE_INTRINSICS)})
     limits = replace(settings or IncrementalSettings(), seed=seed)
-    run = _Run(camera_wish(camera), shared_camera, camera_model, limits, progress)
+    wanted = partial(positions_wanted, gps, known_positions(gps))
+    run = _Run(camera_wish(camera), shared_camera, camera_model, limits, progress, wanted)
     options: dict[str, Any] = {
         "method": method,
         "camera": camera if isinstance(camera, (str, float, int)) else str(camera),
@@ -160,10 +163,9 @@ def reconstruct(
         "subpixel": subpixel,
         "seed": seed,
     }
-    known = known_positions(gps)
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
-    positions = positions_wanted(gps, known, scene.graph.photos)
+    positions = wanted(scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _mapped(scene, run, METHODS[method])
@@ -235,6 +237,7 @@ def _scene_of_photos(
     from sfmcpp.sources.vision import open_photos, without_copies
 
     found = without_copies(open_photos(folder, masks=masks))
+    run.positions(found.photos)  # what cannot be is refused before the work
     run.warnings += warnings_of_folder(found)
     cameras = run.cameras_of(found.photos)
     graph = build_match_graph(

@@ -17,7 +17,7 @@ from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import require_metres
 from sfmcpp.slam.frame_run import run_slam
@@ -28,6 +28,7 @@ from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 
 # Sensors that tell where the camera is in their own world.
+_LARGEST_SIGMA = 1e100  # whose square is a number
 _ABSOLUTE = {"gps", "ins"}
 
 
@@ -228,6 +229,7 @@ def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]
             )
         if sigma is not None:
             require_positive(f"sigmas[{name!r}]", sigma)
+            require_at_most(f"sigmas[{name!r}]", sigma, _LARGEST_SIGMA)
     return [
         replace(sensor, **{_SIGMAS[type(sensor)]: sigmas[sensor.name]}) if sensor.name in sigmas else sensor  # type: ignore[type-var]
         for sensor in sensors

@@ -16,6 +16,7 @@ from sfmcpp.weighting import criteria
 Scope = Literal["pose", "problem"]
 TradeOff = Callable[[FloatArray, FloatArray, FloatArray, "FloatArray | None"], FloatArray]
 _FIXED = "fixed:"
+_LARGEST = 1e100  # whose square, times any count, is a number
 _WHERE = {"pose": "one pose", "problem": "a whole problem"}
 
 
@@ -115,15 +116,15 @@ def selection_method(text: str, scope: Scope = "pose", argument: str = "method")
         raise InvalidArgument(
             f"{argument} = {text!r}: is for {other}; for {_WHERE[scope]} must be one of {known}"
         )
-    return _fixed(text) if name == "fixed:λ" else method
+    return _fixed(text, argument) if name == "fixed:λ" else method
 
 
-def _fixed(text: str) -> WeightMethod:
+def _fixed(text: str, argument: str) -> WeightMethod:
     try:
         weight = float(text.removeprefix(_FIXED))
     except ValueError:
         weight = np.nan
-    if not (np.isfinite(weight) and weight >= 0):
-        raise InvalidArgument(f"method = {text!r}: the weight must be a finite number, not negative")
+    if not 0 <= weight <= _LARGEST:
+        raise InvalidArgument(f"{argument} = {text!r}: the weight must be a number from 0 to {_LARGEST:g}")
     grid = np.array([0.0, weight]) if weight > 0 else np.zeros(1)
     return WeightMethod(text, ("pose",), _last, grid=grid)

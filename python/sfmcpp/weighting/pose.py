@@ -49,7 +49,7 @@ def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixe
     float
         Standard deviation of each component, in the constraint's unit; infinite for λ = 0.
     """
-    return sigma_of_weight(constraint.unit, count * weight**2, pixel_sigma)
+    return sigma_of_weight(constraint.unit, count * weight * weight, pixel_sigma)
 
 
 @checked()

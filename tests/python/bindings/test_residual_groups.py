@@ -155,6 +155,7 @@ def test_ctrl_c_inside_the_function_is_raised_as_it_is() -> None:
         (np.zeros(6), r"constraints\['own'\].function: shape \(6,\), must be \(6, any\)"),
         (np.zeros((5, 3)), r"shape \(5, 3\), must be \(6, any\)"),
         (np.full((6, 3), np.nan), r"function\[0, 0\] = nan: must be finite"),
+        (np.full((6, 3), 1j), "function: must be an array of real numbers"),
         ((np.zeros((6, 3)), np.zeros((6, 3, 3))), r"derivatives of .*shape \(6, 3, 3\), must be \(6, 3, 6\)"),
     ],
 )

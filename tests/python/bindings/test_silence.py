@@ -27,6 +27,27 @@ def test_the_unit_of_lengths_changes_no_result(camera_model: str, unit: float) -
     assert len(found.iterations) == len(expected.iterations)
 
 
+@pytest.mark.parametrize("sigma_px", [1e-6, 1e8, 1e9])
+def test_the_unit_of_standard_deviations_changes_no_result(sigma_px: float) -> None:
+    problem = scene()
+    expected = sfmcpp.solve(scene()).final_cost
+    problem.sigma_px = np.full(problem.num_observations, sigma_px)
+    assert sfmcpp.solve(problem).final_cost * sigma_px**2 == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(("seed", "method"), [(14, "lm-nielsen"), (14, "lm"), (10, "dog-leg")])
+def test_steps_are_not_measured_by_how_far_away_the_origin_is(seed: int, method: str) -> None:
+    truth = sfmcpp.sphere_scene(6, 40, seed=seed)
+    near = sfmcpp.perturb(truth, point_sigma_m=0.2, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=seed)
+    away = near.copy()
+    away.points += 1e8
+    away.centres[:] += 1e8
+    expected = sfmcpp.solve(near, method=method, loss="huber").final_cost
+    found = sfmcpp.solve(away, method=method, loss="huber")
+    assert found.termination == "converged"
+    assert found.final_cost == pytest.approx(expected, rel=1e-5)
+
+
 @pytest.mark.parametrize("method", ["lm", "lm-nielsen", "gauss-newton"])
 def test_ordinary_problems_converge(method: str) -> None:
     assert sfmcpp.solve(scene(), method=method, function_tolerance=1e-12).termination == "converged"

@@ -143,7 +143,9 @@ def test_a_stop_while_arguments_are_read_is_said(tmp_path: Path, monkeypatch: py
     assert (result.returncode, result.stderr.strip()) == (130, "sfmcpp: interrupted")
 
 
-def test_an_interrupt_that_falls_into_a_callback_comes_again() -> None:
+def lose_an_interrupt() -> None:
+    """One that falls into a callback, whose exceptions are ignored."""
+
     class Module:
         pass
 
@@ -152,11 +154,21 @@ def test_an_interrupt_that_falls_into_a_callback_comes_again() -> None:
 
     module = Module()
     reference = weakref.ref(module, interrupted)
+    del module
+    assert reference() is None
+
+
+def test_an_interrupt_that_falls_into_a_callback_comes_again() -> None:
     with lost_interrupts_again():
-        del module
-        assert reference() is None  # the interrupt was ignored
+        lose_an_interrupt()
         with pytest.raises(KeyboardInterrupt):
             time.sleep(TIMEOUT_S)
+
+
+def test_an_interrupt_that_was_lost_comes_before_the_command_has_ended() -> None:
+    with pytest.raises(KeyboardInterrupt), lost_interrupts_again():
+        lose_an_interrupt()
+    time.sleep(0.05)  # nothing comes any more
 
 
 def test_solves_stopped_or_killed_at_random_moments_keep_what_they_say() -> None:

@@ -70,6 +70,7 @@ def going(speed: str) -> list[str]:
         ("odometer", SPEED, ["100,5", "nan,5"], "s.csv:3: t is 'nan': must be a finite number"),
         ("odometer", SPEED, ["100,5", "100.1,fast"], "s.csv:3: speed is 'fast': must be a finite number"),
         ("odometer", SPEED, ["100,5", "100.1,130"], "s.csv:3: .*speed of 130 m/s .* at most 100 m/s; .*km/h"),
+        ("odometer", SPEED, ["100,5", "100.1,1e308"], "s.csv:3: .*speed of inf m/s .* at most 100 m/s"),
         ("imu", RATES, ["100,0,0,1", "100.1,0,0,40"], "s.csv:3: .*angular rate of 40 rad/s .* degrees/s"),
         ("imu", RATES, ["100,0,0,1", "100.1,0,,1"], "s.csv:3: only a part of angular_rate"),
         ("odometer", "t [s],speed", ["100,5"], "s.csv:1: column 'speed' names no unit"),
@@ -106,6 +107,28 @@ def test_a_stream_that_cannot_be_is_one_line_and_writes_nothing(
     assert len(said.err.splitlines()) == 1
     assert said.err.startswith("sfmcpp: error: ")
     assert re.search(told, said.err)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "told"),
+    [
+        ("--weights", "fixed:1e300", "fixed:1e300': the weight must be a number from 0 to 1e\\+100"),
+        ("--weights", "fixed:-1", "fixed:-1': the weight must be a number from 0"),
+        ("--sensor-sigma", "odometer=1e300", "odometer'.* = 1e\\+300: must be at most 1e\\+100"),
+        ("--sensor-sigma", "odometer=0", "odometer'.* = 0.0: must be finite and positive"),
+    ],
+)
+def test_weights_and_sigmas_beyond_numbers_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, told: str
+) -> None:
+    write_drive(tmp_path / "drive.csv", 4)
+    sensors = write_sensors(tmp_path / "s.csv", SPEED, every_tenth("5"))
+    command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--sensor", "odometer"]
+    assert main([*command, "--sensor-file", str(sensors), option, value]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert re.search(told, said)
     assert not (tmp_path / "out").exists()
 
 

@@ -87,6 +87,11 @@ def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path
         (["circle", "-o", "a.npz", "--camera-model", "fisheye"], "camera_model = 'fisheye'"),
         (["circle", "-o", "a.npz", "--distortion", "0.1"], "'0.1' is not two numbers k1,k2"),
         (["circle", "-o", "a.npz", "--distortion", "a,b"], "'a,b' is not two numbers k1,k2"),
+        (
+            ["circle", "-o", "a.npz", "--camera-model", "bal", "--distortion", "1e300,1"],
+            "distortion: |k1| = 1e+300: must be at most 1e+100",
+        ),
+        (["circle", "-o", "a.npz", "--point-sigma-m", "1e308"], "points[0, 0] is "),
         (["circle", "-o", "a.npz", "--distortion", "0.1,0"], "camera model 'calibrated' has none"),
         (["circle", "-o", "a.npz", "--outliers", "1.5"], "share = 1.5"),
         (["circle", "-o", "a.npz", "--pixel-sigma-px", "-1"], "pixel_sigma_px = -1"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -78,6 +79,18 @@ def test_masks_that_cover_everything(field: Path, tmp_path: Path, capsys: pytest
     assert "hardly anything is detected outside its mask" in said
 
 
+def test_positions_that_no_photo_tells_are_asked_for_before_the_work(
+    field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(capsys, field, tmp_path / "out", "--gps", "exif")
+    assert "gps = 'exif': no image tells its position with its height" in said
+    assert not (tmp_path / "out").exists()
+    table = tmp_path / "other.csv"
+    table.write_text("name,lat,lon,height\nelsewhere.jpg,46.5,9.25,12.5\n")
+    refused(capsys, field, tmp_path / "out", "--gps", str(table))
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_calibration_matrix_of_other_images(
     field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,6 +117,43 @@ def test_files_that_cannot_be_decoded_are_named_and_the_others_go_on(
     assert registered(report) == ["0000.jpg", "0001.jpg", "0003.jpg", "0004.jpg", "0005.jpg"]
     assert "truncated" in report["images"]["0002.jpg"]["reason"]
     assert "is no image" in report["images"]["0006.jpg"]["reason"]
+
+
+def test_names_that_no_list_of_images_holds_are_told_and_the_others_go_on(
+    field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photos = tmp_path / "photos"
+    shutil.copytree(field, photos)
+    (photos / "0004.jpg").rename(photos / "new\nline.jpg")
+    (photos / "0005.jpg").rename(os.fsdecode(os.fsencode(photos) + b"/bad\xff.jpg"))
+    assert main(["reconstruct", str(photos), "-o", str(tmp_path / "out"), "--no-subpixel"]) == 0
+    assert "partial model: 4 of 6 images" in capsys.readouterr().err
+    report = strict_json(tmp_path / "out/report.json")
+    assert registered(report) == ["0000.jpg", "0001.jpg", "0002.jpg", "0003.jpg"]
+    told = {name: outcome["reason"] for name, outcome in report["images"].items()}
+    assert "hold a line break" in told["new\nline.jpg"]
+    assert sum("cannot be written as UTF-8" in reason for reason in told.values()) == 1
+
+
+@pytest.mark.parametrize(("apart_deg", "height_m"), [(0.0, 100.0), (1e-4, 100.0), (1e-4, None)])
+def test_positions_at_one_place_on_a_line_or_without_height_are_not_used(
+    field: Path, tmp_path: Path, apart_deg: float, height_m: float | None
+) -> None:
+    from PIL import Image
+
+    (tmp_path / "photos").mkdir()
+    for k, photo in enumerate(sorted(field.iterdir())):
+        told, height = Image.Exif(), {} if height_m is None else {6: height_m}
+        place = {1: "N", 2: (45.0, 0.0, 0.0), 3: "E", 4: (7.0 + k * apart_deg, 0.0, 0.0)}
+        told.get_ifd(0x8825).update(place | height)
+        with Image.open(photo) as image:
+            image.save(tmp_path / "photos" / photo.name, exif=told, quality=95)
+    assert main(["reconstruct", str(tmp_path / "photos"), "-o", str(tmp_path / "out"), "--no-subpixel"]) == 0
+    report = strict_json(tmp_path / "out/report.json")
+    assert len(registered(report)) == FEW
+    assert height_m is None or any(
+        "positions that the files tell are not used" in w for w in report["warnings"]
+    )
 
 
 def test_images_of_two_sizes_get_a_camera_each(tmp_path: Path) -> None:

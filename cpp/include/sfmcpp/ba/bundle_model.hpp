@@ -47,6 +47,7 @@ class BundleModel final : public optim::LeastSquaresModel {
             const linear::Step& step,
             optim::StepLengths lengths,
             optim::State& result) const override;
+  double size(const optim::State& state) const override;
   void normalize(optim::State& state) const override;
   double slope(const optim::State& start,
                const linear::Step& step,

@@ -123,7 +123,10 @@ class LinearModel {
   void require_determined(std::span<const int> columns, const Eigen::MatrixXd& covariance) const;
   const Eigen::MatrixXd& inverse();
   SparseColumns reduced(std::span<const int> columns) const;
-  Eigen::MatrixXd solve(const SparseColumns& rhs);
+  Eigen::MatrixXd solve(const SparseColumns& rhs) const;
+  Eigen::MatrixXd covariance(std::span<const int> columns,
+                             const SparseColumns& rhs,
+                             const Eigen::MatrixXd& solution) const;
   Eigen::MatrixXd hat_with_points(const ConstraintRows& group);
   Eigen::MatrixXd hat_of_cameras(const ConstraintRows& group);
   void solve_all(Eigen::MatrixXd& camera, Eigen::MatrixXd& point);

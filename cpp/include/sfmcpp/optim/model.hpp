@@ -1,9 +1,11 @@
 // What a minimiser asks of a least-squares problem.
 #pragma once
 
+#include <cmath>
 #include <optional>
 
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/vector_algebra.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
 #include "sfmcpp/optim/memory.hpp"
 #include "sfmcpp/optim/state.hpp"
@@ -24,6 +26,14 @@ class LeastSquaresModel {
                     const linear::Step& step,
                     StepLengths lengths,
                     State& result) const = 0;
+
+  // The norm of all unknowns, over all ranks: what a step is small beside.
+  virtual double size(const State& state) const {
+    ThreadPool& pool = normal_equations().pool();
+    return std::sqrt(linear::squared_norm(pool, state.cameras) +
+                     linear::squared_norm(pool, state.intrinsics) +
+                     normal_equations().exchange().sum(linear::squared_norm(pool, state.points)));
+  }
 
   // Takes out of an accepted state what no residual sees, such as the scale of homogeneous
   // coordinates; the cost stays as it is.

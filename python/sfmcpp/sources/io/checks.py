@@ -155,3 +155,14 @@ def _require_covariances(problem: Problem, path: Path) -> None:
         worst, rule = bad
         found = problem.covariance_px2[worst].tolist()
         raise DatasetError(path, f"covariance_px2[{worst}] is {found}: must be {rule}")
+
+
+def fault_of_image_name(name: str) -> str | None:
+    """Why lists of images cannot hold a name, a line each; None if they can."""
+    if not name or name != name.strip() or any(c in name for c in "\0\r\n"):
+        return "must not be empty, start or end with white space, or hold a line break or NUL"
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError as error:  # bytes that are no text
+        return f"cannot be written as UTF-8: {error.reason}"
+    return None

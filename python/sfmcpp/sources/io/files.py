@@ -73,12 +73,15 @@ def read_bytes(path: Path) -> bytes:
 def read_text_bytes(path: Path) -> bytes:
     """What :func:`read_bytes` gives of a text, without the mark that some editors put before UTF-8.
 
+    Lines that end with CR alone end with LF: all would be one line, which a comment makes an empty text.
+
     Raises
     ------
     DatasetError
         As :func:`read_bytes`, and for UTF-16.
     """
-    return _without_mark(path, read_bytes(path))
+    data = _without_mark(path, read_bytes(path))
+    return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
 def _without_mark(path: Path, data: bytes) -> bytes:

@@ -15,7 +15,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import unit
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.model.checks import require_finite, require_one_of, require_positive
+from sfmcpp.model.checks import require_at_most, require_finite, require_one_of, require_positive
 
 Distortion = tuple[float, float]
 
@@ -61,6 +61,7 @@ class ImageGeometry:
             raise InvalidArgument(f"distortion = {self.distortion}: must be two numbers, k1 and k2")
         for name, value in zip(("k1", "k2"), self.distortion, strict=True):
             require_finite(f"distortion: {name}", value)
+            require_at_most(f"distortion: |{name}|", abs(value), _LARGEST_DISTORTION)
         if self.is_distorted and self.camera_model == "calibrated":
             raise InvalidArgument(f"distortion = {self.distortion}: camera model 'calibrated' has none")
         undistorted_radius(self._corner_radius, self.distortion)
@@ -177,6 +178,10 @@ def undistorted_radius(radius: float, distortion: Distortion) -> float:
     while above < fold and _distorted(above, distortion) < radius:
         above *= 2
     return _bisected(radius, min(above, fold), distortion)
+
+
+# Whose square is a number.
+_LARGEST_DISTORTION = 1e100
 
 
 def _distorted(radius: float, distortion: Distortion) -> float:

@@ -20,6 +20,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.natural_order import natural_order
 from sfmcpp.model.photos import Photo
+from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -268,6 +269,8 @@ def _is_same(folder: Path, other: Path | None) -> bool:
 
 
 def _opened(name: str, file: Path) -> Photo:
+    if (fault := fault_of_image_name(name)) is not None:
+        raise DatasetError(file, f"the name of an image {fault}")
     data = _bytes_of(file)
     # Pillow warns of damaged EXIF blocks; they count as not there.
     with _opened_image(file, data) as image, warnings.catch_warnings():

@@ -300,8 +300,10 @@ def test_place_of_a_lone_sensor_in_a_rig_that_turns_about_one_axis_is_said_to_be
     # The camera that looks back sees no point of the others: the way is too short.
     problem = seen_often(sfmcpp.rig_walk_scene(9, 60, length_m=1.0, pixel_sigma_px=0.0, seed=3))
     problem.rigs = rigs_of(problem).freed()
-    with pytest.raises(InvalidArgument, match=r"rigs.sensors\[2\]: its pose in the rig is not determined"):
-        sfmcpp.linearize(problem).covariance(cameras=[0])
+    model = sfmcpp.linearize(problem)
+    for _ in range(2):  # as often as it is asked
+        with pytest.raises(InvalidArgument, match=r"rigs.sensors\[2\]: its pose .* is not determined"):
+            model.covariance(cameras=[0])
     away = mounted_wrongly(problem)
     assert sfmcpp.solve(away, function_tolerance=1e-14).final_cost < 1e-6
     assert is_rigid(away)

@@ -72,3 +72,16 @@ def test_problems_without_cameras_are_refused(way: Callable[[sfmcpp.Problem], ob
         return
     with pytest.raises(InvalidArgument, match="there are none"):
         way(problem)
+
+
+def test_the_bits_do_not_depend_on_what_was_asked_before() -> None:
+    scene = sfmcpp.circle_scene(5, 30, seed=1)
+    group = sfmcpp.ConstraintGroup("position", [1, 2, 3], scene.centres[[1, 2, 3]], 10.0)
+    fresh, asked = (sfmcpp.linearize(scene, constraints=[group]) for _ in range(2))
+    asked.leverages()
+    asked.covariance()
+    for ask in (
+        lambda model: model.covariance(cameras=[1], points=[2], joint=True).joint,
+        lambda model: model.hat_matrix(0),
+    ):
+        np.testing.assert_array_equal(ask(fresh), ask(asked))

@@ -256,7 +256,7 @@ def test_refusals_name_argument_and_rule() -> None:
         InvalidArgument, match="method = 'variance': is for a whole problem; for one pose must"
     ):
         select_weight(drive.view, gyro, drive.truth, "variance")
-    with pytest.raises(InvalidArgument, match="method = 'fixed:much': the weight must be a finite number"):
+    with pytest.raises(InvalidArgument, match="method = 'fixed:much': the weight must be a number"):
         select_weight(drive.view, gyro, drive.truth, "fixed:much")
     with pytest.raises(InvalidArgument, match="weights: must begin with zero"):
         select_weight(drive.view, gyro, drive.truth, weights=[1.0, 2.0])

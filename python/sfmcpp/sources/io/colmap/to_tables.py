@@ -15,6 +15,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
+    fault_of_image_name,
     finite_rows,
     image_names,
     point_colors,
@@ -181,18 +182,6 @@ def _images(
 def _names(problem: Problem, folder: Path) -> list[str]:
     names = image_names(problem, folder)
     for name in names:
-        if not name or name != name.strip() or any(c in name for c in "\0\r\n"):
-            reason = "must not be empty, start or end with white space, or hold a line break or NUL"
-            raise DatasetError(folder, f"image name {name!r} {reason}")
-        _require_unicode(name, folder)
+        if (fault := fault_of_image_name(name)) is not None:
+            raise DatasetError(folder, f"image name {name!r} {fault}")
     return names
-
-
-def _require_unicode(name: str, folder: Path) -> None:
-    """Refuse what stands for bytes that are no text, in names of files that no UTF-8 was."""
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError as error:
-        raise DatasetError(
-            folder, f"image name {name!r} cannot be written as UTF-8: {error.reason}"
-        ) from error

@@ -1,4 +1,4 @@
-"""Texts as Windows saves them: the mark before UTF-8 is no part of them, UTF-16 is told."""
+"""Texts as other systems save them: a mark before UTF-8, UTF-16, lines that end with CR."""
 
 from __future__ import annotations
 
@@ -65,4 +65,32 @@ def test_other_texts_are_read_behind_the_mark(tmp_path: Path, name: str) -> None
     path.write_text(content)
     plain = read(path)
     path.write_bytes(codecs.BOM_UTF8 + content.encode())
+    np.testing.assert_array_equal(np.asarray(read(path)), np.asarray(plain))
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\r\n"])
+@pytest.mark.parametrize("name", ["a.txt", "acams.txt", "a.out", "a.nvm", "a.g2o", "model"])
+def test_lines_of_models_may_end_otherwise(tmp_path: Path, name: str, end: bytes) -> None:
+    target = tmp_path / name
+    sfmcpp.write(
+        sfmcpp.circle_scene(4, 20, camera_model="bal", seed=1),
+        target,
+        format="colmap-text" if name == "model" else None,
+    )
+    plain = sfmcpp.read(target)
+    for text in texts_of(tmp_path if name == "acams.txt" else target):
+        text.write_bytes(text.read_bytes().replace(b"\n", end))
+    found = sfmcpp.read(target)
+    np.testing.assert_array_equal(found.points, plain.points)
+    np.testing.assert_array_equal(found.pixels, plain.pixels)
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\r\n"])
+@pytest.mark.parametrize("name", OTHERS)
+def test_lines_of_other_texts_may_end_otherwise(tmp_path: Path, name: str, end: bytes) -> None:
+    content, read = OTHERS[name]
+    path = tmp_path / name
+    path.write_text(content)
+    plain = read(path)
+    path.write_bytes(content.encode().replace(b"\n", end))
     np.testing.assert_array_equal(np.asarray(read(path)), np.asarray(plain))
