@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "aggregates.hpp"
-#include "block_sparse_schur.hpp"
+#include "schur_operator.hpp"
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
 namespace sfmcpp::linear {

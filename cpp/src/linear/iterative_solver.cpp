@@ -53,13 +53,14 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
       options_(options),
       elimination_(normal),
       other_residuals_(normal, elimination_),
-      shares_(normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
+      partition_(
+          normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
       implicit_(make_implicit_schur(normal, elimination_)),
       blocks_(structure
-                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, shares_, structure)
+                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, partition_, structure)
                   : nullptr),
-      product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, shares_),
-      preconditioner_(normal, blocks_.get(), shares_, groups) {}
+      product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, partition_),
+      preconditioner_(normal, blocks_.get(), partition_, groups) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
@@ -106,7 +107,7 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
 }
 
 void IterativeSolver::precondition(const Vector& in, Vector& out) {
-  if (shares_.are_all_own()) return preconditioner_.solve(in, out);
+  if (partition_.are_all_own()) return preconditioner_.solve(in, out);
   in_.resize(diagonal_.size());  // zero but for own columns
   product_.columns().place(in, in_);
   preconditioner_.solve(in_, out_);
@@ -124,7 +125,8 @@ void IterativeSolver::refine(double tolerance,
                              const std::function<bool()>& should_stop,
                              ConjugateGradientResult& result,
                              Vector& x) {
-  if (!unrounded_) unrounded_ = std::make_unique<SharedProduct>(normal_, *implicit_, shares_);
+  if (!unrounded_)
+    unrounded_ = std::make_unique<DistributedProduct>(normal_, *implicit_, partition_);
   const double target = tolerance * norm(rhs_);
   Vector residual = residual_of(*unrounded_, x), correction;
   double size = norm(residual);
@@ -145,7 +147,7 @@ void IterativeSolver::refine(double tolerance,
   }
 }
 
-Vector IterativeSolver::residual_of(SharedProduct& product, const Vector& x) const {
+Vector IterativeSolver::residual_of(DistributedProduct& product, const Vector& x) const {
   Vector residual(x.size());
   product.apply(diagonal_, x, residual);
   for (std::size_t k = 0; k < residual.size(); ++k) residual[k] = rhs_[k] - residual[k];

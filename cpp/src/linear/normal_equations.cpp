@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
+#include "sfmcpp/linear/schur_kernels.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::linear {

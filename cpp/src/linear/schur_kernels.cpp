@@ -1,6 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "sfmcpp/linear/schur_kernels.hpp"
+
 #include "pair_sums.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {

@@ -1,14 +1,14 @@
 #include <optional>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/optim/damping_rule.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {
 
-// The quadratic model falls with every sweep (linear/block_jacobi.hpp). What it falls by is that of
-// the undamped model: no step solves the damped system.
+// The quadratic model falls with every sweep (linear/block_diagonal.hpp). What it falls by is that
+// of the undamped model: no step solves the damped system.
 class Alternation final : public StepStrategy {
  public:
   explicit Alternation(const MinimizerOptions& options)

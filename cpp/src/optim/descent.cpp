@@ -5,7 +5,7 @@
 #include <cmath>
 #include <optional>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
 

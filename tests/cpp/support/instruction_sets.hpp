@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "sfmcpp/features/nearest_isa.hpp"
-#include "sfmcpp/linear/cholesky_isa.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
+#include "sfmcpp/linear/cholesky_kernels.hpp"
+#include "sfmcpp/linear/schur_kernels.hpp"
 #include "sfmcpp/residuals/reprojection_isa.hpp"
 #include "sfmcpp/residuals/resection_isa.hpp"
 

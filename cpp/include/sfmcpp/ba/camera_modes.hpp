@@ -2,7 +2,7 @@
 #pragma once
 
 #include "sfmcpp/ba/problem.hpp"
-#include "sfmcpp/linear/camera_modes.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {

@@ -4,6 +4,8 @@
 // kStrip, columns in multiples of kPanel; the caller pads.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
+
 namespace sfmcpp::linear {
 
 inline constexpr int kStrip = 16;
@@ -39,5 +41,7 @@ struct CholeskyKernels {
 };
 
 CholeskyKernels cholesky_kernels();
+
+SFMCPP_DECLARE_FOR_EACH_ISA(CholeskyKernels cholesky_kernels_of())
 
 }  // namespace sfmcpp::linear

@@ -4,11 +4,17 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
-#include "sfmcpp/linear/block_ordering.hpp"
-
 namespace sfmcpp::linear {
+
+// A sparse symmetric matrix of blocks: a node for each variable block, an edge for each pair that
+// meets in a block which is not zero.
+struct BlockGraph {
+  std::vector<int> size;                   // columns of each variable block
+  std::vector<std::pair<int, int>> edges;  // (smaller, larger) block of each coupled pair, sorted
+};
 
 // Both halves of a block graph, by rows.
 struct Adjacency {

@@ -6,7 +6,6 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 #include "sfmcpp/linear/schur_rows.hpp"
 

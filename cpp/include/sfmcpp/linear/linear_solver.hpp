@@ -2,7 +2,7 @@
 //   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
 //   iterative  conjugate gradients; S in blocks of single precision where that costs less than to
-//   multiply from the Jacobian, else never formed; preconditioners (preconditioner_kind.hpp)
+//   multiply from the Jacobian, else never formed
 #pragma once
 
 #include <array>
@@ -15,7 +15,6 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/linear/preconditioner_kind.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 #include "sfmcpp/linear/solver_costs.hpp"
 
@@ -23,7 +22,9 @@ namespace sfmcpp {
 
 namespace linear {
 enum class LinearSolverKind { kAuto, kDense, kSparse, kIterative };
-}
+// Of the iterative solver.
+enum class PreconditionerKind { kAuto, kSchurJacobi, kClusters, kTwoLevels };
+}  // namespace linear
 
 template <>
 struct EnumTraits<linear::LinearSolverKind> {
@@ -35,6 +36,25 @@ struct EnumTraits<linear::LinearSolverKind> {
        {linear::LinearSolverKind::kIterative,
         "iterative",
         "preconditioned conjugate gradients on the Schur complement"}});
+};
+
+template <>
+struct EnumTraits<linear::PreconditionerKind> {
+  static constexpr std::string_view kWhat = "preconditioner";
+  static constexpr auto kTable = std::to_array<EnumRow<linear::PreconditionerKind>>(
+      {{linear::PreconditionerKind::kAuto,
+        "auto",
+        "clusters for many cameras whose Schur complement is formed in blocks, else "
+        "schur-jacobi"},
+       {linear::PreconditionerKind::kSchurJacobi,
+        "schur-jacobi",
+        "the blocks of single cameras of the Schur complement"},
+       {linear::PreconditionerKind::kClusters,
+        "clusters",
+        "its blocks of clusters of cameras that see many points in common"},
+       {linear::PreconditionerKind::kTwoLevels,
+        "two-levels",
+        "those, and neighbourhoods of cameras that move as one"}});
 };
 
 namespace linear {

@@ -9,13 +9,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <variant>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
-#include "sfmcpp/linear/camera_modes.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
@@ -52,6 +52,21 @@ struct PointBlock {
   double rhs[3];
 
   std::array<double, 3> diagonal() const { return {v00, v11, v22}; }
+};
+
+// Directions of the cameras along which the cost is expected to change slowly when all cameras of a
+// neighbourhood go along: the near-null space of S, for preconditioners. The room that knows
+// what a camera is fills them in (ba/camera_modes.hpp); count = 0: there are none.
+struct CameraModes {
+  int count = 0;
+  std::vector<double> values;  // per camera: D × count, row-major
+
+  double* of_camera(int camera, int camera_size) {
+    return values.data() + static_cast<std::size_t>(camera) * camera_size * count;
+  }
+  const double* of_camera(int camera, int camera_size) const {
+    return values.data() + static_cast<std::size_t>(camera) * camera_size * count;
+  }
 };
 
 // Points per parallel task, and per task where there is little to do for each.

@@ -14,6 +14,7 @@
 // J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/precision.hpp"
 
 namespace sfmcpp::linear {
@@ -150,5 +151,7 @@ struct SchurKernels {
 
 // `camera_size` must be one of padded_camera_size(), the precision not auto.
 SchurKernels schur_kernels(int camera_size, Precision stored);
+
+SFMCPP_DECLARE_FOR_EACH_ISA(SchurKernels kernels_for(int camera_size, Precision stored))
 
 }  // namespace sfmcpp::linear

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
-#include "sfmcpp/linear/camera_pattern.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {
 
