@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/check.hpp"
-#include "sfmcpp/core/disjoint_sets.hpp"
+#include "sfmcpp/core/grouping.hpp"
 
 namespace sfmcpp::ba {
 namespace {

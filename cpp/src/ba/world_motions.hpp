@@ -4,9 +4,11 @@
 
 #include <Eigen/Core>
 
-#include "sfmcpp/ba/free_sensors.hpp"
+#include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {
 
@@ -49,5 +51,13 @@ class WorldMotions {
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
 };
+
+// What a neighbourhood of cameras may do as one.
+
+// The seven similarities and each free intrinsic parameter; none for projective cameras.
+void set_camera_modes(const Problem& problem,
+                      const linear::ParameterMap& map,
+                      const optim::State& state,
+                      linear::CameraModes& modes);
 
 }  // namespace sfmcpp::ba

@@ -28,7 +28,7 @@ class Alternation final : public StepStrategy {
   void rejected() override { rule_.rejected(); }
   double damping() const override { return rule_.damping().lambda; }
   bool can_retry() const override { return damping() < kMaxLambda; }
-  void keep(Memory& memory) override { rule_.keep(memory); }
+  void keep(Archive& archive) override { rule_.keep(archive); }
 
  private:
   HartleyRule rule_;

@@ -4,12 +4,9 @@
 #include <cmath>
 #include <optional>
 
-#include "endings.hpp"
 #include "model_line.hpp"
-#include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "state_algebra.hpp"
-#include "stops.hpp"
+#include "stopping.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -58,16 +55,16 @@ class Minimizer {
   }
 
   // Every member that matters to the next iteration, and the history.
-  void keep(Memory& memory) {
-    memory.keep(summary_.initial_cost);
-    memory.keep(summary_.iterations);
-    memory.keep(cost_);
-    memory.keep(largest_prediction_);
-    strategy_->keep(memory);
-    model_.keep(memory);
+  void keep(Archive& archive) {
+    archive.keep(summary_.initial_cost);
+    archive.keep(summary_.iterations);
+    archive.keep(cost_);
+    archive.keep(largest_prediction_);
+    strategy_->keep(archive);
+    model_.keep(archive);
     std::vector<int> solves = solver_.iterations_of_solves();
-    memory.keep(solves);
-    if (memory.is_reading()) solver_.replay(solves);
+    archive.keep(solves);
+    if (archive.is_reading()) solver_.replay(solves);
   }
 
  private:

@@ -11,7 +11,7 @@
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/residuals/bending.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 

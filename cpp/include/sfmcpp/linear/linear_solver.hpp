@@ -95,7 +95,7 @@ class LinearSolver {
   virtual LinearSolveResult solve(const Damping& damping,
                                   Step& step,
                                   const std::function<bool()>& should_stop) = 0;
-  // Whether the normal equations are to hold modes (camera_modes.hpp).
+  // Whether the normal equations are to hold modes (world_motions.hpp).
   virtual bool wants_camera_modes() const { return false; }
   // All that a solver has learned from its solves are the iterations that each took; another of the
   // same choice that replays them goes on with the same bits. None where nothing is learned.

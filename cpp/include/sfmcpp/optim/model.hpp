@@ -5,7 +5,7 @@
 
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
-#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/archive.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::optim {
@@ -59,7 +59,7 @@ class LeastSquaresModel {
   // Goes back to the minimum it left, where a run ends before it has come to another.
   virtual bool come_back(State&) { return false; }
   // Hands over what the last three have come to.
-  virtual void keep(Memory&) {}
+  virtual void keep(Archive&) {}
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.

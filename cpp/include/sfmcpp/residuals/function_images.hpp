@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "sfmcpp/cameras/camera_function.hpp"
-#include "sfmcpp/residuals/bending.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::residuals {

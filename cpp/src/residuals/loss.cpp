@@ -1,4 +1,4 @@
-#include "sfmcpp/residuals/loss_table.hpp"
+#include "sfmcpp/residuals/loss.hpp"
 
 #include <algorithm>
 

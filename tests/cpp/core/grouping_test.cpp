@@ -1,4 +1,4 @@
-#include "sfmcpp/core/group_ranks.hpp"
+#include "sfmcpp/core/grouping.hpp"
 
 #include <vector>
 

@@ -1,7 +1,9 @@
 // Sets of numbers, by union–find.
 #pragma once
 
+#include <cstdint>
 #include <numeric>
+#include <span>
 #include <vector>
 
 namespace sfmcpp {
@@ -28,5 +30,11 @@ class DisjointSets {
   std::vector<int> parent_;
   int count_;
 };
+
+// Elements in groups, as observations are of cameras or points.
+
+// How many elements of the same group come before each one. Groups are in [0, num_groups).
+// Returns whether all of them are.
+bool group_ranks(std::span<const std::int32_t> group, long num_groups, long* ranks);
 
 }  // namespace sfmcpp

@@ -1,5 +1,5 @@
-// What a run has learned from its steps, as numbers: one list of members serves saving them and
-// restoring them.
+// A run as numbers, to save it and to take it up again: one list of the members of an object serves
+// both writing and reading them.
 #pragma once
 
 #include <cmath>
@@ -11,15 +11,16 @@
 
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::optim {
 
-class Memory {
+class Archive {
  public:
   // To be filled.
-  Memory() = default;
+  Archive() = default;
   // To be read. Steps in it are of the size of `like`.
-  Memory(std::span<const double> numbers, const linear::Step& like)
+  Archive(std::span<const double> numbers, const linear::Step& like)
       : reading_(true), numbers_(numbers.begin(), numbers.end()), like_(like) {}
 
   const std::vector<double>& numbers() const { return numbers_; }
@@ -70,7 +71,7 @@ class Memory {
       refuse();
   }
   template <class T>
-  requires requires(T& value, Memory& memory) { value.keep(memory); }
+  requires requires(T& value, Archive& archive) { value.keep(archive); }
   void keep(T& value) { value.keep(*this); }
 
  private:
@@ -93,17 +94,27 @@ class Memory {
 // What `object.keep` hands over.
 template <class T>
 std::vector<double> save(T& object) {
-  Memory memory;
-  object.keep(memory);
-  return memory.numbers();
+  Archive archive;
+  object.keep(archive);
+  return archive.numbers();
 }
 
 // Throws InvalidArgument for numbers of another kind of object.
 template <class T>
 void restore(std::span<const double> saved, const linear::Step& like, T& object) {
-  Memory memory(saved, like);
-  object.keep(memory);
-  memory.require_all_read();
+  Archive archive(saved, like);
+  object.keep(archive);
+  archive.require_all_read();
 }
+
+// Where a run stands after an iteration.
+
+// A run of the same model and the same options that starts from it goes on with the bits of one
+// that did not stop. Each rank has its own.
+struct Resumption {
+  State state;
+  std::vector<double> numbers;  // history, and what the method and the linear solver have learned
+  double seconds = 0.0;         // that the run has taken
+};
 
 }  // namespace sfmcpp::optim

@@ -1,5 +1,7 @@
+#include "sfmcpp/residuals/reprojection.hpp"
+
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/residuals/reprojection_isa.hpp"
+#include "sfmcpp/residuals/algebraic.hpp"
 
 namespace sfmcpp::residuals {
 
