@@ -12,7 +12,8 @@
 
 namespace sfmcpp::ba {
 
-// A motion of a sensor that nothing tells is shared out among all columns: rounding hides it there.
+// A motion of a sensor that nothing determines is spread over all columns, where rounding hides it
+// from the factorisation.
 void LinearModel::require_sensors() {
   if (!has_free_sensors()) return;
   constexpr double kLargest = 1e10;  // inflation

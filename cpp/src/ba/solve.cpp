@@ -38,7 +38,7 @@ std::vector<double> forecast_seconds(const linear::LinearSolverChoice& choice, T
   return seconds;
 }
 
-// All but what the residuals of the images tell.
+// All of the summary but what is known from residuals of the images.
 SolveSummary describe_start(const Workspace& work,
                             const Problem& problem,
                             const SolveOptions& options,

@@ -1,4 +1,4 @@
-// What is legal about a problem but worth saying, by name.
+// Warnings: what is legal about a problem but doubtful, naming cameras and points.
 #include <algorithm>
 #include <optional>
 

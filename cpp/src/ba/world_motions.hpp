@@ -1,5 +1,6 @@
-// How the world answers to a similarity close to the identity: rotation ω, translation v, growth s.
-// A point X moves by ω × X + v + s X, and a camera turns by Rᵀω in its own frame.
+// Derivatives of points and poses by a similarity of the world close to the identity: rotation ω,
+// translation v, growth s. A point X moves by ω × X + v + s X, and a camera turns by Rᵀω in its own
+// frame.
 #pragma once
 
 #include <Eigen/Core>
@@ -52,7 +53,7 @@ class WorldMotions {
   double extent_ = 0.0;
 };
 
-// What a neighbourhood of cameras may do as one.
+// Camera modes (linear/normal_equations.hpp): motions of a neighbourhood of cameras as a whole.
 
 // The seven similarities and each free intrinsic parameter; none for projective cameras.
 void set_camera_modes(const Problem& problem,

@@ -80,7 +80,8 @@ long count_words(std::string_view text) {
   return count;
 }
 
-// std::from_chars does not tell what is too large for a double from what is too small.
+// std::from_chars does not distinguish numbers that are too large for a double from those that are
+// too small.
 double out_of_range(const char* begin, const char* end) {
   std::istringstream stream(std::string(begin, end));
   stream.imbue(std::locale::classic());
@@ -216,7 +217,7 @@ inline char* write(char* out, const std::string& text) {
   return std::copy(text.begin(), text.end(), out);
 }
 
-// Whole numbers get a ".0" that tells that they are no integers.
+// Whole numbers get a ".0", so that they are not read as integers.
 inline char* write_real(char* out, double value) {
   char* end = std::to_chars(out, out + kLongestNumber, value).ptr;
   const bool is_whole = value == std::trunc(value) && std::find(out, end, 'e') == end;

@@ -10,7 +10,7 @@ namespace sfmcpp::linear {
 namespace {
 
 constexpr int kInner = 128;   // columns of both factors that are packed at a time
-constexpr int kWide = 128;    // columns of a panel that are factored before the others hear of it
+constexpr int kWide = 128;    // columns of a panel that are factored before the others are updated
 constexpr int kLarge = 1024;  // rows from which on tasks are several strips
 constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
 

@@ -1,6 +1,6 @@
 // Rows of S on the ranks that their cameras belong to: what the points of a rank add to rows of
-// others is sent to these in double precision, block by block, and a row is rounded by no one
-// before it is whole. So S hardly depends on how points are cut.
+// others is sent to these in double precision, block by block, and a row is rounded only when it is
+// complete. So S hardly depends on how points are distributed.
 #pragma once
 
 #include <memory>

@@ -9,7 +9,7 @@
 namespace sfmcpp::linear {
 namespace {
 
-// What is asked of a system whose entries are rounded to single precision, at most.
+// The smallest tolerance for which a system with entries rounded to single precision is solved.
 constexpr double kTrustedTolerance = 1e-4;
 // Where the forcing sequence decides: no residual needs to be smaller than this. With S in blocks
 // iterations are cheap, and on a city of 3,000 cameras steps solved to 3e-3 saved one of four; from
@@ -114,7 +114,7 @@ void IterativeSolver::precondition(const Vector& in, Vector& out) {
   product_.columns().take(out_, out);
 }
 
-// In which the tolerance is meant.
+// The norm of the tolerance: that of the inverse of the preconditioner.
 double IterativeSolver::norm(const Vector& residual) {
   Vector z(residual.size());
   precondition(residual, z);
@@ -143,7 +143,7 @@ void IterativeSolver::refine(double tolerance,
     add_scaled(normal_.pool(), 1.0, correction, x);
     residual = residual_of(*unrounded_, x);
     const double before = std::exchange(size, norm(residual));
-    if (!(size < 0.5 * before)) break;  // rounding of the blocks has the last word, or a user
+    if (!(size < 0.5 * before)) break;  // limited by the rounding of the blocks, or stopped
   }
 }
 

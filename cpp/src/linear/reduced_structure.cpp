@@ -177,24 +177,24 @@ CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
   CameraPattern mine = make_camera_pattern(graph, pairs, pool);
   if (exchange.num_ranks() == 1) return mine;
   // Of each row how many blocks, and their columns.
-  std::vector<double> told;
-  told.reserve(mine.column.size() + mine.row_begin.size());
+  std::vector<double> rows;
+  rows.reserve(mine.column.size() + mine.row_begin.size());
   for (int i = 0; i < mine.num_rows(); ++i) {
     const auto begin = mine.column.begin() + mine.row_begin[i],
                end = mine.column.begin() + mine.row_begin[i + 1];
-    told.push_back(static_cast<double>(end - begin));
-    told.insert(told.end(), begin, end);
+    rows.push_back(static_cast<double>(end - begin));
+    rows.insert(rows.end(), begin, end);
   }
   mine = {};
-  told = exchange.gather(told);
+  rows = exchange.gather(rows);
   CameraPairs all;
-  all.reserve(told.size());
+  all.reserve(rows.size());
   int row = 0;
-  for (auto next = told.begin(); next != told.end(); row = (row + 1) % graph.num_cameras) {
+  for (auto next = rows.begin(); next != rows.end(); row = (row + 1) % graph.num_cameras) {
     for (const auto end = next + 1 + static_cast<long>(*next); ++next != end;)
       all.emplace_back(row, static_cast<int>(*next));
   }
-  told = {};
+  rows = {};
   return make_camera_pattern(graph, all, pool);
 }
 

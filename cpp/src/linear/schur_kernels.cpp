@@ -89,8 +89,8 @@ void schur_diagonal(const StoredJacobian& jacobian,
   store_row(rhs, sum);
 }
 
-// Asks for what the observations that share the point of observation a hold. It lies anywhere in
-// memory, and waiting for it took longer than the arithmetic.
+// Prefetches the observations that share the point of observation a. They lie anywhere in memory,
+// and waiting for them took longer than the arithmetic.
 template <int D, class T>
 inline void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, int a) {
   if (a >= in.end) return;

@@ -75,7 +75,7 @@ constexpr long kLeastBlocksPerTask = 4096;
 // than this share of their bytes.
 constexpr double kMostOfSums = 0.15;
 
-// Those of own rows.
+// Cameras of the rows of this rank.
 std::vector<char> cameras_of(const CameraPattern& pattern, const CameraPartition& partition) {
   std::vector<char> result(pattern.num_rows(), 0);
   for (int i = 0; i < pattern.num_rows(); ++i) {

@@ -92,8 +92,8 @@ class BlockSparseSchur final : public SchurOperator {
   std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of one row
 };
 
-// (S + B + λD) x for vectors cut over ranks: each multiplies with what its operator has, and what
-// that adds to columns of others goes to these.
+// (S + B + λD) x for vectors that are distributed over ranks: each multiplies by its part of S, and
+// what that adds to columns of other ranks is sent to them.
 class DistributedProduct {
  public:
   // The references must outlive this object. By all ranks, as is `apply`.

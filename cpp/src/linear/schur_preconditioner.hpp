@@ -61,7 +61,7 @@ class ClusterBlocks {
   std::vector<char> is_covered_;  // column
 };
 
-// Which cameras it solves for together, before S is shared out to ranks.
+// Which cameras the preconditioner solves for together; formed before S is distributed over ranks.
 struct CameraGroups {
   PreconditionerKind kind;        // not auto
   CameraNeighbours neighbours{};  // where the kind asks for them

@@ -224,7 +224,7 @@ void SupernodalCholesky::add_tile(const Work& plan,
 
 // Triangular solves with the factor of supernodal_cholesky.hpp.
 
-// x ← L⁻¹ x for the columns of one supernode; its rows below are told.
+// x ← L⁻¹ x for the columns of one supernode, whose updates are added to its rows below.
 void SupernodalCholesky::forward(int s, double* x, Outside* outside, std::vector<double>& y) const {
   const SupernodePanel& shape = s_.panel[s];
   double* own = x + s_.columns_begin(s);

@@ -12,7 +12,7 @@
 namespace sfmcpp::optim {
 namespace {
 
-// A share below this moves nothing any more.
+// With a share below this no unknown moves any more.
 constexpr double kMinShare = 1e-14;
 
 class DirectionRule {

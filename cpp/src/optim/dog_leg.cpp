@@ -20,7 +20,7 @@ constexpr double kMaxRegularization = 1.0;
 constexpr double kRadius = 1.0;
 constexpr double kRadiusOverCauchyStep = 10.0;
 
-// A radius below this share of the Gauss–Newton step moves nothing any more.
+// With a radius below this share of the Gauss–Newton step no unknown moves any more.
 constexpr double kMinRadius = 1e-14;
 
 // The path from the origin by the Cauchy step to the Gauss–Newton step (thesis eq. 2.43), of which

@@ -188,8 +188,8 @@ class Minimizer {
     ++now_.cost_evaluations;
   }
 
-  // The bent step where its cost is lower. Then it is the strategy's: λ that learned from straight
-  // steps took a third more of them.
+  // The accelerated step where its cost is lower; the strategy then learns from it. A λ that
+  // learned from steps without acceleration took a third more of them.
   void accelerate() {
     const linear::Step* bent = acceleration_.bend(model_, solver_, state_, step_);
     if (bent == nullptr) return;
@@ -238,7 +238,7 @@ class Minimizer {
     numbers_.clear();
   }
 
-  // The strategy answers for the step it proposed, at unit length: one that fails without a line
+  // The strategy learns from the step it proposed, at unit length: one that fails without a line
   // search was too long, and the next must be shorter, even if the search made something of it.
   void update_strategy() {
     if (unit_cost_ < cost_) {
@@ -273,7 +273,7 @@ class Minimizer {
     return now_.accepted && before - cost_ <= kSettled * before;
   }
 
-  // Another cost is another problem: what was learned of steps is of the last one.
+  // Another cost is another problem: what was learned from steps belongs to the last one.
   void begin_stage() {
     finished_ = false;
     cost_ = model_.linearize(state_);
@@ -291,7 +291,8 @@ class Minimizer {
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
 
-  // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
+  // The steps have become negligible: at a minimum, or because no step lowers the cost as the model
+  // predicts.
   void finish_negligible() {
     if (linear::decrease_by_each_alone(model_.normal_equations()) <= negligible() ||
         (!progressed() && largest_prediction_ <= negligible())) {
@@ -327,7 +328,8 @@ class Minimizer {
     if (ending != nullptr && (is_of_a_listener(stop) || !finished())) finish(*ending);
   }
 
-  // A step that time cuts short is taken, unless the run may go on later, and not cut it.
+  // A step that the time limit cuts short is taken, unless the run may be taken up later, where it
+  // would not be cut.
   bool stop_requested() {
     time_ends_step_ = false;
     return poll(static_cast<bool>(events_.on_resumable)) != Stop::kNo || finished();

@@ -59,12 +59,12 @@ inline bool is_of_a_stop(Termination termination) {
   return std::ranges::find(stops, termination) != stops.end();
 }
 
-// Why to stop at once, the gravest reason last: what one rank has met counts for all.
+// Reasons to stop at once, in ascending precedence: the highest that any rank has holds for all.
 enum class Stop { kNo, kTime, kCallback, kInterrupt };
 
 inline bool is_of_a_listener(Stop stop) { return stop > Stop::kTime; }
 
-// What a listener, or the clock, has to say to all ranks.
+// Stops that a listener or the clock asks for, agreed on by all ranks.
 class Stops {
  public:
   Stops(const Events& events,
@@ -89,7 +89,7 @@ class Stops {
     if (stop == Stop::kTime) return &endings::kOutOfTime;
     return iteration >= limits_.max_iterations ? &endings::kOutOfIterations : nullptr;
   }
-  // Ranks that stopped where each has come to would wait for each other.
+  // In the middle of an iteration only a single rank can stop: several would wait for each other.
   bool are_of_one_rank() const { return exchange_.num_ranks() == 1; }
 
  private:
@@ -103,9 +103,10 @@ class Stops {
   Exchange& exchange_;
 };
 
-// Parts of the cost that grow by this share of all of it are worth a look at who grows.
+// Points are examined, to be held back, where the parts of the cost that grow do so by this share
+// of it.
 inline constexpr double kWorthHoldingBack = 0.1;
-// A cost in stages is sharpened from where a step decreases it by less than this share.
+// A cost in stages goes on to the next (sharpen) where a step decreases it by less than this share.
 inline constexpr double kSettled = 1e-2;
 
 // Relative decreases of the cost below this are rounding.

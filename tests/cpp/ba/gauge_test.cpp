@@ -1,5 +1,4 @@
 // The fixed gauge takes exactly the freedom that is left: the minimum stays where it is.
-
 #include "sfmcpp/ba/gauge.hpp"
 
 #include <algorithm>

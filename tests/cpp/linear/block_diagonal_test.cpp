@@ -1,5 +1,4 @@
 // The diagonal blocks of U and of the Schur complement against dense matrices.
-
 #include "sfmcpp/linear/block_diagonal.hpp"
 
 #include <Eigen/Cholesky>

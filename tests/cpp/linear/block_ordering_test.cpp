@@ -1,6 +1,5 @@
 // Orders by nested dissection: separators that separate, and less fill than minimum degree where
 // that is known.
-
 #include "sfmcpp/linear/block_ordering.hpp"
 
 #include <algorithm>

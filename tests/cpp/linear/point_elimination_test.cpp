@@ -1,5 +1,4 @@
 // Another right-hand side with the factors of the last solve, against the dense damped matrix.
-
 #include "sfmcpp/linear/point_elimination.hpp"
 
 #include <Eigen/Dense>

@@ -1,5 +1,4 @@
 // Cameras, columns and rows of S on the ranks that they belong to.
-
 #include "../../../cpp/src/linear/rank_partition.hpp"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,4 @@
 // Which cameras meet, against all pairs of cameras tried one by one.
-
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 #include <algorithm>

@@ -1,5 +1,4 @@
 // The Schur complement in blocks against the one that is never formed.
-
 #include "../../../cpp/src/linear/schur_operator.hpp"
 
 #include <gtest/gtest.h>

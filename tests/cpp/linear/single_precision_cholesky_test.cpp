@@ -1,5 +1,4 @@
 // A factor in single precision, of any size.
-
 #include "../../../cpp/src/linear/single_precision_cholesky.hpp"
 
 #include <random>

@@ -1,9 +1,9 @@
 // The stages of loss 'auto': what cost is minimised next, and from where.
 //
-// The scale falls and rises (loss_stages.hpp), points are looked for anew (point_rescues.hpp),
-// and then detours are made: an observation just beyond the reach of the loss draws nothing, though
-// its point and its camera would come to agree with it together. At twice the scale it does;
-// whether that was worth it the cost tells, back at the scale. At last cameras are looked for anew
+// The scale falls and rises (loss_stages.hpp), points are searched for anew (point_rescues.hpp),
+// and then detours are made: an observation just beyond the scale of the loss has no influence,
+// though its point and its camera could come to agree with it together. At twice the scale it has;
+// the detour is kept if the cost is lower back at the scale. At last cameras are searched for anew
 // (camera_rescues.hpp), judged in the same way.
 #pragma once
 
@@ -16,12 +16,14 @@
 
 namespace sfmcpp::ba {
 
-// The scale of loss 'auto': as far as residuals are more than the background of outliers.
+// The scale of loss 'auto': the size up to which residuals are denser than the background of
+// outliers.
 //
-// Far from a minimum good observations have large residuals, and a loss that lets go of these never
+// Far from a minimum good observations have large residuals, and a loss that rejects these never
 // comes near. So the scale begins where the residuals of the start tell outliers from the rest, and
 // falls as the rest comes closer: graduated non-convexity (Blake & Zisserman 1987; Black &
-// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages told by the data.
+// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages determined by the
+// data.
 //
 // Where the right residuals have long tails, a scale that keeps them also keeps pairs of wrong
 // observations that agree by chance, and these hold the cameras off for good. So it falls to the

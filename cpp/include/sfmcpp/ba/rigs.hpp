@@ -35,7 +35,7 @@ void check_rigs(const Problem& problem);
 // the intrinsics; kNoColumn if no sensor is free.
 int sensor_column(const Problem& problem, std::size_t num_free_intrinsics);
 
-// How a camera answers to a step of its frame and of its sensor.
+// The derivative of a camera's pose by those of its frame and of its sensor.
 class FrameMotion {
  public:
   // `sensor_column` as above.

@@ -23,8 +23,8 @@ class CameraBlockDiagonal {
   // this is U and Jᵀ r.
   void assemble(const PointFactor* factors, std::vector<double>& rhs);
 
-  // The same in two parts, for those who form these blocks anyway: the block Σ Jᵀ (I − G Gᵀ) J of
-  // each camera, in panel layout, and its Σ Jᵀ r̄ are written here; then they are gathered.
+  // The same in two parts, for callers that form these blocks themselves: the block Σ Jᵀ (I − G Gᵀ)
+  // J of each camera, in panel layout, and its Σ Jᵀ r̄ are written here; then they are gathered.
   double* camera_block(int i) {
     return camera_blocks_.data() + static_cast<long>(map_.camera_size) * map_.camera_size * i;
   }

@@ -21,12 +21,12 @@ struct BlockOrdering {
 // with many others comes last, as intrinsics that many cameras share: the border of the matrix.
 BlockOrdering order_blocks(const BlockGraph& graph);
 
-// Places to blocks, by approximate minimum degree.
+// The block at each place of the order, by approximate minimum degree.
 std::vector<int> minimum_degree(const Adjacency& adjacency);
 
 // The same by nested dissection (George 1973): a set of blocks that cuts the graph comes last, its
-// two parts before it in the same way; small parts by minimum degree. Blocks that meet many more
-// others than is usual, as intrinsics that many cameras share, come last of all.
+// two parts before it in the same way; small parts by minimum degree. Blocks that are coupled with
+// many more others than is usual, as intrinsics that many cameras share, come last of all.
 std::vector<int> nested_dissection(const BlockGraph& graph, const Adjacency& adjacency);
 
 // What a factorisation costs in an order; subtrees of the elimination tree are put together in it,

@@ -38,7 +38,7 @@ struct ProductTile {
 inline constexpr int kTileRows = 256;
 inline constexpr int kTileColumns = 128;
 
-// Memory of one thread: the factors of a product as the kernels like them.
+// Work space of one thread: the factors of a product, packed for the kernels, and the product.
 struct ProductScratch {
   AlignedVector<double> rows;
   AlignedVector<double> columns;
@@ -47,8 +47,8 @@ struct ProductScratch {
   ProductScratch();
 };
 
-// c −= the tile of l lᵀ, l of `inner` columns; c has the tile's first entry. What lies above the
-// diagonal of l lᵀ is written in part, and means nothing.
+// c −= the tile of l lᵀ, l of `inner` columns; c has the tile's first entry. Entries above the
+// diagonal of l lᵀ may be overwritten with unspecified values.
 void subtract_product(const CholeskyKernels& kernels,
                       const double* l,
                       long ld,

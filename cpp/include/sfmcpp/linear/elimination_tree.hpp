@@ -16,7 +16,7 @@ struct BlockGraph {
   std::vector<std::pair<int, int>> edges;  // (smaller, larger) block of each coupled pair, sorted
 };
 
-// Both halves of a block graph, by rows.
+// The neighbours of each node of a block graph: both halves of the symmetric matrix, by rows.
 struct Adjacency {
   std::vector<std::int64_t> begin;
   std::vector<int> neighbour;  // ascending within a row

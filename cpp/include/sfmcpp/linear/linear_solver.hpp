@@ -67,7 +67,8 @@ struct LinearSolverOptions {
   int pcg_max_iterations = 500;
   double pcg_forcing = 5e-3;  // conjugate_gradient.hpp
   PreconditionerKind preconditioner = PreconditionerKind::kAuto;
-  // That a solve may take beside the problem itself; none: a share of the machine's for matrices.
+  // Limit on the memory of a solve besides the problem itself; none: a share of the machine's
+  // memory, for matrices alone.
   std::optional<double> max_memory_bytes{};
 };
 
@@ -97,13 +98,13 @@ class LinearSolver {
                                   const std::function<bool()>& should_stop) = 0;
   // Whether the normal equations are to hold modes (world_motions.hpp).
   virtual bool wants_camera_modes() const { return false; }
-  // All that a solver has learned from its solves are the iterations that each took; another of the
-  // same choice that replays them goes on with the same bits. None where nothing is learned.
+  // What a solver carries from one solve to the next: the iterations that each took. Another of the
+  // same choice that replays them goes on with the same bits. Empty where it carries nothing.
   virtual std::vector<int> iterations_of_solves() const { return {}; }
   virtual void replay(const std::vector<int>& /*iterations_of_solves*/) {}
   // So far, for the summary.
   virtual std::vector<SolverChange> changes() const { return {}; }
-  // Whether it keeps factors with which another right-hand side costs little.
+  // Whether it keeps its factors, so that another right-hand side costs little.
   virtual bool can_solve_again(Unknowns) const { return false; }
   // The step that solves the system of the last `solve` with Jᵀ h on its right, for other residuals
   // h of the observations, two each; those of constraints are taken as zero. False: not finite.

@@ -118,8 +118,8 @@ class NormalEquations {
   // For the kernels.
   StoredJacobian jacobian() const;
   // Σ Jᵀ r of a camera before rounding, for the kernels; null in double precision, where they find
-  // it. At a minimum it is a small difference of large numbers: rounded, it would push along the
-  // gauge and whatever else damping alone holds.
+  // it. At a minimum it is a small difference of large numbers: its rounding error would move the
+  // state along the gauge and along other directions that damping alone determines.
   const double* unrounded_gradient(int camera) const {
     return gradients_.empty() ? nullptr : gradients_.data() + long{map_.camera_size} * camera;
   }
@@ -140,13 +140,14 @@ class NormalEquations {
   Slopes slopes(const Step& step) const;
   // ‖Jδ‖²: the quadratic model along the step is F + α slope + ½ α² curvature.
   double curvature(const Step& step) const;
-  // What the model falls by along the whole of any step: −slope − ½ curvature.
+  // Decrease of the quadratic model along the whole of any step: −slope − ½ curvature.
   double model_decrease(const Step& step) const;
 
-  // The same for the δ that solves the damped system, at no cost: ½ δᵀ (b + λ D δ).
+  // The same for the δ that solves the damped system, without a pass over J: ½ δᵀ (b + λ D δ).
   double predicted_decrease(const Step& step, const Damping& damping) const;
 
-  // Calls add(i, columns) for every camera: each reduced column meets its cameras in their order.
+  // Calls add(i, columns) for every camera: what cameras add to a reduced column is added in their
+  // order.
   template <class F>
   void for_each_camera_in_order(const F& add) const {
     pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {

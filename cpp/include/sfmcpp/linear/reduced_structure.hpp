@@ -15,7 +15,7 @@
 
 namespace sfmcpp::linear {
 
-// Block (i, j), j ≥ i, is there when cameras i and j see a common point, are one of `pairs`
+// Block (i, j), j ≥ i, is stored when cameras i and j see a common point, are one of `pairs`
 // (camera_terms.hpp), or i = j. Values lie row after row, each block in panel layout.
 struct CameraPattern {
   std::vector<long> row_begin;  // blocks of row i: [row_begin[i], row_begin[i + 1])
@@ -25,9 +25,9 @@ struct CameraPattern {
   long num_blocks() const { return row_begin.back(); }
 };
 
-// A track of n cameras is met n times, once for each of its cameras, and 64 neighbours at a time; a
-// row is left as soon as it has all later cameras. So long tracks, whose pairs would take longer to
-// name than to solve for, cost little more than their observations.
+// A row is the union of the tracks of its camera, as sets of 64 cameras in the bits of a word, and
+// is finished early once it has all later cameras. So long tracks, whose pairs would take longer to
+// list than the system takes to solve, cost little more than their observations.
 CameraPattern make_camera_pattern(const ObservationGraph& graph,
                                   const CameraPairs& pairs,
                                   ThreadPool& pool);

@@ -91,7 +91,8 @@ struct SchurKernels {
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
-  // In a fraction of the time; null where a block does not fit into the registers.
+  // The same by lists of pairs, in a fraction of the time; null where a block does not fit into the
+  // registers.
   void (*sum_pairs)(const PairSums& row);
   // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
   // four numbers each, of which the last means nothing.

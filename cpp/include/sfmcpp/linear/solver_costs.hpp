@@ -54,7 +54,7 @@ struct EnumTraits<linear::Work> {
 
 namespace linear {
 
-// Else bytes, or things to do.
+// Whether an amount of this work is in flops; else it is in bytes, or in items.
 bool is_flops(Work work);
 
 // Amounts, or seconds a unit, of each kind of work.
@@ -99,9 +99,9 @@ IterativeCounts count_from_jacobian(const SolverCounts& counts);
 IterativeCounts count_with_blocks(const SolverCounts& counts);
 
 // Iterations that a step is expected to take with clusters, before any has been taken; later those
-// of the last step tell more (Iteration::linear_solver_iterations). The first three steps on a city
-// of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135, the first eight
-// on 1,000 photos 37.
+// of the last step are the better estimate (Iteration::linear_solver_iterations). The first three
+// steps on a city of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135,
+// the first eight on 1,000 photos 37.
 inline constexpr double kExpectedIterations = 100;
 
 struct SolverForecast {

@@ -1,10 +1,10 @@
 // Cholesky factorisation of a sparse matrix of blocks by supernodes (supernodes.hpp), in place.
 //
-// Right-looking: what a supernode takes from those above is computed tile by tile, in the cache,
-// and added to their panels. Disjoint subtrees are tasks; what they take from the supernodes above
-// them is gathered in a triangle for each, since two may not write to one panel. Then the
-// supernodes above follow one after the other, each with all threads. Every entry is summed in one
-// fixed order: the bits do not depend on the number of threads.
+// Right-looking: the update of a supernode to its ancestors is computed tile by tile, in the cache,
+// and added to their panels. Disjoint subtrees are parallel tasks; each gathers its updates to
+// supernodes outside the subtree in a triangle of its own, since two tasks may not write to one
+// panel. Then the supernodes above the subtrees follow one after the other, each with all threads.
+// Every entry is summed in one fixed order: the bits do not depend on the number of threads.
 #pragma once
 
 #include <span>
@@ -21,7 +21,7 @@
 
 namespace sfmcpp::linear {
 
-// What several subtrees take from the supernodes above, the lower triangle of a square matrix:
+// The updates of several subtrees to the supernodes above, the lower triangle of a square matrix:
 // columns in groups of kStrip that begin with the strip of their diagonal.
 class UpdateTriangle {
  public:
@@ -30,8 +30,8 @@ class UpdateTriangle {
 
   std::int64_t num_entries() const { return num_entries_; }
   int padded_size() const { return padded_; }
-  // Such that row r of a column is `r` further: rows above the strip of the diagonal there are
-  // none.
+  // Where row 0 of a column would be: row r is `r` further. Rows above the strip of the diagonal
+  // are not stored.
   std::int64_t column(int c) const {
     const std::int64_t group = c / kStrip;
     return kStrip * (group * padded_ - kStrip * group * (group - 1) / 2) +
@@ -114,7 +114,7 @@ class SupernodalCholesky {
       int supernode, const Subtrees* part, double* triangle, ThreadPool* pool, int worker);
   void add_tile(const Work& plan, const ProductTile& tile, const double* product, double* triangle);
 
-  // What subtrees take from the right-hand side of the supernodes above them.
+  // The updates of subtrees to the right-hand side of the supernodes above them.
   struct Outside {
     const Subtrees* part;
     std::vector<double> taken;

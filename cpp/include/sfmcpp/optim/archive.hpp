@@ -107,7 +107,7 @@ void restore(std::span<const double> saved, const linear::Step& like, T& object)
   archive.require_all_read();
 }
 
-// Where a run stands after an iteration.
+// The state of a run after an iteration.
 
 // A run of the same model and the same options that starts from it goes on with the bits of one
 // that did not stop. Each rank has its own.

@@ -21,7 +21,7 @@ class DampingRule {
 // them open.
 inline constexpr double kHartleyStart = 1e-3;
 inline constexpr double kNielsenStart = 1e-4;
-// λ beyond this moves nothing any more.
+// With a λ beyond this no unknown moves any more.
 inline constexpr double kMaxLambda = 1e32;
 
 // Hartley & Zisserman: D = diag(JᵀJ), λ ÷ 10 on success, × 10 on failure (thesis eq. 2.45, with λ

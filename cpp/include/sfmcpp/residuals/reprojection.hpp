@@ -60,8 +60,8 @@ struct CostKernels {
 CostKernels cost_kernels(const CameraModel& model);
 double sum_of_cost_lanes(const double* lanes);
 
-// How the projections of the observations of one camera bend along a step: the second derivative of
-// α ↦ projection(x ⊞ α δ) at α = 0, times the weight of the residual. Exact, by jets (math/jet.hpp)
+// Second derivatives of the projections of the observations of one camera along a step: that of α ↦
+// projection(x ⊞ α δ) at α = 0, times the weight of the residual. Exact, by jets (math/jet.hpp)
 // through the camera models.
 struct BendingBatch {
   ObservationBatch observations;  // of one camera, with `inverse_sigma` their weights
