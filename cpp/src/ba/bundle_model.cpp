@@ -4,9 +4,9 @@
 #include <array>
 #include <cmath>
 
-#include "sfmcpp/ba/camera_modes.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "world_motions.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -95,8 +95,8 @@ bool BundleModel::leave(State& state, double cost) {
 
 bool BundleModel::come_back(State& state) { return loss_stages_ && loss_stages_->come_back(state); }
 
-void BundleModel::keep(optim::Memory& memory) {
-  if (loss_stages_) memory.keep(*loss_stages_);
+void BundleModel::keep(optim::Archive& archive) {
+  if (loss_stages_) archive.keep(*loss_stages_);
 }
 
 double BundleModel::cost(const State& state) {

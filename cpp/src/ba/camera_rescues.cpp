@@ -18,8 +18,7 @@ using optim::State;
 // The scale begins at so many times the last, and falls after some steps.
 constexpr double kWidest = 32.0, kFall = 0.7;
 constexpr int kStepsOfScale = 5, kStepsOfLastScale = 20;
-// Views that agree on a camera besides those that its unknowns can be fitted to, whichever they
-// are.
+// Inliers that a camera must have beyond those that determine its unknowns, which fit anything.
 constexpr int kCameraSupport = 3;
 constexpr int kViewRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
 

@@ -6,8 +6,8 @@
 
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/cameras/pose.hpp"
-#include "sfmcpp/core/disjoint_sets.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/grouping.hpp"
 
 namespace sfmcpp::ba {
 namespace {

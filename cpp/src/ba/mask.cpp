@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <string>
 
-#include "sfmcpp/ba/free_sensors.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"

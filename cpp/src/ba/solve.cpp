@@ -4,10 +4,11 @@
 #include <iterator>
 
 #include "sfmcpp/ba/check.hpp"
-#include "sfmcpp/ba/free_sensors.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
+#include "sfmcpp/optim/step_strategy.hpp"
 #include "workspace.hpp"
 
 namespace sfmcpp::ba {
@@ -37,7 +38,7 @@ std::vector<double> forecast_seconds(const linear::LinearSolverChoice& choice, T
   return seconds;
 }
 
-// All but what the residuals of the images tell.
+// All of the summary but what is known from residuals of the images.
 SolveSummary describe_start(const Workspace& work,
                             const Problem& problem,
                             const SolveOptions& options,
@@ -124,6 +125,34 @@ SolveSummary solve(const Problem& problem,
   describe_end(work, state, summary);
   summary.seconds_total = clock.seconds();
   return summary;
+}
+
+StepExploration explore_step(const Problem& problem,
+                             const SolveOptions& options,
+                             std::span<const optim::StepLengths> lengths,
+                             optim::State& start) {
+  Workspace work(problem, options, start);
+  const ScopedFrame frame(problem, start);
+  work.model.normalize(start);
+  work.model.linearize(start);
+  StepExploration result;
+  linear::Step step;
+  const auto strategy = optim::make_step_strategy(options.minimizer);
+  result.valid = strategy
+                     ->compute(
+                         work.model.normal_equations(), *work.solver, [] { return false; }, step)
+                     .valid;
+  result.damping = strategy->damping();
+  if (!result.valid) return result;
+  result.algebraic = work.model.algebraic_cost(start, step).value_or(Biquadratic{});
+  optim::State candidate = start;
+  for (const optim::StepLengths& l : lengths) {
+    work.model.plus(start, step, l, candidate);
+    result.geometric.push_back(work.model.cost(candidate));
+  }
+  work.model.plus(start, step, {}, candidate);
+  start = candidate;
+  return result;
 }
 
 }  // namespace sfmcpp::ba

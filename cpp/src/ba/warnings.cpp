@@ -1,11 +1,11 @@
-// What is legal about a problem but worth saying, by name.
+// Warnings: what is legal about a problem but doubtful, naming cameras and points.
 #include <algorithm>
 #include <optional>
 
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/check.hpp"
-#include "sfmcpp/core/disjoint_sets.hpp"
+#include "sfmcpp/core/grouping.hpp"
 
 namespace sfmcpp::ba {
 namespace {

@@ -96,7 +96,7 @@ Loss make_loss(const SolveOptions& options,
   return loss;
 }
 
-// A rank that refuses its part takes the others along: they would wait for its sums.
+// A rank whose part breaks a rule makes all others throw too: they would wait for its sums.
 template <class F>
 void check_on_all_ranks(Exchange& exchange, const F& check) {
   std::exception_ptr refusal;
@@ -139,7 +139,7 @@ void rethrow(const std::exception_ptr& thrown) {
   if (thrown) std::rethrow_exception(thrown);
 }
 
-// Cameras without observations, where a constraint or their frame tells where they are.
+// Cameras without observations that a constraint or their frame determines.
 void hold_cameras(const Problem& problem,
                   const optim::State& start,
                   linear::ObservationGraph& graph) {

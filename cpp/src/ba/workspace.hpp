@@ -1,4 +1,4 @@
-// Everything a solve owns, made in the order that it must be.
+// Everything that a solve owns, in the order in which it must be constructed.
 #pragma once
 
 #include <memory>

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 
+#include <Eigen/Core>
+
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {
@@ -61,6 +64,28 @@ PoseMotion WorldMotions::of_frame(int i) const {
 
 Eigen::Vector3d WorldMotions::lever(int i) const {
   return sensors_.lever(state_, problem_.rigs.sensor_of_camera[i]) / extent_;
+}
+
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+}  // namespace
+
+void set_camera_modes(const Problem& problem,
+                      const linear::ParameterMap& map,
+                      const optim::State& state,
+                      linear::CameraModes& modes) {
+  if (!is_metric(problem.camera_model)) return;
+  const int size = map.camera_size, others = size - kPoseTangent;
+  modes.count = kSimilarities + others;
+  modes.values.assign(map.column.size() * modes.count, 0.0);  // twins have none (point_rows.hpp)
+  const Frames frames(problem);
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    Eigen::Map<RowMajor> of_camera(modes.of_camera(i, size), size, modes.count);
+    of_camera.topLeftCorner<kPoseTangent, kSimilarities>() = motion_of_pose(frames.pose(state, i));
+    for (int k = 0; k < others; ++k) of_camera(kPoseTangent + k, kSimilarities + k) = 1.0;
+  }
 }
 
 }  // namespace sfmcpp::ba

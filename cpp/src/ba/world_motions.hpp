@@ -1,12 +1,15 @@
-// How the world answers to a similarity close to the identity: rotation ω, translation v, growth s.
-// A point X moves by ω × X + v + s X, and a camera turns by Rᵀω in its own frame.
+// Derivatives of points and poses by a similarity of the world close to the identity: rotation ω,
+// translation v, growth s. A point X moves by ω × X + v + s X, and a camera turns by Rᵀω in its own
+// frame.
 #pragma once
 
 #include <Eigen/Core>
 
-#include "sfmcpp/ba/free_sensors.hpp"
+#include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
+#include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {
 
@@ -49,5 +52,13 @@ class WorldMotions {
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double extent_ = 0.0;
 };
+
+// Camera modes (linear/normal_equations.hpp): motions of a neighbourhood of cameras as a whole.
+
+// The seven similarities and each free intrinsic parameter; none for projective cameras.
+void set_camera_modes(const Problem& problem,
+                      const linear::ParameterMap& map,
+                      const optim::State& state,
+                      linear::CameraModes& modes);
 
 }  // namespace sfmcpp::ba

@@ -6,15 +6,14 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
-#include "gil.hpp"
-#include "options.hpp"
-#include "problem.hpp"
+#include "module.hpp"
+#include "python_function.hpp"
 #include "sfmcpp/ba/check_jacobians.hpp"
-#include "sfmcpp/ba/free_sensors.hpp"
-#include "sfmcpp/ba/ideal_images.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/mask.hpp"
+#include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 
 namespace sfmcpp::bindings {

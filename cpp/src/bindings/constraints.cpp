@@ -1,5 +1,3 @@
-#include "constraints.hpp"
-
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -8,9 +6,9 @@
 #include <Eigen/Core>
 #include <pybind11/stl.h>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
-#include "losses.hpp"
-#include "options.hpp"
+#include "module.hpp"
 #include "python_function.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 

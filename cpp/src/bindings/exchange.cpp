@@ -1,6 +1,6 @@
 #include "exchange.hpp"
 
-#include "gil.hpp"
+#include "python_function.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 
 namespace sfmcpp::bindings {

@@ -5,12 +5,11 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
-#include "gil.hpp"
-#include "options.hpp"
-#include "sfmcpp/core/group_ranks.hpp"
+#include "module.hpp"
+#include "python_function.hpp"
+#include "sfmcpp/core/grouping.hpp"
 #include "sfmcpp/core/number_text.hpp"
 #include "sfmcpp/core/records.hpp"
-#include "sfmcpp/core/text_rows.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

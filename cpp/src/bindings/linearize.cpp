@@ -3,11 +3,10 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
-#include "constraints.hpp"
-#include "gil.hpp"
-#include "options.hpp"
-#include "problem.hpp"
+#include "module.hpp"
+#include "python_function.hpp"
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/ba/linear_model.hpp"
 

@@ -1,9 +1,8 @@
-#include "losses.hpp"
-
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
-#include "options.hpp"
+#include "arguments.hpp"
+#include "module.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

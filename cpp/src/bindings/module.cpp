@@ -1,7 +1,8 @@
+#include "module.hpp"
+
 #include <pybind11/pybind11.h>
 
 #include "exchange.hpp"
-#include "options.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
 

@@ -1,5 +1,3 @@
-#include "options.hpp"
-
 #include <optional>
 #include <string>
 #include <type_traits>
@@ -8,7 +6,8 @@
 
 #include <pybind11/stl.h>
 
-#include "losses.hpp"
+#include "arguments.hpp"
+#include "module.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

@@ -5,8 +5,8 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
-#include "gil.hpp"
-#include "options.hpp"
+#include "module.hpp"
+#include "python_function.hpp"
 #include "sfmcpp/ba/pose_refinement.hpp"
 
 namespace sfmcpp::bindings {

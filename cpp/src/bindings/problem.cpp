@@ -1,10 +1,9 @@
-#include "problem.hpp"
-
 #include <limits>
 
 #include <pybind11/stl.h>
 
-#include "options.hpp"
+#include "arguments.hpp"
+#include "module.hpp"
 #include "python_function.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 

@@ -1,15 +1,15 @@
+#include "sfmcpp/ba/solve.hpp"
+
 #include <algorithm>
 
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
-#include "constraints.hpp"
 #include "exchange.hpp"
-#include "gil.hpp"
-#include "options.hpp"
-#include "problem.hpp"
-#include "sfmcpp/ba/explore.hpp"
+#include "module.hpp"
+#include "python_function.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <pybind11/stl.h>
 
-#include "options.hpp"
+#include "module.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

@@ -7,7 +7,7 @@
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/features/nearest_isa.hpp"
+#include "sfmcpp/features/nearest_kernels.hpp"
 
 namespace sfmcpp::features {
 namespace {

@@ -2,7 +2,6 @@
 #include "sfmcpp/features/nearest_kernels.hpp"
 
 #include "sfmcpp/core/simd.hpp"
-#include "sfmcpp/features/nearest_isa.hpp"
 
 #if defined(__x86_64__)
 #include <immintrin.h>

@@ -1,4 +1,4 @@
-// Cameras in neighbourhoods.
+// Aggregates: neighbourhoods of cameras that see many points in common.
 #pragma once
 
 #include <vector>

@@ -1,9 +1,189 @@
 #include "sfmcpp/linear/block_ordering.hpp"
 
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/OrderingMethods>
+#include <Eigen/SparseCore>
+
 #include "sfmcpp/linear/elimination_tree.hpp"
-#include "sfmcpp/linear/nested_dissection.hpp"
+#include "sfmcpp/linear/vertex_separator.hpp"
 
 namespace sfmcpp::linear {
+namespace {
+
+constexpr int kLeaf = 150;             // blocks that are not cut further
+constexpr double kLargestShare = 0.4;  // of the nodes that a separator may take
+
+// A symmetric pattern by columns, under construction.
+class Pattern {
+ public:
+  void add(int row) { rows_.push_back(row); }
+  // Eigen takes columns without a diagonal for dense ones.
+  void end_column() {
+    rows_.push_back(static_cast<int>(begin_.size()) - 1);
+    begin_.push_back(static_cast<int>(rows_.size()));
+  }
+
+  std::vector<int> minimum_degree() {
+    using Matrix = Eigen::SparseMatrix<char, Eigen::ColMajor, int>;
+    const auto n = static_cast<Eigen::Index>(begin_.size()) - 1;
+    const auto entries = static_cast<Eigen::Index>(rows_.size());
+    // Rows are in no order, which Eigen's own assignment would ask for.
+    Matrix matrix(n, n);
+    matrix.resizeNonZeros(entries);
+    std::copy(begin_.begin(), begin_.end(), matrix.outerIndexPtr());
+    std::copy(rows_.begin(), rows_.end(), matrix.innerIndexPtr());
+    std::fill_n(matrix.valuePtr(), entries, 1);
+    Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
+    Eigen::internal::minimum_degree_ordering(matrix, permutation);
+    return {permutation.indices().begin(), permutation.indices().end()};
+  }
+
+ private:
+  std::vector<int> begin_{0};
+  std::vector<int> rows_;
+};
+
+// A part of a graph and the nodes of the whole that its nodes are.
+struct Part {
+  WeightedGraph graph;
+  std::vector<int> node;
+};
+
+class Dissection {
+ public:
+  explicit Dissection(const Adjacency& adjacency)
+      : adjacency_(adjacency),
+        place_(adjacency.num_nodes(), kNone),
+        number_(adjacency.num_nodes(), kNone) {}
+
+  std::vector<int> order(Part part) {
+    dissect(std::move(part));
+    return std::move(order_);
+  }
+
+ private:
+  void dissect(Part part) {
+    if (part.graph.num_nodes() <= kLeaf) return order_leaf(part);
+    const std::vector<Side> side = find_separator(part.graph);
+    const auto share = [&](Side s) {
+      return static_cast<double>(std::ranges::count(side, s)) / part.graph.num_nodes();
+    };
+    if (share(kLeft) == 0 || share(kRight) == 0 || share(kSeparator) > kLargestShare)
+      return order_leaf(part);
+    Part left = take(part, side, kLeft), right = take(part, side, kRight);
+    const Part separator = take(part, side, kSeparator);
+    part = {};
+    dissect(std::move(left));
+    dissect(std::move(right));
+    // Nothing is gained within it: it fills.
+    order_.insert(order_.end(), separator.node.begin(), separator.node.end());
+  }
+
+  // By minimum degree, with the nodes around that come later: they meet one another.
+  void order_leaf(const Part& part) {
+    const int n = part.graph.num_nodes();
+    for (int k = 0; k < n; ++k) place_[part.node[k]] = k;
+    std::vector<int> around;
+    std::vector<std::vector<int>> met;  // nodes of the part, by each node around
+    Pattern pattern;
+    for (int k = 0; k < n; ++k) {
+      for (int v : adjacency_.of(part.node[k])) {
+        if (place_[v] == kNone) {
+          place_[v] = n + static_cast<int>(around.size());
+          around.push_back(v);
+          met.emplace_back();
+        }
+        if (place_[v] >= n) met[place_[v] - n].push_back(k);
+        pattern.add(place_[v]);
+      }
+      pattern.end_column();
+    }
+    for (int a = 0; a < static_cast<int>(around.size()); ++a) {
+      for (int node : met[a]) pattern.add(node);
+      for (int b = 0; b < static_cast<int>(around.size()); ++b) {
+        if (a != b) pattern.add(n + b);
+      }
+      pattern.end_column();
+    }
+    for (int node : pattern.minimum_degree()) {
+      if (node < n) order_.push_back(part.node[node]);
+    }
+    for (int node : part.node) place_[node] = kNone;
+    for (int node : around) place_[node] = kNone;
+  }
+
+  Part take(const Part& whole, const std::vector<Side>& side, Side wanted) {
+    Part part;
+    for (int node = 0; node < whole.graph.num_nodes(); ++node) {
+      if (side[node] != wanted) continue;
+      number_[node] = static_cast<int>(part.node.size());
+      part.node.push_back(node);
+    }
+    for (int& node : part.node) {
+      part.graph.weight.push_back(whole.graph.weight[node]);
+      for (std::int64_t k = whole.graph.begin[node]; k < whole.graph.begin[node + 1]; ++k) {
+        const int v = whole.graph.neighbour[k];
+        if (side[v] != wanted) continue;
+        part.graph.neighbour.push_back(number_[v]);
+        part.graph.edge_weight.push_back(whole.graph.edge_weight[k]);
+      }
+      part.graph.begin.push_back(static_cast<std::int64_t>(part.graph.neighbour.size()));
+      node = whole.node[node];
+    }
+    return part;
+  }
+
+  const Adjacency& adjacency_;
+  std::vector<int> place_;   // within the leaf being ordered
+  std::vector<int> number_;  // within the part being taken
+  std::vector<int> order_;
+};
+
+// As minimum degree has it, a row is dense that is much longer than the square root of their
+// number.
+bool is_dense(std::size_t neighbours, int nodes) {
+  return static_cast<double>(neighbours) > std::max(100.0, 10.0 * std::sqrt(nodes));
+}
+
+}  // namespace
+
+std::vector<int> minimum_degree(const Adjacency& adjacency) {
+  Pattern pattern;
+  for (int k = 0; k < adjacency.num_nodes(); ++k) {
+    for (int v : adjacency.of(k)) pattern.add(v);
+    pattern.end_column();
+  }
+  return pattern.minimum_degree();
+}
+
+std::vector<int> nested_dissection(const BlockGraph& graph, const Adjacency& adjacency) {
+  const int n = adjacency.num_nodes();
+  std::vector<int> number(n, kNone), dense;
+  Part part;
+  for (int block = 0; block < n; ++block) {
+    if (is_dense(adjacency.of(block).size(), n)) {
+      dense.push_back(block);
+    } else {
+      number[block] = static_cast<int>(part.node.size());
+      part.node.push_back(block);
+    }
+  }
+  for (int block : part.node) {
+    part.graph.weight.push_back(graph.size[block]);
+    for (int neighbour : adjacency.of(block)) {
+      if (number[neighbour] == kNone) continue;
+      part.graph.neighbour.push_back(number[neighbour]);
+      part.graph.edge_weight.push_back(1);
+    }
+    part.graph.begin.push_back(static_cast<std::int64_t>(part.graph.neighbour.size()));
+  }
+  std::vector<int> order = Dissection(adjacency).order(std::move(part));
+  order.insert(order.end(), dense.begin(), dense.end());
+  return order;
+}
+
 namespace {
 
 // Flops of one factorisation for each coupled pair. Dissection takes about 1 µs a pair and saves a

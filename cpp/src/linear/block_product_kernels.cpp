@@ -1,6 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "sfmcpp/linear/block_product_kernels.hpp"
+
 #include "register_blocks.hpp"
-#include "sfmcpp/linear/block_product_isa.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {

@@ -4,7 +4,7 @@
 #include <numeric>
 
 #include "sfmcpp/core/error.hpp"
-#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 
 namespace sfmcpp::linear {
 namespace {

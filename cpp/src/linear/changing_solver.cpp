@@ -1,7 +1,8 @@
-// How many iterations of conjugate gradients a step takes is the one thing that no count of the
-// problem tells. So an iterative solver that was chosen by expectation is held against what its
-// steps take: once another solver would have been cheaper, it takes over. Counts decide, at
-// reference rates, and hence the same on every rank, for every run and number of threads.
+// The number of conjugate gradient iterations of a step cannot be predicted from counts of the
+// problem. So an iterative solver that was chosen for its expected cost is compared with what its
+// steps really take: once another solver would have been cheaper, that one takes over. The decision
+// is by counts at reference rates, and hence the same on every rank, for every run and number of
+// threads.
 #include <algorithm>
 #include <cmath>
 

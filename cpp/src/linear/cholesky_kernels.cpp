@@ -1,6 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "sfmcpp/linear/cholesky_kernels.hpp"
+
 #include "sfmcpp/core/simd.hpp"
-#include "sfmcpp/linear/cholesky_isa.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {

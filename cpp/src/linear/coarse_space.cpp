@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 
 namespace sfmcpp::linear {
 namespace {

@@ -1,6 +1,6 @@
 // The second level of a preconditioner: neighbourhoods of cameras that move as one.
 //
-// Z has, for every aggregate of cameras, the modes of camera_modes.hpp as columns; the correction
+// Z has, for every aggregate of cameras, the modes of world_motions.hpp as columns; the correction
 // Z (Zᵀ S Z)⁻¹ Zᵀ r takes out what is smooth in an error, which blocks of single cameras cannot see
 // (smoothed aggregation without the smoothing; Konolige & Brown, arXiv 2007.01941, §3).
 #pragma once
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "aggregates.hpp"
-#include "block_sparse_schur.hpp"
+#include "schur_operator.hpp"
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
 namespace sfmcpp::linear {

@@ -35,8 +35,8 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
     a(direction, a_direction);
     const double curvature = product(direction, a_direction);
     if (!(curvature > 0.0)) {
-      // After some steps: rounding has used up what the matrix can tell. At once: it is not
-      // definite.
+      // After some iterations this is rounding, and x is as accurate as it gets. In the first the
+      // matrix is not positive definite.
       result.finite = result.iterations > 0;
       break;
     }

@@ -9,7 +9,7 @@
 namespace sfmcpp::linear {
 namespace {
 
-// What is asked of a system whose entries are rounded to single precision, at most.
+// The smallest tolerance for which a system with entries rounded to single precision is solved.
 constexpr double kTrustedTolerance = 1e-4;
 // Where the forcing sequence decides: no residual needs to be smaller than this. With S in blocks
 // iterations are cheap, and on a city of 3,000 cameras steps solved to 3e-3 saved one of four; from
@@ -53,13 +53,14 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
       options_(options),
       elimination_(normal),
       other_residuals_(normal, elimination_),
-      shares_(normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
+      partition_(
+          normal, groups.clusters, work_of_cameras(normal, structure.get(), groups.clusters)),
       implicit_(make_implicit_schur(normal, elimination_)),
       blocks_(structure
-                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, shares_, structure)
+                  ? std::make_unique<BlockSparseSchur>(normal, elimination_, partition_, structure)
                   : nullptr),
-      product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, shares_),
-      preconditioner_(normal, blocks_.get(), shares_, groups) {}
+      product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, partition_),
+      preconditioner_(normal, blocks_.get(), partition_, groups) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
@@ -106,14 +107,14 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
 }
 
 void IterativeSolver::precondition(const Vector& in, Vector& out) {
-  if (shares_.are_all_own()) return preconditioner_.solve(in, out);
+  if (partition_.are_all_own()) return preconditioner_.solve(in, out);
   in_.resize(diagonal_.size());  // zero but for own columns
   product_.columns().place(in, in_);
   preconditioner_.solve(in_, out_);
   product_.columns().take(out_, out);
 }
 
-// In which the tolerance is meant.
+// The norm of the tolerance: that of the inverse of the preconditioner.
 double IterativeSolver::norm(const Vector& residual) {
   Vector z(residual.size());
   precondition(residual, z);
@@ -124,7 +125,8 @@ void IterativeSolver::refine(double tolerance,
                              const std::function<bool()>& should_stop,
                              ConjugateGradientResult& result,
                              Vector& x) {
-  if (!unrounded_) unrounded_ = std::make_unique<SharedProduct>(normal_, *implicit_, shares_);
+  if (!unrounded_)
+    unrounded_ = std::make_unique<DistributedProduct>(normal_, *implicit_, partition_);
   const double target = tolerance * norm(rhs_);
   Vector residual = residual_of(*unrounded_, x), correction;
   double size = norm(residual);
@@ -141,11 +143,11 @@ void IterativeSolver::refine(double tolerance,
     add_scaled(normal_.pool(), 1.0, correction, x);
     residual = residual_of(*unrounded_, x);
     const double before = std::exchange(size, norm(residual));
-    if (!(size < 0.5 * before)) break;  // rounding of the blocks has the last word, or a user
+    if (!(size < 0.5 * before)) break;  // limited by the rounding of the blocks, or stopped
   }
 }
 
-Vector IterativeSolver::residual_of(SharedProduct& product, const Vector& x) const {
+Vector IterativeSolver::residual_of(DistributedProduct& product, const Vector& x) const {
   Vector residual(x.size());
   product.apply(diagonal_, x, residual);
   for (std::size_t k = 0; k < residual.size(); ++k) residual[k] = rhs_[k] - residual[k];

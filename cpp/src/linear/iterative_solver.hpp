@@ -4,14 +4,11 @@
 #include <memory>
 #include <vector>
 
-#include "block_sparse_schur.hpp"
 #include "schur_operator.hpp"
 #include "schur_preconditioner.hpp"
 #include "sfmcpp/linear/conjugate_gradient.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
-#include "shared_product.hpp"
 
 namespace sfmcpp::linear {
 
@@ -51,17 +48,17 @@ class IterativeSolver final : public LinearSolver {
               ConjugateGradientResult& result,
               Vector& x);
   void precondition(const Vector& in, Vector& out);
-  Vector residual_of(SharedProduct& product, const Vector& x) const;
+  Vector residual_of(DistributedProduct& product, const Vector& x) const;
 
   const NormalEquations& normal_;
   LinearSolverOptions options_;
   PointElimination elimination_;
   OtherResiduals other_residuals_;
-  CameraShares shares_;
+  CameraPartition partition_;
   std::unique_ptr<SchurOperator> implicit_;
-  std::unique_ptr<BlockSparseSchur> blocks_;  // null: not formed
-  SharedProduct product_;                     // with the blocks, if there are any
-  std::unique_ptr<SharedProduct> unrounded_;  // where it is needed
+  std::unique_ptr<BlockSparseSchur> blocks_;       // null: not formed
+  DistributedProduct product_;                     // with the blocks, if there are any
+  std::unique_ptr<DistributedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
   Vector diagonal_;  // λD
   Vector rhs_;       // of this rank's columns, as all vectors but these:

@@ -5,19 +5,20 @@
 #include <utility>
 
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
+#include "sfmcpp/linear/schur_kernels.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
-// A parameter that nothing observes still gets a positive damping. Both bounds are far from what
-// any units make of an entry: those of points at 1e12 lengths are 1e-20, and a bound that they meet
-// makes steps depend on units.
+// A parameter that nothing observes still gets a positive damping. Both bounds are far outside what
+// any units make of an entry: those of points at a distance of 1e12 are 1e-20, and a bound within
+// their reach would make steps depend on units.
 constexpr double kMinDiagonal = 1e-32;
 constexpr double kMaxDiagonal = 1e32;
 
-// How many observations ahead a record is asked for: the records of a point lie anywhere in memory.
+// How many observations ahead a record is prefetched: the records of a point lie anywhere in
+// memory.
 constexpr int kAhead = 12;
 
 // Σ ‖Jc δc + A δp‖² over the observations of a chunk.

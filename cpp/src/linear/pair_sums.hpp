@@ -12,7 +12,7 @@ namespace {
 template <int D>
 inline constexpr bool kSumsPairs = SFMCPP_LANES == 8 && D <= 9;
 
-// How many pairs ahead the second observation is asked for: it lies anywhere in memory.
+// How many pairs ahead the second observation is prefetched: it lies anywhere in memory.
 constexpr int kPairsAhead = 6;
 
 using Eight = Pack<8>;

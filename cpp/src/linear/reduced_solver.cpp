@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/dense_cholesky.hpp"
-#include "sfmcpp/linear/panel_layout.hpp"
 #include "sfmcpp/linear/supernodal_cholesky.hpp"
 
 namespace sfmcpp::linear {

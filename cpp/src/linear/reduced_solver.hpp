@@ -11,7 +11,7 @@
 
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
-#include "sfmcpp/linear/block_place.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {

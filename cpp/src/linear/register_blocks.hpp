@@ -1,10 +1,10 @@
-// Rows and D×D blocks held in vector registers, by the panels of panel_layout.hpp. For
+// Rows and D×D blocks held in vector registers, by the panels of block_layout.hpp. For
 // *_kernels.cpp only: everything lies in the namespace of the instruction set and has internal
 // linkage (core/isa.hpp).
 #pragma once
 
 #include "sfmcpp/core/simd.hpp"
-#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {

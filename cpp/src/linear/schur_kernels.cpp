@@ -1,6 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
+#include "sfmcpp/linear/schur_kernels.hpp"
+
 #include "pair_sums.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
 
 namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {
@@ -88,8 +89,8 @@ void schur_diagonal(const StoredJacobian& jacobian,
   store_row(rhs, sum);
 }
 
-// Asks for what the observations that share the point of observation a hold. It lies anywhere in
-// memory, and waiting for it took longer than the arithmetic.
+// Prefetches the observations that share the point of observation a. They lie anywhere in memory,
+// and waiting for them took longer than the arithmetic.
 template <int D, class T>
 inline void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, int a) {
   if (a >= in.end) return;

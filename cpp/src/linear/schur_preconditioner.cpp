@@ -5,7 +5,118 @@
 #include <numeric>
 #include <utility>
 
+#include "sfmcpp/linear/block_layout.hpp"
+
 namespace sfmcpp::linear {
+ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
+                             const BlockSparseSchur& schur,
+                             const CameraPartition& partition,
+                             Aggregates clusters)
+    : normal_(normal),
+      schur_(schur),
+      aggregates_(std::move(clusters)),
+      row_(normal.map().column.size(), -1),
+      clusters_(static_cast<std::size_t>(aggregates_.count())) {
+  const int size = normal.map().camera_size;
+  for (int r = 0; r < size; ++r) {
+    for (int c = 0; c < size; ++c) place_.push_back(panel_index(size, r, c));
+  }
+  for (int k = 0; k < aggregates_.count(); ++k) {
+    if (partition.is_own(aggregates_.members[aggregates_.begin[k]])) own_.push_back(k);
+  }
+  number_rows();
+}
+
+void ClusterBlocks::number_rows() {
+  const int size = normal_.map().camera_size;
+  for (int i : aggregates_.members) {
+    Cluster& cluster = clusters_[aggregates_.of_camera[i]];
+    for (int k = 0; k < size; ++k) {
+      const int column = normal_.map().columns_of(i)[k];
+      if (column == kNoColumn || normal_.is_shared(column)) continue;
+      row_[static_cast<std::size_t>(size) * i + k] = static_cast<int>(cluster.columns.size());
+      cluster.columns.push_back(column);
+    }
+  }
+}
+
+void ClusterBlocks::factor(const std::vector<double>& diagonal) {
+  normal_.pool().parallel_for(static_cast<int>(own_.size()),
+                              [&](int k) { factor_cluster(own_[k], diagonal); });
+  is_covered_.assign(diagonal.size(), 0);
+  for (int k : own_) {
+    for (int column : clusters_[k].columns) is_covered_[column] = clusters_[k].usable;
+  }
+}
+
+// value(r, c) of the block of cameras i and j.
+template <class Value>
+void ClusterBlocks::add_block(int i, int j, const Value& value, DenseCholesky& lower) const {
+  const int size = normal_.map().camera_size;
+  for (int r = 0; r < size; ++r) {
+    for (int c = 0; c < size; ++c) {
+      const int a = row_of(i, r), b = row_of(j, c);
+      if (a < 0 || b < 0 || (i == j && a < b)) continue;
+      lower.at(std::max(a, b), std::min(a, b)) += value(r, c);
+    }
+  }
+}
+
+void ClusterBlocks::assemble(int k,
+                             const std::vector<double>& diagonal,
+                             DenseCholesky& lower) const {
+  const int size = normal_.map().camera_size;
+  const auto add = [&](int i, int j, const auto* block) {
+    const auto value = [&](int r, int c) {
+      return block[place_[i == j ? size * r + c : size * c + r]];
+    };
+    add_block(i, j, value, lower);
+  };
+  for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
+    const int i = aggregates_.members[m];
+    add(i, i, schur_.diagonal_block(i));
+    const float* block = schur_.blocks_of_row(i);
+    for (int j : schur_.columns_of_row(i)) {
+      if (aggregates_.of_camera[j] == k) add(i, j, block);
+      block += size * size;
+    }
+    normal_.camera_terms().for_each_block(i, [&](int j, const double* of_terms) {
+      const auto value = [&](int r, int c) { return of_terms[place_[size * r + c]]; };
+      if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
+    });
+  }
+  const std::vector<int>& columns = clusters_[k].columns;
+  for (std::size_t r = 0; r < columns.size(); ++r)
+    lower.at(static_cast<int>(r), static_cast<int>(r)) += diagonal[columns[r]];
+}
+
+void ClusterBlocks::factor_cluster(int k, const std::vector<double>& diagonal) {
+  Cluster& cluster = clusters_[k];
+  const auto n = static_cast<int>(cluster.columns.size());
+  ThreadPool alone(1);  // clusters are the tasks
+  DenseCholesky cholesky(n);
+  cholesky.set_zero(alone);
+  assemble(k, diagonal, cholesky);
+  cluster.usable = cholesky.factorize(alone);
+  cluster.factor.set(cholesky);
+}
+
+void ClusterBlocks::solve(const std::vector<double>& in, std::vector<double>& out) const {
+  normal_.pool().parallel_for(static_cast<int>(own_.size()),
+                              [&](int k) { solve_cluster(clusters_[own_[k]], in, out); });
+}
+
+void ClusterBlocks::solve_cluster(const Cluster& cluster,
+                                  const std::vector<double>& in,
+                                  std::vector<double>& out) {
+  if (!cluster.usable) return;
+  AlignedVector<double> x(cluster.factor.padded_size());
+  for (std::size_t r = 0; r < cluster.columns.size(); ++r) x[r] = in[cluster.columns[r]];
+  std::fill(x.begin() + static_cast<long>(cluster.columns.size()), x.end(), 0.0);
+  cluster.factor.solve(x.data());
+  for (std::size_t r = 0; r < cluster.columns.size(); ++r) out[cluster.columns[r]] = x[r];
+}
+
 namespace {
 
 // With fewer cameras an iteration costs nothing beside the forming of S.
@@ -43,16 +154,16 @@ CameraGroups group_cameras(const NormalEquations& normal,
 
 SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
                                          const BlockSparseSchur* blocks,
-                                         const CameraShares& shares,
+                                         const CameraPartition& partition,
                                          const CameraGroups& groups)
     : map_(normal.map()), diagonal_(normal) {
-  const std::vector<int> owners = shares.owners_of_columns(map_);
+  const std::vector<int> owners = partition.owners_of_columns(map_);
   for (int b = 0; b < map_.num_blocks(); ++b) {
     if (owners[map_.block_begin[b]] == normal.exchange().rank()) own_.push_back(b);
   }
   left_ = own_;
   if (groups.kind == PreconditionerKind::kSchurJacobi) return;
-  clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, shares, groups.clusters);
+  clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
   if (groups.kind == PreconditionerKind::kTwoLevels)
     coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, groups.neighbours);
 }

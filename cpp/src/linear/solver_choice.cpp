@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kMemoryShare = 0.5;  // of the machine's memory that a matrix may take
 
-// With this one.
+// Of those that share a machine, this one included.
 double ranks_of_this_machine(Exchange& exchange) {
   const double mine = machine_number();
   return static_cast<double>(std::ranges::count(exchange.gather({&mine, 1}), mine));
@@ -62,8 +62,8 @@ double reference_seconds(const SolverForecast& forecast) {
   throw InvalidArgument(text);
 }
 
-// Weighs the candidates, the cheap ones first: what only an analysis tells is asked for while a
-// lower bound leaves a chance.
+// Compares the candidates, the cheap predictions first: the symbolic analysis that some of them
+// need is made only while a lower bound of their cost could still win.
 class Chooser {
  public:
   Chooser(const SolverQuestion& question, const LinearSolverOptions& options)

@@ -1,4 +1,4 @@
-// Parts of the choice that a change of mind needs again (linear_solver.hpp).
+// Parts of the choice of a linear solver (linear_solver.hpp) that changing_solver.cpp uses again.
 #pragma once
 
 #include "sfmcpp/linear/linear_solver.hpp"
@@ -8,7 +8,7 @@ namespace sfmcpp::linear {
 // Of no more columns the whole matrix costs less than analysing it.
 inline constexpr double kAlwaysDense = 300;
 
-// For normal equations that stand: nothing more is to be held.
+// For normal equations that exist: no further memory is to be counted.
 SolverQuestion question_of(const NormalEquations& normal);
 // What is known without an analysis.
 SolverCounts count(const SolverQuestion& question);

@@ -1,11 +1,54 @@
 #include "sfmcpp/linear/solver_costs.hpp"
 
 #include <algorithm>
+#include <map>
+#include <mutex>
 
-#include "sfmcpp/linear/iterative_counts.hpp"
+#include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/core/parallel.hpp"
+#include "sfmcpp/core/stopwatch.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
+#include "sfmcpp/linear/schur_kernels.hpp"
 
 namespace sfmcpp::linear {
+namespace {
+
+constexpr double kNumber = sizeof(double);
+
+// J, A|r and the indices of an observation.
+double bytes_of_observation(const SolverCounts& counts) {
+  return counts.number_bytes * (2 * counts.camera_size + 8) + 2 * sizeof(int);
+}
+
+// M, y, the sum and the shift of a point.
+constexpr double kBytesOfPoint = sizeof(PointFactor) + 9 * kNumber;
+
+// Schur–Jacobi and the vectors of conjugate gradients.
+double bytes_of_camera(double camera_size) { return kNumber * camera_size * (camera_size + 16); }
+
+}  // namespace
+
+IterativeCounts count_from_jacobian(const SolverCounts& counts) {
+  const double d = counts.camera_size;
+  return {.iteration_bytes = 2 * counts.observations * bytes_of_observation(counts) +
+                             counts.points * kBytesOfPoint + counts.cameras * bytes_of_camera(d),
+          .kept_bytes = kNumber * (9 * counts.points + counts.cameras * 2 * d * d)};
+}
+
+// With the preconditioner of clusters, in single precision and read twice by halves.
+IterativeCounts count_with_blocks(const SolverCounts& counts) {
+  constexpr double kCluster = 20;
+  const double d = counts.camera_size;
+  const double above = counts.blocks - counts.cameras;
+  const double bytes = above * (sizeof(float) * d * d + sizeof(int));
+  const double of_clusters = counts.cameras * kCluster * d * d * sizeof(float);
+  return {.iteration_bytes =
+              bytes + of_clusters + counts.cameras * (kNumber * d * d + bytes_of_camera(d)),
+          .kept_bytes = bytes + of_clusters +
+                        kNumber * (6 * counts.points + counts.cameras * (2 * d * d + 18 * d))};
+}
+
 namespace {
 
 constexpr double kDouble = sizeof(double);
@@ -134,6 +177,78 @@ const Works& reference_rates() {
   static constexpr Works kRates = {
       2.4e-11, 1.45e-11, 2e-11, 6.6e-12, 6.2e-11, 2.7e-11, 2e-11, 1.5e-7, 4.8e-11, 3.8e-11, 1.9e-6};
   return kRates;
+}
+
+// What this machine does in a second, against the reference.
+
+namespace {
+
+constexpr int kRepeats = 3;
+constexpr int kColumns = 480;
+constexpr long kNumbers = 1 << 20;  // 8 MB, more than a core's own cache
+constexpr long kPart = 1 << 14;
+
+// Of the machine that the reference rates are of, as the measurements below have it.
+constexpr double kReferenceFactorSeconds = 0.5e-3;
+constexpr double kReferenceStreamSeconds = 0.16e-3;
+
+// The shortest of a few, the first of which warms up.
+template <class F>
+double shortest_seconds(const F& f) {
+  double shortest = 1e300;
+  for (int k = 0; k < kRepeats; ++k) {
+    const Stopwatch watch;
+    f();
+    shortest = std::min(shortest, watch.seconds());
+  }
+  return shortest;
+}
+
+double factor_seconds(ThreadPool& pool) {
+  DenseCholesky cholesky(kColumns);
+  return shortest_seconds([&] {
+    cholesky.set_zero(pool);
+    for (int k = 0; k < kColumns; ++k) cholesky.at(k, k) = 1.0;
+    cholesky.factorize(pool);
+  });
+}
+
+double stream_seconds(ThreadPool& pool) {
+  AlignedVector<double> from(kNumbers), to(kNumbers);
+  std::fill(from.begin(), from.end(), 1.0);
+  return shortest_seconds([&] {
+    pool.parallel_for_parts(kNumbers, kPart, [&](long begin, long end) {
+      std::copy(from.begin() + begin, from.begin() + end, to.begin() + begin);
+    });
+  });
+}
+
+struct Speed {
+  double flops = 1.0, bytes = 1.0;  // seconds over those of the reference
+};
+
+Speed measured(ThreadPool& pool) {
+  return {.flops = factor_seconds(pool) / kReferenceFactorSeconds,
+          .bytes = stream_seconds(pool) / kReferenceStreamSeconds};
+}
+
+Speed speed_of_this_machine(ThreadPool& pool) {
+  static std::mutex mutex;
+  static std::map<int, Speed> known;
+  const std::scoped_lock lock(mutex);
+  const auto [entry, is_new] = known.try_emplace(pool.num_threads());
+  if (is_new) entry->second = measured(pool);
+  return entry->second;
+}
+
+}  // namespace
+
+Works rates_of_this_machine(ThreadPool& pool) {
+  const Speed speed = speed_of_this_machine(pool);
+  Works rates = reference_rates();
+  for (const auto& row : EnumTraits<Work>::kTable)
+    amount_of(rates, row.value) *= is_flops(row.value) ? speed.flops : speed.bytes;
+  return rates;
 }
 
 }  // namespace sfmcpp::linear

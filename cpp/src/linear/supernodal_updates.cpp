@@ -1,6 +1,6 @@
-#include "sfmcpp/linear/supernodal_updates.hpp"
-
 #include <algorithm>
+
+#include "sfmcpp/linear/supernodal_cholesky.hpp"
 
 namespace sfmcpp::linear {
 namespace {

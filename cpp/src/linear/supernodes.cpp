@@ -4,8 +4,8 @@
 #include <numeric>
 
 #include "sfmcpp/linear/cholesky_kernels.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/elimination_tree.hpp"
-#include "sfmcpp/linear/panel_products.hpp"
 
 namespace sfmcpp::linear {
 namespace {
@@ -25,7 +25,7 @@ double cost_of(std::int64_t columns, std::int64_t height) {
          kPerSupernode;
 }
 
-// Supernodes under construction: those that are joined with the one above are no more.
+// Supernodes under construction: one that is joined with its parent stays in the list, marked.
 class Amalgamation {
  public:
   Amalgamation(const BlockGraph& graph,

@@ -126,12 +126,6 @@ bool all_finite(std::span<const double> values) {
 
 }  // namespace
 
-double evaluate_polynomial(std::span<const double> coefficients, double x) {
-  double value = 0.0;
-  for (auto k = coefficients.rbegin(); k != coefficients.rend(); ++k) value = value * x + *k;
-  return value;
-}
-
 std::vector<double> real_roots(std::span<const double> coefficients) {
   const auto lowest = std::ranges::find_if(coefficients, [](double c) { return c != 0.0; });
   if (lowest == coefficients.end() || !all_finite(coefficients)) return {};

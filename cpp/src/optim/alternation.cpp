@@ -1,14 +1,14 @@
 #include <optional>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/optim/damping_rule.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {
 
-// The quadratic model falls with every sweep (linear/block_jacobi.hpp). What it falls by is that of
-// the undamped model: no step solves the damped system.
+// The quadratic model falls with every sweep (linear/block_diagonal.hpp). What it falls by is that
+// of the undamped model: no step solves the damped system.
 class Alternation final : public StepStrategy {
  public:
   explicit Alternation(const MinimizerOptions& options)
@@ -28,7 +28,7 @@ class Alternation final : public StepStrategy {
   void rejected() override { rule_.rejected(); }
   double damping() const override { return rule_.damping().lambda; }
   bool can_retry() const override { return damping() < kMaxLambda; }
-  void keep(Memory& memory) override { rule_.keep(memory); }
+  void keep(Archive& archive) override { rule_.keep(archive); }
 
  private:
   HartleyRule rule_;

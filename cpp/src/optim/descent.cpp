@@ -5,14 +5,14 @@
 #include <cmath>
 #include <optional>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
 namespace {
 
-// A share below this moves nothing any more.
+// With a share below this no unknown moves any more.
 constexpr double kMinShare = 1e-14;
 
 class DirectionRule {
@@ -22,7 +22,7 @@ class DirectionRule {
   virtual void next(const linear::NormalEquations& normal, linear::Step& direction) = 0;
   // Whether another direction follows from the same place.
   virtual bool has_another() const = 0;
-  virtual void keep(Memory&) {}
+  virtual void keep(Archive&) {}
 };
 
 // D⁻¹ b: with D = I the negative gradient.
@@ -59,10 +59,10 @@ class PolakRibiere final : public DirectionRule {
   }
   // The same gradient once more gives β = 0.
   bool has_another() const override { return beta_ > 0.0; }
-  void keep(Memory& memory) override {
-    memory.keep(last_gradient_);
-    memory.keep(last_zg_);
-    memory.keep(beta_);
+  void keep(Archive& archive) override {
+    archive.keep(last_gradient_);
+    archive.keep(last_zg_);
+    archive.keep(beta_);
   }
 
  private:
@@ -107,13 +107,13 @@ class Descent final : public StepStrategy {
   void moved() override { has_direction_ = false; }
   bool can_retry() const override { return descends() && share_ > kMinShare; }
 
-  void keep(Memory& memory) override {
-    rule_->keep(memory);
-    memory.keep(direction_);
-    memory.keep(has_direction_);
-    memory.keep(length_);
-    memory.keep(whole_decrease_);
-    memory.keep(share_);
+  void keep(Archive& archive) override {
+    rule_->keep(archive);
+    archive.keep(direction_);
+    archive.keep(has_direction_);
+    archive.keep(length_);
+    archive.keep(whole_decrease_);
+    archive.keep(share_);
   }
 
  private:

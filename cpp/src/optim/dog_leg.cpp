@@ -20,7 +20,7 @@ constexpr double kMaxRegularization = 1.0;
 constexpr double kRadius = 1.0;
 constexpr double kRadiusOverCauchyStep = 10.0;
 
-// A radius below this share of the Gauss–Newton step moves nothing any more.
+// With a radius below this share of the Gauss–Newton step no unknown moves any more.
 constexpr double kMinRadius = 1e-14;
 
 // The path from the origin by the Cauchy step to the Gauss–Newton step (thesis eq. 2.43), of which
@@ -66,13 +66,13 @@ class DogLeg final : public StepStrategy {
   }
 
   // The path too, which a rejection leaves: to solve for it again would be at another μ.
-  void keep(Memory& memory) override {
-    memory.keep(radius_);
-    memory.keep(regularization_);
-    memory.keep(has_path_);
+  void keep(Archive& archive) override {
+    archive.keep(radius_);
+    archive.keep(regularization_);
+    archive.keep(has_path_);
     if (!has_path_) return;
-    for (linear::Step* step : {&metric_, &cauchy_, &gauss_newton_}) memory.keep(*step);
-    for (double* length : {&cauchy_norm_, &gauss_newton_norm_, &step_norm_}) memory.keep(*length);
+    for (linear::Step* step : {&metric_, &cauchy_, &gauss_newton_}) archive.keep(*step);
+    for (double* length : {&cauchy_norm_, &gauss_newton_norm_, &step_norm_}) archive.keep(*length);
   }
 
  private:

@@ -18,7 +18,7 @@ class GaussNewton final : public StepStrategy {
   void accepted(double) override {}
   void rejected() override {}
   bool can_retry() const override { return false; }
-  void keep(Memory&) override {}
+  void keep(Archive&) override {}
 };
 
 }  // namespace

@@ -1,7 +1,31 @@
+#include <algorithm>
+
 #include "sfmcpp/optim/damping_rule.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
 
 namespace sfmcpp::optim {
+namespace {
+
+// Keeps λ a normal number over any run of successes.
+constexpr double kMinLambda = 1e-16;
+
+}  // namespace
+
+void HartleyRule::accepted(double) { lambda_ = std::max(lambda_ / 10.0, kMinLambda); }
+
+void HartleyRule::rejected() { lambda_ *= 10.0; }
+
+void NielsenRule::accepted(double gain_ratio) {
+  const double t = 2.0 * gain_ratio - 1.0;
+  lambda_ = std::max(lambda_ * std::max(1.0 / 3.0, 1.0 - t * t * t), kMinLambda);
+  growth_ = 2.0;
+}
+
+void NielsenRule::rejected() {
+  lambda_ *= growth_;
+  growth_ *= 2.0;
+}
+
 namespace {
 
 class LevenbergMarquardt final : public StepStrategy {
@@ -23,9 +47,9 @@ class LevenbergMarquardt final : public StepStrategy {
   void rejected() override { rule_->rejected(); }
   double damping() const override { return rule_->damping().lambda; }
   bool can_retry() const override { return damping() < kMaxLambda; }
-  void keep(Memory& memory) override {
-    memory.keep(started_);
-    rule_->keep(memory);
+  void keep(Archive& archive) override {
+    archive.keep(started_);
+    rule_->keep(archive);
   }
 
  private:

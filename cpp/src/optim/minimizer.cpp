@@ -4,11 +4,9 @@
 #include <cmath>
 #include <optional>
 
-#include "endings.hpp"
 #include "model_line.hpp"
-#include "negligible.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "stops.hpp"
+#include "stopping.hpp"
 
 namespace sfmcpp::optim {
 namespace {
@@ -57,16 +55,16 @@ class Minimizer {
   }
 
   // Every member that matters to the next iteration, and the history.
-  void keep(Memory& memory) {
-    memory.keep(summary_.initial_cost);
-    memory.keep(summary_.iterations);
-    memory.keep(cost_);
-    memory.keep(largest_prediction_);
-    strategy_->keep(memory);
-    model_.keep(memory);
+  void keep(Archive& archive) {
+    archive.keep(summary_.initial_cost);
+    archive.keep(summary_.iterations);
+    archive.keep(cost_);
+    archive.keep(largest_prediction_);
+    strategy_->keep(archive);
+    model_.keep(archive);
     std::vector<int> solves = solver_.iterations_of_solves();
-    memory.keep(solves);
-    if (memory.is_reading()) solver_.replay(solves);
+    archive.keep(solves);
+    if (archive.is_reading()) solver_.replay(solves);
   }
 
  private:
@@ -189,8 +187,8 @@ class Minimizer {
     ++now_.cost_evaluations;
   }
 
-  // The bent step where its cost is lower. Then it is the strategy's: λ that learned from straight
-  // steps took a third more of them.
+  // The accelerated step where its cost is lower; the strategy then learns from it. A λ that
+  // learned from steps without acceleration took a third more of them.
   void accelerate() {
     const linear::Step* bent = acceleration_.bend(model_, solver_, state_, step_);
     if (bent == nullptr) return;
@@ -239,7 +237,7 @@ class Minimizer {
     numbers_.clear();
   }
 
-  // The strategy answers for the step it proposed, at unit length: one that fails without a line
+  // The strategy learns from the step it proposed, at unit length: one that fails without a line
   // search was too long, and the next must be shorter, even if the search made something of it.
   void update_strategy() {
     if (unit_cost_ < cost_) {
@@ -274,7 +272,7 @@ class Minimizer {
     return now_.accepted && before - cost_ <= kSettled * before;
   }
 
-  // Another cost is another problem: what was learned of steps is of the last one.
+  // Another cost is another problem: what was learned from steps belongs to the last one.
   void begin_stage() {
     finished_ = false;
     cost_ = model_.linearize(state_);
@@ -292,7 +290,8 @@ class Minimizer {
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
 
-  // The steps have come to nothing: at a minimum, or because no step falls as the model predicts.
+  // The steps have become negligible: at a minimum, or because no step lowers the cost as the model
+  // predicts.
   void finish_negligible() {
     if (is_flat() || (!progressed() && largest_prediction_ <= negligible())) {
       finish(endings::kStepIsSmall);
@@ -331,7 +330,8 @@ class Minimizer {
     if (ending != nullptr && (is_of_a_listener(stop) || !finished())) finish(*ending);
   }
 
-  // A step that time cuts short is taken, unless the run may go on later, and not cut it.
+  // A step that the time limit cuts short is taken, unless the run may be taken up later, where it
+  // would not be cut.
   bool stop_requested() {
     time_ends_step_ = false;
     return poll(static_cast<bool>(events_.on_resumable)) != Stop::kNo || finished();

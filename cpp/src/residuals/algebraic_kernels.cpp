@@ -1,7 +1,8 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
 #include "packed_batch.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
-#include "sfmcpp/residuals/reprojection_isa.hpp"
+#include "sfmcpp/residuals/algebraic.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::residuals::SFMCPP_ISA {
 namespace {

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "sfmcpp/core/isa.hpp"
-#include "sfmcpp/residuals/resection_isa.hpp"
 
 namespace sfmcpp::residuals {
 namespace {

@@ -1,7 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
 #include "sfmcpp/cameras/visit_camera.hpp"
 #include "sfmcpp/core/simd.hpp"
-#include "sfmcpp/residuals/resection_isa.hpp"
+#include "sfmcpp/residuals/resection.hpp"
 
 namespace sfmcpp::residuals::SFMCPP_ISA {
 namespace {

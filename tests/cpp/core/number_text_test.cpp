@@ -9,8 +9,6 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/core/text_rows.hpp"
-
 namespace sfmcpp::number_text_test {
 namespace {
 

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/core/error.hpp"
-#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 
 namespace sfmcpp::linear::camera_terms_test {
 namespace {

@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "support/random_system.hpp"
 

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/linear/panel_layout.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 #include "support/random_system.hpp"
 
 namespace sfmcpp::linear::parameter_map_test {

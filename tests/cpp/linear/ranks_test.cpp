@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/linear/block_jacobi.hpp"
+#include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "support/random_system.hpp"
 #include "support/threaded_exchange.hpp"

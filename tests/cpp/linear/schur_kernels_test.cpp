@@ -10,8 +10,8 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
-#include "sfmcpp/linear/panel_layout.hpp"
 #include "support/instruction_sets.hpp"
 
 namespace sfmcpp::linear::schur_kernels_test {

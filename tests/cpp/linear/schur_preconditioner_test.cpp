@@ -116,7 +116,7 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   elimination.factor(kDamping);
   const auto structure = structure_of(system);
   const CameraGroups groups = group_cameras(system.normal(), &structure->pattern, kind());
-  const CameraShares shares(
+  const CameraPartition shares(
       system.normal(), groups.clusters, std::vector<double>(system.graph.num_cameras, 1.0));
   BlockSparseSchur schur(system.normal(), elimination, shares, structure);
   SchurPreconditioner preconditioner(system.normal(), &schur, shares, groups);

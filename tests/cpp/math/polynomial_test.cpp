@@ -217,10 +217,5 @@ TEST(RealRoots, AreFoundAtTheEndsOfTheRangeOfDoubles) {
   EXPECT_NEAR(real_roots(Coefficients{-6e-310, 2e-310}).front(), 3.0, 1e-12);
 }
 
-TEST(EvaluatePolynomial, IsTheSumOfItsTerms) {
-  EXPECT_EQ(evaluate_polynomial(Coefficients{7, -3, 0, 2}, 2.0), 7 - 6 + 16);
-  EXPECT_EQ(evaluate_polynomial(Coefficients{}, 2.0), 0.0);
-}
-
 }  // namespace
 }  // namespace sfmcpp::polynomial_test

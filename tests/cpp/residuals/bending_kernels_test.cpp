@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 #include <gtest/gtest.h>
 
-#include "sfmcpp/residuals/bending.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 

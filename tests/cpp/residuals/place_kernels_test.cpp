@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sfmcpp/residuals/places.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 #include "support/kernel_cases.hpp"
 #include "support/random_batch.hpp"
 

@@ -4,11 +4,12 @@
 #include <string_view>
 #include <vector>
 
-#include "sfmcpp/features/nearest_isa.hpp"
-#include "sfmcpp/linear/cholesky_isa.hpp"
-#include "sfmcpp/linear/schur_isa.hpp"
-#include "sfmcpp/residuals/reprojection_isa.hpp"
-#include "sfmcpp/residuals/resection_isa.hpp"
+#include "sfmcpp/features/nearest_kernels.hpp"
+#include "sfmcpp/linear/cholesky_kernels.hpp"
+#include "sfmcpp/linear/schur_kernels.hpp"
+#include "sfmcpp/residuals/algebraic.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
+#include "sfmcpp/residuals/resection.hpp"
 
 namespace sfmcpp::support {
 

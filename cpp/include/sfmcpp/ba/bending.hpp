@@ -1,8 +1,8 @@
-// How the residuals of all observations bend along a step: the second derivative of −r, for the
-// geodesic acceleration (optim/geodesic_acceleration.hpp). One pass over the observations that does
-// not read the Jacobian. Weights of a robust loss stay what they are where the step starts, as in
-// the normal equations; residuals of constraints are taken to be straight, which absolute positions
-// and translations are.
+// Second derivatives of all residuals along a step, of −r, for the geodesic acceleration
+// (optim/geodesic_acceleration.hpp). One pass over the observations that does not read the
+// Jacobian. Weights of a robust loss stay what they are where the step starts, as in the normal
+// equations; residuals of constraints are taken to be linear, which absolute positions and
+// translations are.
 #pragma once
 
 #include <span>
@@ -11,7 +11,7 @@
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/residuals/bending.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 

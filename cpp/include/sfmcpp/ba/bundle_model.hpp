@@ -62,7 +62,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   bool sharpen(optim::State& state) override;
   bool leave(optim::State& state, double cost) override;
   bool come_back(optim::State& state) override;
-  void keep(optim::Memory& memory) override;
+  void keep(optim::Archive& archive) override;
 
   long refit(const linear::Step& step, double cost, optim::State& candidate) override;
 

@@ -1,8 +1,8 @@
-// Cameras whose views a loss has let go of are looked for anew.
+// New searches for cameras most of whose views a robust loss rejects as outliers.
 //
-// A camera that is far off when the scale has fallen keeps few of its views and rests where some
-// wrong ones agree. Given the points each camera is a problem of its own: it is fitted with a scale
-// many times the last, which falls again, and stays where its own views cost less.
+// A camera that is far off when the scale has fallen keeps few inliers and stays in a minimum of
+// some wrong ones. Given the points each camera is a problem of its own: it is fitted with a scale
+// many times the last, which falls again, and the result is kept where its own views cost less.
 #pragma once
 
 #include <vector>

@@ -1,4 +1,4 @@
-// Is a problem legal, and what about it should its owner know?
+// Checks of a problem: rules that it must not break, and warnings about what is legal but doubtful.
 #pragma once
 
 #include <functional>
@@ -24,8 +24,8 @@ void check_values(const Problem& problem);
 // Throws InvalidArgument if a camera observes a point twice.
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph);
 
-// Motions of the whole world that no residual tells: images tell neither its place nor its size.
-// `state` is where it is told which motions constraints are blind to.
+// Degrees of freedom of the whole world that no residual determines: images determine neither its
+// place nor its size. `state`: where it is examined which motions leave constraints as they are.
 long num_world_freedoms(const Problem& problem,
                         const linear::ObservationGraph& graph,
                         const optim::State& state,

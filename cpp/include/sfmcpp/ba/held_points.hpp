@@ -1,9 +1,9 @@
-// A length of its own for each point that a step makes worse.
+// Step lengths of their own for points that a step makes worse.
 //
-// Given the cameras the points know nothing of each other, and one among millions that steps
+// Given the cameras the points are independent of each other, and one among millions that steps
 // through the plane of a camera can cost more than all others have gained: λ would then follow that
-// point, or the step be rejected for all. Where it stands is no reason against the step of the
-// others, so it is drawn back along its own step until it costs no more than before.
+// point, or the step be rejected for all. It need not spoil the step of the others: it is drawn
+// back along its own step until it costs no more than before.
 #pragma once
 
 #include <vector>

@@ -1,28 +1,62 @@
 // The stages of loss 'auto': what cost is minimised next, and from where.
 //
-// The scale falls and rises (falling_scale.hpp), points are looked for anew (point_rescues.hpp),
-// and then detours are made: an observation just beyond the reach of the loss draws nothing, though
-// its point and its camera would come to agree with it together. At twice the scale it does;
-// whether that was worth it the cost tells, back at the scale. At last cameras are looked for anew
+// The scale falls and rises (loss_stages.hpp), points are searched for anew (point_rescues.hpp),
+// and then detours are made: an observation just beyond the scale of the loss has no influence,
+// though its point and its camera could come to agree with it together. At twice the scale it has;
+// the detour is kept if the cost is lower back at the scale. At last cameras are searched for anew
 // (camera_rescues.hpp), judged in the same way.
 #pragma once
 
 #include <optional>
 
 #include "sfmcpp/ba/camera_rescues.hpp"
-#include "sfmcpp/ba/falling_scale.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/ba/point_rescues.hpp"
-#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/archive.hpp"
 
 namespace sfmcpp::ba {
+
+// The scale of loss 'auto': the size up to which residuals are denser than the background of
+// outliers.
+//
+// Far from a minimum good observations have large residuals, and a loss that rejects these never
+// comes near. So the scale begins where the residuals of the start tell outliers from the rest, and
+// falls as the rest comes closer: graduated non-convexity (Blake & Zisserman 1987; Black &
+// Rangarajan 1996; Yang, Antonante, Tzoumas & Carlone 2020), with the stages determined by the
+// data.
+//
+// Where the right residuals have long tails, a scale that keeps them also keeps pairs of wrong
+// observations that agree by chance, and these hold the cameras off for good. So it falls to the
+// bulk of the residuals first, and rises to their tails once the cameras are right.
+class FallingScale {
+ public:
+  // Outliers are taken to lie around the image of a point as the observations of an image lie
+  // around each other. The scale does not fall below `least`. The reference must outlive this
+  // object.
+  FallingScale(const ImageResiduals& images, double least);
+
+  double at(const optim::State& state) const;
+  // The scale that follows `scale`; itself where it has come to the bulk of the residuals, or where
+  // it lets go of none.
+  double after(double scale, const optim::State& state) const;
+  // Whether no residual is beyond `scale`.
+  bool keeps_all(double scale, const optim::State& state) const;
+  // No smaller than `scale`, to which it has fallen: as far as residuals are much denser than
+  // outliers.
+  double last(double scale, const optim::State& state) const;
+
+ private:
+  const ImageResiduals& images_;
+  double least_;
+  double area_;  // of the images, in squared standard deviations
+};
 
 // Where a detour began.
 struct LeftMinimum {
   optim::State state;
   double cost = 0.0;
 
-  void keep(optim::Memory& memory);
+  void keep(optim::Archive& archive);
 };
 
 class LossStages {
@@ -39,7 +73,7 @@ class LossStages {
   bool sharpen(optim::State& state);
   bool leave(optim::State& state, double cost);
   bool come_back(optim::State& state);
-  void keep(optim::Memory& memory);
+  void keep(optim::Archive& archive);
 
  private:
   // How often points are looked for anew, once the scale moves no more: the cameras move once these

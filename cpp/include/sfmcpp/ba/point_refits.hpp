@@ -14,7 +14,7 @@
 
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/residuals/places.hpp"
+#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 

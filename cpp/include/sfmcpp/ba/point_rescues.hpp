@@ -1,10 +1,9 @@
-// Points that most of their views have nothing to do with are looked for anew.
+// New searches for points most of whose views a robust loss rejects as outliers.
 //
-// A loss that lets go of what is far off lets go of all views of a point that outliers have led
-// away, and nothing brings it back. Given the cameras each such point is a problem of its own:
-// places are tried where the rays of two of its views meet (Fischler & Bolles 1981) and a third
-// view agrees, and the one that costs least is taken if that saves a tenth of what a view let go of
-// costs.
+// A loss that rejects what is far off rejects all views of a point that outliers have led away, and
+// no gradient brings it back. Given the cameras each such point is a problem of its own: places are
+// tried where the rays of two of its views meet (Fischler & Bolles 1981) and a third view agrees,
+// and the one that costs least is taken if that saves a tenth of what a rejected view costs.
 #pragma once
 
 #include <vector>
@@ -13,7 +12,7 @@
 
 namespace sfmcpp::ba {
 
-// Of what a view that is let go of costs: what looking anew for a point or a camera has to save.
+// Share of what a rejected view costs: a new search for a point or a camera has to save so much.
 inline constexpr double kLeastRescueGain = 0.1;
 
 class PointRescues {

@@ -21,7 +21,7 @@ struct Rigs {
   std::span<const double> sensors{};             // S × 12, row-major: [R | t] rig_from_sensor
   std::span<const int> frame_of_camera{};        // C
   std::span<const int> sensor_of_camera{};       // C
-  std::span<const std::uint8_t> free_sensors{};  // S, or empty: none (ba/free_sensors.hpp)
+  std::span<const std::uint8_t> free_sensors{};  // S, or empty: none (ba/rigs.hpp)
 
   bool empty() const { return frame_of_camera.empty(); }
   int num_sensors() const { return static_cast<int>(sensors.size() / kCameraStorage); }
@@ -82,5 +82,14 @@ optim::State state_of(const Problem& problem);
 linear::ObservationGraph graph_of(const Problem& problem, Exchange& exchange = this_process());
 // The same without the sums over the ranks.
 linear::ObservationGraph graph_of_this_rank(const Problem& problem);
+
+// A problem as cameras without distortion see it: projection matrices and pixels.
+
+// 3×4, row-major, to pixels, for each camera: K [Rᵀ | −Rᵀc] of metric ones.
+void projection_matrices(const Problem& problem, double* matrices);
+
+// Two numbers per observation: where a lens of the same pinhole without distortion would have seen
+// it.
+void undistort_pixels(const Problem& problem, double* pixels);
 
 }  // namespace sfmcpp::ba

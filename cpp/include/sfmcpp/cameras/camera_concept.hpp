@@ -1,4 +1,4 @@
-// What the solver asks of a camera model, and the part that all metric cameras share.
+// The interface of a camera model, and the part that all metric cameras share.
 //
 // Everything is a template on the number type `Real`: `double` for reference and tests, a Pack of
 // doubles for the kernels, which treat several observations of one camera at once.

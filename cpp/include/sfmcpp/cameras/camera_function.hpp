@@ -1,5 +1,5 @@
-// A camera model whose images are told by a function from outside: poses and points are those of
-// metric cameras, and the function takes points in the frame of their camera to pixels.
+// A camera model given by a function from outside: poses and points are those of metric cameras,
+// and the function takes points in the frame of their camera to pixels.
 #pragma once
 
 #include <span>

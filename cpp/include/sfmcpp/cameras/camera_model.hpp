@@ -78,7 +78,8 @@ void plus_camera(const CameraModel& model,
                  double* result);
 void plus_point(const CameraModel& model, const double* point, const double* delta, double* result);
 
-// Takes out what no image sees: the scale of homogeneous coordinates. Nothing for metric models.
+// Normalises what no image depends on: the scale of homogeneous coordinates. Nothing for metric
+// models.
 void normalize_camera(const CameraModel& model, double* camera);
 void normalize_point(const CameraModel& model, double* point);
 

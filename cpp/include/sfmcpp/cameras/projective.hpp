@@ -27,7 +27,7 @@ struct ProjectiveCamera {
     Real x[3];
     multiply(p, q, x);
     const Real inverse = Real(1.0) / x[2];
-    // In front or behind means nothing here: only a point at w = 0 is not in the image.
+    // A projective camera has no front: only a point at w = 0 is not in the image.
     return {
         x[0] * inverse * frame[0] + frame[1], x[1] * inverse * frame[0] + frame[2], x[2] * x[2]};
   }

@@ -1,4 +1,4 @@
-// From the name of a camera model to its type: the registry of the camera models.
+// The registry of the camera models: from the name of a model to its type.
 #pragma once
 
 #include "sfmcpp/cameras/bal.hpp"
@@ -39,7 +39,8 @@ decltype(auto) visit_camera(const CameraModel& model, const F& f) {
   return visit_camera(model.compiled(), f);
 }
 
-// The same where nothing but cameras and points and what moves them is asked for: of any model.
+// The same for code that needs no images, only cameras, points and their updates: any model,
+// functions too.
 template <class F>
 decltype(auto) visit_space(const CameraModel& model, const F& f) {
   if (model.function() != nullptr) return f(MetricSpace{});

@@ -5,7 +5,7 @@
 // small problem as much as a step; and given back, they would have to be cleared again for the next
 // solve. So arrays are cut from one piece of address space, and what they leave is kept for the
 // next solve. The piece is bounded: what does not fit comes from the system. Huge pages are not
-// asked for: virtual machines have to find them first, which took more than they saved
+// requested: virtual machines have to find them first, which took longer than they saved
 // (docs/benchmarks.md, "cold starts").
 #pragma once
 

@@ -1,5 +1,5 @@
-// One table per enum holds what is known of its values: their names, what they mean, and facts such
-// as "has a damping". Messages, bindings, the command line and the solver read it from there.
+// One table per enum holds the facts of its values: their names, what they mean, and facts such as
+// "has a damping". Messages, bindings, the command line and the solver read it from there.
 #pragma once
 
 #include <array>
@@ -52,7 +52,7 @@ constexpr bool is_enumerator(E value) {
   return static_cast<std::size_t>(value) < EnumTraits<E>::kTable.size();
 }
 
-// All that is known of a value.
+// The row of a value.
 template <class E>
 constexpr const auto& facts_of(E value) {
   static_assert(is_in_order<E>(), "the rows of a table are in the order of the enum");

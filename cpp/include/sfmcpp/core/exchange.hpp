@@ -1,6 +1,6 @@
-// The one seam for every sum over observations or points.
+// The interface through which every sum over observations or points passes.
 //
-// A problem may be cut by points: each rank then holds a part of the points with all their
+// A problem may be partitioned by points: each rank then holds a part of the points with all their
 // observations, and all cameras. What a rank adds up over its own part passes through here before
 // it is used, so that every rank goes on with the same numbers; the default is one rank alone.
 //
@@ -37,7 +37,7 @@ class Exchange {
                        std::span<const int> counts,
                        std::span<double> received,
                        std::span<const int> received_counts) = 0;
-  // Whether any rank says so.
+  // Whether it is true on any rank.
   virtual bool agree(bool mine) = 0;
 
   // The same where a rank cannot know how much it gets; it is told `received_counts`, too.

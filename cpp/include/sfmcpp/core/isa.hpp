@@ -21,6 +21,19 @@ Isa active_isa();
 
 }  // namespace sfmcpp
 
+// Declares a function of the kernels for each instruction set, in a namespace of its own below the
+// one in which this stands. Only SFMCPP_FOR_ACTIVE_ISA chooses among them.
+#define SFMCPP_DECLARE_FOR_EACH_ISA(...) \
+  namespace baseline {                   \
+  __VA_ARGS__;                           \
+  }                                      \
+  namespace avx2 {                       \
+  __VA_ARGS__;                           \
+  }                                      \
+  namespace avx512 {                     \
+  __VA_ARGS__;                           \
+  }
+
 // The call of a function of the same name in the namespace of the active instruction set, each of
 // them below the namespace in which this stands.
 #if defined(__x86_64__)

@@ -6,7 +6,7 @@ namespace sfmcpp {
 // Physical memory in bytes, or what a container may have of it.
 double memory_limit_bytes();
 
-// A whole number that tells this machine, by its name, from others.
+// A whole number that identifies this machine, made from its name.
 double machine_number();
 
 }  // namespace sfmcpp

@@ -1,4 +1,4 @@
-// The exchange between processes, over whatever moves numbers between them.
+// The exchange between processes, over any means of moving numbers between them (MPI).
 //
 // Sums are taken here, in the order of the ranks: those of MPI_Allreduce may have other bits from
 // run to run. Of a long array each rank adds up one share, so that none holds all arrays of all.

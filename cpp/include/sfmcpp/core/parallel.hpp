@@ -146,9 +146,9 @@ class ThreadPool {
 // What a region throws that was stopped.
 struct Stopped {};
 
-// While it lives, `is_wanted` is asked a few times a second by the thread that enters the regions
-// of the pool, between tasks; once it says yes, regions throw Stopped. What they were to write is
-// written in part.
+// While it lives, `is_wanted` is called a few times a second by the thread that enters the regions
+// of the pool, between tasks; once it returns true, regions throw Stopped, and their outputs are
+// incomplete.
 class StopWatcher {
  public:
   StopWatcher(ThreadPool& pool, std::function<bool()> is_wanted);

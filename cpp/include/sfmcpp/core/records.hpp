@@ -1,6 +1,6 @@
 // Records of a binary file: each a head of a fixed size that ends with a count (8 bytes,
-// little-endian), then that many items of a fixed size. Only the record before tells where the next
-// one is.
+// little-endian), then that many items of a fixed size. Only the record before determines where the
+// next one is.
 #pragma once
 
 #include <string_view>

@@ -9,6 +9,8 @@
 
 #include <cstdint>
 
+#include "sfmcpp/core/isa.hpp"
+
 namespace sfmcpp::features {
 
 // Of a descriptor, so that nothing overflows.
@@ -58,5 +60,7 @@ struct NearestKernels {
 
 // With instructions that sum products of bytes where `byte_products` and there are such.
 NearestKernels nearest_kernels(bool byte_products = true);
+
+SFMCPP_DECLARE_FOR_EACH_ISA(NearestKernels nearest_kernels_of(bool byte_products))
 
 }  // namespace sfmcpp::features

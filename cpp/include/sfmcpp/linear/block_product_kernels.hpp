@@ -3,6 +3,8 @@
 // matrix is exactly symmetric and conjugate gradients see rounding of its entries alone.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
+
 namespace sfmcpp::linear {
 
 struct BlockProductKernels {
@@ -15,14 +17,16 @@ struct BlockProductKernels {
                   int first,
                   const double* x,
                   double* out);
-  // out += B x for a block of panel_layout.hpp in double precision.
+  // out += B x for a block of block_layout.hpp in double precision.
   void (*add_block)(const double* block, const double* x, double* out);
-  // Rounds a block of panel_layout.hpp to one as the product wants it: its transpose, in the same
+  // Rounds a block of block_layout.hpp to one as the product wants it: its transpose, in the same
   // layout.
   void (*round)(const double* block, float* out);
 };
 
 // `camera_size` must be one of padded_camera_size().
 BlockProductKernels block_product_kernels(int camera_size);
+
+SFMCPP_DECLARE_FOR_EACH_ISA(BlockProductKernels product_kernels_for(int camera_size))
 
 }  // namespace sfmcpp::linear

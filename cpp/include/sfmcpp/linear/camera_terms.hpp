@@ -47,8 +47,8 @@ class CameraTerms {
   void add_product(const ParameterMap& map,
                    const std::vector<double>& x,
                    std::vector<double>& out) const;
-  // The same of the blocks of some rows, and of their transposes; for each camera: is it one of
-  // them?
+  // The same of the blocks of some rows, and of their transposes. `rows`: for each camera, whether
+  // its row is one of them.
   void add_product(const ParameterMap& map,
                    const std::vector<char>& rows,
                    const std::vector<double>& x,

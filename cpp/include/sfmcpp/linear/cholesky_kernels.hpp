@@ -4,6 +4,8 @@
 // kStrip, columns in multiples of kPanel; the caller pads.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
+
 namespace sfmcpp::linear {
 
 inline constexpr int kStrip = 16;
@@ -25,19 +27,22 @@ struct CholeskyKernels {
   void (*update_packed)(
       const double* a, const double* b, double* c, long ld, int inner, int columns);
   // a ← its Cholesky factor, a square of `size` (a multiple of kPanel; rows to whole strips). The
-  // strict upper triangle is overwritten with anything. False: not positive definite.
+  // strict upper triangle is overwritten with unspecified values. False: not positive definite.
   bool (*factor)(double* a, long ld, int size);
   // x ← x l⁻ᵀ for one strip x of `size` columns and a factor l of that size.
   void (*solve_strip)(const double* l, double* x, long ld, int size);
   // target[run.target + k] += source[run.source + k] for the rows of the runs within [begin, end)
   // of the source.
   void (*add_runs)(const double* source, double* target, const RowRun* runs, int begin, int end);
-  // For l of `columns` columns and, in all, `rows` rows: x ← l⁻¹ x for the first, what they
-  // contribute is taken from the others; and back: x ← l⁻ᵀ x for the first, given the others.
+  // Triangular solves with a trapezoid l of `columns` columns and `rows` rows. Forward: x ← l⁻¹ x
+  // for the first `columns` entries, whose products with the rows below are subtracted from the
+  // other entries. Backward: x ← l⁻ᵀ x for the first, given the others.
   void (*forward)(const double* l, long ld, int columns, int rows, double* x);
   void (*backward)(const double* l, long ld, int columns, int rows, double* x);
 };
 
 CholeskyKernels cholesky_kernels();
+
+SFMCPP_DECLARE_FOR_EACH_ISA(CholeskyKernels cholesky_kernels_of())
 
 }  // namespace sfmcpp::linear

@@ -28,8 +28,8 @@ struct ConjugateGradientResult {
 
 using LinearMap = std::function<void(const std::vector<double>& in, std::vector<double>& out)>;
 
-// Solves A x = b from x = 0, until a rule of the options or `should_stop`. Vectors may be cut over
-// the ranks of an exchange, each with some of their numbers.
+// Solves A x = b from x = 0, until a rule of the options or `should_stop`. Vectors may be
+// distributed over the ranks of an exchange, each of which holds some of their entries.
 ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
                                            const LinearMap& a,
                                            const LinearMap& preconditioner,

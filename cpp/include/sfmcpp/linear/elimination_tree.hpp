@@ -4,13 +4,19 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
-
-#include "sfmcpp/linear/block_ordering.hpp"
 
 namespace sfmcpp::linear {
 
-// Both halves of a block graph, by rows.
+// A sparse symmetric matrix of blocks: a node for each variable block, an edge for each pair that
+// meets in a block which is not zero.
+struct BlockGraph {
+  std::vector<int> size;                   // columns of each variable block
+  std::vector<std::pair<int, int>> edges;  // (smaller, larger) block of each coupled pair, sorted
+};
+
+// The neighbours of each node of a block graph: both halves of the symmetric matrix, by rows.
 struct Adjacency {
   std::vector<std::int64_t> begin;
   std::vector<int> neighbour;  // ascending within a row

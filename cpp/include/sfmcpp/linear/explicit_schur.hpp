@@ -6,7 +6,6 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/linear/other_residuals.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 #include "sfmcpp/linear/schur_rows.hpp"
 
@@ -20,7 +19,7 @@ class ReducedSolver;
 // thread in the order of the rows; then rows are formed in batches, and no more than one is kept.
 class ExplicitSchurSolver final : public LinearSolver {
  public:
-  // Null for a structure that nothing has asked for yet; a sparse solver needs all of it.
+  // `structure`: null where it has not been computed yet; a sparse solver needs all of it.
   ExplicitSchurSolver(const NormalEquations& normal,
                       LinearSolverKind kind,
                       std::shared_ptr<const ReducedStructure> structure = nullptr);

@@ -2,7 +2,7 @@
 //   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
 //   iterative  conjugate gradients; S in blocks of single precision where that costs less than to
-//   multiply from the Jacobian, else never formed; preconditioners (preconditioner_kind.hpp)
+//   multiply from the Jacobian, else never formed
 #pragma once
 
 #include <array>
@@ -15,7 +15,6 @@
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/linear/preconditioner_kind.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 #include "sfmcpp/linear/solver_costs.hpp"
 
@@ -23,7 +22,9 @@ namespace sfmcpp {
 
 namespace linear {
 enum class LinearSolverKind { kAuto, kDense, kSparse, kIterative };
-}
+// Of the iterative solver.
+enum class PreconditionerKind { kAuto, kSchurJacobi, kClusters, kTwoLevels };
+}  // namespace linear
 
 template <>
 struct EnumTraits<linear::LinearSolverKind> {
@@ -37,6 +38,25 @@ struct EnumTraits<linear::LinearSolverKind> {
         "preconditioned conjugate gradients on the Schur complement"}});
 };
 
+template <>
+struct EnumTraits<linear::PreconditionerKind> {
+  static constexpr std::string_view kWhat = "preconditioner";
+  static constexpr auto kTable = std::to_array<EnumRow<linear::PreconditionerKind>>(
+      {{linear::PreconditionerKind::kAuto,
+        "auto",
+        "clusters for many cameras whose Schur complement is formed in blocks, else "
+        "schur-jacobi"},
+       {linear::PreconditionerKind::kSchurJacobi,
+        "schur-jacobi",
+        "the blocks of single cameras of the Schur complement"},
+       {linear::PreconditionerKind::kClusters,
+        "clusters",
+        "its blocks of clusters of cameras that see many points in common"},
+       {linear::PreconditionerKind::kTwoLevels,
+        "two-levels",
+        "those, and neighbourhoods of cameras that move as one"}});
+};
+
 namespace linear {
 
 struct LinearSolverOptions {
@@ -47,7 +67,8 @@ struct LinearSolverOptions {
   int pcg_max_iterations = 500;
   double pcg_forcing = 5e-3;  // conjugate_gradient.hpp
   PreconditionerKind preconditioner = PreconditionerKind::kAuto;
-  // That a solve may take beside the problem itself; none: a share of the machine's for matrices.
+  // Limit on the memory of a solve besides the problem itself; none: a share of the machine's
+  // memory, for matrices alone.
   std::optional<double> max_memory_bytes{};
 };
 
@@ -75,15 +96,15 @@ class LinearSolver {
   virtual LinearSolveResult solve(const Damping& damping,
                                   Step& step,
                                   const std::function<bool()>& should_stop) = 0;
-  // Whether the normal equations are to hold modes (camera_modes.hpp).
+  // Whether the normal equations are to hold modes (world_motions.hpp).
   virtual bool wants_camera_modes() const { return false; }
-  // All that a solver has learned from its solves are the iterations that each took; another of the
-  // same choice that replays them goes on with the same bits. None where nothing is learned.
+  // What a solver carries from one solve to the next: the iterations that each took. Another of the
+  // same choice that replays them goes on with the same bits. Empty where it carries nothing.
   virtual std::vector<int> iterations_of_solves() const { return {}; }
   virtual void replay(const std::vector<int>& /*iterations_of_solves*/) {}
   // So far, for the summary.
   virtual std::vector<SolverChange> changes() const { return {}; }
-  // Whether it keeps factors with which another right-hand side costs little.
+  // Whether it keeps its factors, so that another right-hand side costs little.
   virtual bool can_solve_again(Unknowns) const { return false; }
   // The step that solves the system of the last `solve` with Jᵀ h on its right, for other residuals
   // h of the observations, two each; those of constraints are taken as zero. False: not finite.

@@ -9,13 +9,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <variant>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
-#include "sfmcpp/linear/camera_modes.hpp"
 #include "sfmcpp/linear/camera_terms.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
@@ -52,6 +52,21 @@ struct PointBlock {
   double rhs[3];
 
   std::array<double, 3> diagonal() const { return {v00, v11, v22}; }
+};
+
+// Directions of the cameras along which the cost is expected to change slowly when all cameras of a
+// neighbourhood go along: the near-null space of S, for preconditioners. The room that knows
+// what a camera is fills them in (ba/world_motions.hpp); count = 0: there are none.
+struct CameraModes {
+  int count = 0;
+  std::vector<double> values;  // per camera: D × count, row-major
+
+  double* of_camera(int camera, int camera_size) {
+    return values.data() + static_cast<std::size_t>(camera) * camera_size * count;
+  }
+  const double* of_camera(int camera, int camera_size) const {
+    return values.data() + static_cast<std::size_t>(camera) * camera_size * count;
+  }
 };
 
 // Points per parallel task, and per task where there is little to do for each.
@@ -103,8 +118,8 @@ class NormalEquations {
   // For the kernels.
   StoredJacobian jacobian() const;
   // Σ Jᵀ r of a camera before rounding, for the kernels; null in double precision, where they find
-  // it. At a minimum it is a small difference of large numbers: rounded, it would push along the
-  // gauge and whatever else damping alone holds.
+  // it. At a minimum it is a small difference of large numbers: its rounding error would move the
+  // state along the gauge and along other directions that damping alone determines.
   const double* unrounded_gradient(int camera) const {
     return gradients_.empty() ? nullptr : gradients_.data() + long{map_.camera_size} * camera;
   }
@@ -125,13 +140,14 @@ class NormalEquations {
   Slopes slopes(const Step& step) const;
   // ‖Jδ‖²: the quadratic model along the step is F + α slope + ½ α² curvature.
   double curvature(const Step& step) const;
-  // What the model falls by along the whole of any step: −slope − ½ curvature.
+  // Decrease of the quadratic model along the whole of any step: −slope − ½ curvature.
   double model_decrease(const Step& step) const;
 
-  // The same for the δ that solves the damped system, at no cost: ½ δᵀ (b + λ D δ).
+  // The same for the δ that solves the damped system, without a pass over J: ½ δᵀ (b + λ D δ).
   double predicted_decrease(const Step& step, const Damping& damping) const;
 
-  // Calls add(i, columns) for every camera: each reduced column meets its cameras in their order.
+  // Calls add(i, columns) for every camera: what cameras add to a reduced column is added in their
+  // order.
   template <class F>
   void for_each_camera_in_order(const F& add) const {
     pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {

@@ -49,7 +49,7 @@ struct ObservationGraph {
   int observations_of_camera(int i) const { return camera_begin[i + 1] - camera_begin[i]; }
   // On any rank.
   bool is_observed(int i) const { return of_camera_on_all_ranks[i] > 0.0; }
-  // Whether anything tells where it is.
+  // Whether images or other residuals determine it.
   bool takes_part(int i) const { return is_observed(i) || (!held.empty() && held[i]); }
   int observations_of_point(int p) const { return point_begin[p + 1] - point_begin[p]; }
 };

@@ -1,16 +1,41 @@
-// What is known of the reduced camera system before there are numbers, made once for a problem:
-// which cameras meet, which variable blocks meet, a fill-reducing order of these, and the panels of
-// their factor. All symbolic work is done on blocks, not on scalars.
+// Symbolic analysis of the reduced camera system, done once for a problem and on blocks, not
+// scalars: which cameras meet, which variable blocks meet, a fill-reducing order of these, and the
+// panels of their factor.
 #pragma once
 
 #include <vector>
 
+#include "sfmcpp/core/exchange.hpp"
+#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/block_ordering.hpp"
-#include "sfmcpp/linear/camera_pattern.hpp"
+#include "sfmcpp/linear/camera_terms.hpp"
+#include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 #include "sfmcpp/linear/supernodes.hpp"
 
 namespace sfmcpp::linear {
+
+// Block (i, j), j ≥ i, is stored when cameras i and j see a common point, are one of `pairs`
+// (camera_terms.hpp), or i = j. Values lie row after row, each block in panel layout.
+struct CameraPattern {
+  std::vector<long> row_begin;  // blocks of row i: [row_begin[i], row_begin[i + 1])
+  std::vector<int> column;  // camera j of each block, ascending within a row; the first is i itself
+
+  int num_rows() const { return static_cast<int>(row_begin.size()) - 1; }
+  long num_blocks() const { return row_begin.back(); }
+};
+
+// A row is the union of the tracks of its camera, as sets of 64 cameras in the bits of a word, and
+// is finished early once it has all later cameras. So long tracks, whose pairs would take longer to
+// list than the system takes to solve, cost little more than their observations.
+CameraPattern make_camera_pattern(const ObservationGraph& graph,
+                                  const CameraPairs& pairs,
+                                  ThreadPool& pool);
+// The same for the points of all ranks.
+CameraPattern make_global_camera_pattern(const ObservationGraph& graph,
+                                         const CameraPairs& pairs,
+                                         ThreadPool& pool,
+                                         Exchange& exchange);
 
 // Σ over the points of this rank of n_p (n_p + 1) / 2: camera pairs to update in one formation of
 // S.

@@ -14,6 +14,7 @@
 // J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/precision.hpp"
 
 namespace sfmcpp::linear {
@@ -90,7 +91,8 @@ struct SchurKernels {
                           double* gradient,
                           double* diagonal);
   void (*schur_row)(const SchurRow& row);
-  // In a fraction of the time; null where a block does not fit into the registers.
+  // The same by lists of pairs, in a fraction of the time; null where a block does not fit into the
+  // registers.
   void (*sum_pairs)(const PairSums& row);
   // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
   // four numbers each, of which the last means nothing.
@@ -150,5 +152,7 @@ struct SchurKernels {
 
 // `camera_size` must be one of padded_camera_size(), the precision not auto.
 SchurKernels schur_kernels(int camera_size, Precision stored);
+
+SFMCPP_DECLARE_FOR_EACH_ISA(SchurKernels kernels_for(int camera_size, Precision stored))
 
 }  // namespace sfmcpp::linear

@@ -4,13 +4,13 @@
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
-#include "sfmcpp/linear/camera_pattern.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {
 
-// What the lists of so many pairs take; zero where none are kept.
+// Memory of the lists of so many pairs; zero where no lists are kept.
 double pair_list_bytes(const SchurKernels& kernels, double pairs, double observations);
 
 // Pairs of observations of a point, by the block of S that they add to: with them a block is summed
@@ -24,7 +24,7 @@ class PairLists {
 
   bool empty() const { return pairs_.empty(); }
   const ObservationPair* pairs() const { return pairs_.data(); }
-  // Of the blocks of a row behind the diagonal one, and the end.
+  // Where the pairs of each block of a row begin, the diagonal one left out, and the end.
   const long* begin_of_row(long first_block) const { return begin_.data() + first_block + 1; }
 
  private:

@@ -54,7 +54,7 @@ struct EnumTraits<linear::Work> {
 
 namespace linear {
 
-// Else bytes, or things to do.
+// Whether an amount of this work is in flops; else it is in bytes, or in items.
 bool is_flops(Work work);
 
 // Amounts, or seconds a unit, of each kind of work.
@@ -87,6 +87,22 @@ struct SolverCounts {
 // coupled blocks below the diagonal the columns of a factor have at least E in all, and the sum of
 // their squares is least where all are alike.
 void bound_sparse_factor(SolverCounts& counts);
+
+// What the iterative solver does for a step, counted before it is done.
+struct IterativeCounts {
+  double iteration_bytes = 0.0;  // read and written
+  double kept_bytes = 0.0;       // besides the normal equations
+};
+
+IterativeCounts count_from_jacobian(const SolverCounts& counts);
+// With S in blocks.
+IterativeCounts count_with_blocks(const SolverCounts& counts);
+
+// Iterations that a step is expected to take with clusters, before any has been taken; later those
+// of the last step are the better estimate (Iteration::linear_solver_iterations). The first three
+// steps on a city of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135,
+// the first eight on 1,000 photos 37.
+inline constexpr double kExpectedIterations = 100;
 
 struct SolverForecast {
   LinearSolverKind kind{};

@@ -1,5 +1,5 @@
-// Steps as vectors: their cameras' part is the same on every rank, their points' part is cut over
-// the ranks.
+// Steps as vectors: the cameras' part is the same on every rank, the points' part is distributed
+// over the ranks.
 #pragma once
 
 #include "sfmcpp/linear/normal_equations.hpp"
@@ -15,7 +15,8 @@ void add_scaled(const NormalEquations& normal, double s, const Step& x, Step& y)
 
 // b = Jᵀ r.
 Step negative_gradient(const NormalEquations& normal);
-// What steps of each parameter by itself would gain, ½ bᵀD⁻¹b: no damping and no unit enters.
+// Sum of the decreases of the quadratic model if each parameter moved alone, ½ bᵀD⁻¹b: independent
+// of damping and of units.
 double decrease_by_each_alone(const NormalEquations& normal);
 // The entries of D, in the shape of a step.
 Step damping_entries(const NormalEquations& normal, DampingMatrix matrix);

@@ -1,10 +1,10 @@
 // Cholesky factorisation of a sparse matrix of blocks by supernodes (supernodes.hpp), in place.
 //
-// Right-looking: what a supernode takes from those above is computed tile by tile, in the cache,
-// and added to their panels. Disjoint subtrees are tasks; what they take from the supernodes above
-// them is gathered in a triangle for each, since two may not write to one panel. Then the
-// supernodes above follow one after the other, each with all threads. Every entry is summed in one
-// fixed order: the bits do not depend on the number of threads.
+// Right-looking: the update of a supernode to its ancestors is computed tile by tile, in the cache,
+// and added to their panels. Disjoint subtrees are parallel tasks; each gathers its updates to
+// supernodes outside the subtree in a triangle of its own, since two tasks may not write to one
+// panel. Then the supernodes above the subtrees follow one after the other, each with all threads.
+// Every entry is summed in one fixed order: the bits do not depend on the number of threads.
 #pragma once
 
 #include <span>
@@ -14,13 +14,66 @@
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
-#include "sfmcpp/linear/block_place.hpp"
+#include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
-#include "sfmcpp/linear/panel_products.hpp"
-#include "sfmcpp/linear/supernodal_updates.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/supernodes.hpp"
 
 namespace sfmcpp::linear {
+
+// The updates of several subtrees to the supernodes above, the lower triangle of a square matrix:
+// columns in groups of kStrip that begin with the strip of their diagonal.
+class UpdateTriangle {
+ public:
+  UpdateTriangle() = default;
+  explicit UpdateTriangle(int size);
+
+  std::int64_t num_entries() const { return num_entries_; }
+  int padded_size() const { return padded_; }
+  // Where row 0 of a column would be: row r is `r` further. Rows above the strip of the diagonal
+  // are not stored.
+  std::int64_t column(int c) const {
+    const std::int64_t group = c / kStrip;
+    return kStrip * (group * padded_ - kStrip * group * (group - 1) / 2) +
+           (c - kStrip * group) * (padded_ - kStrip * group) - kStrip * group;
+  }
+
+ private:
+  int padded_ = 0;
+  std::int64_t num_entries_ = 0;
+};
+
+inline constexpr int kOutside = -1;
+
+// The columns [begin, end) of an update belong to one supernode; the runs give the place of the
+// update's rows, from `begin` on, among the rows of its panel (the first of these are its columns).
+struct UpdateTarget {
+  int supernode;  // or kOutside: the triangle of the subtrees
+  int begin;
+  int end;
+  int first_run;
+  int num_runs;
+};
+
+// Where the rows below a supernode lie in the panels of the supernodes above.
+struct UpdateMap {
+  std::vector<UpdateTarget> targets;
+  std::vector<RowRun> runs;
+
+  void clear() {
+    targets.clear();
+    runs.clear();
+  }
+};
+
+// `rows`: places, `offsets`: their first rows in an update of `height` rows. What lies above
+// `subtrees` goes to their triangle; null: there is none.
+void make_update_map(const Supernodes& supernodes,
+                     std::span<const int> rows,
+                     std::span<const int> offsets,
+                     int height,
+                     const Subtrees* subtrees,
+                     UpdateMap& map);
 
 class SupernodalCholesky {
  public:
@@ -61,7 +114,7 @@ class SupernodalCholesky {
       int supernode, const Subtrees* part, double* triangle, ThreadPool* pool, int worker);
   void add_tile(const Work& plan, const ProductTile& tile, const double* product, double* triangle);
 
-  // What subtrees take from the right-hand side of the supernodes above them.
+  // The updates of subtrees to the right-hand side of the supernodes above them.
   struct Outside {
     const Subtrees* part;
     std::vector<double> taken;

@@ -24,11 +24,10 @@ struct WeightedGraph {
 
 enum Side : char { kLeft = 0, kRight = 1, kSeparator = 2 };
 
-// The side of each node; no neighbour of a left node is a right one. Multilevel: pairs of nodes
-// that are joined by heavy edges become one, again and again; a small graph is cut by growing
-// regions, and the cut improved on every graph on the way back (Hendrickson & Leland 1995, Karypis
-// & Kumar 1998; separators moved node by node as by Fiduccia & Mattheyses 1982). The same result
-// each time.
+// The side of each node; no neighbour of a left node is a right one. Multilevel: pairs of nodes are
+// contracted along heavy edges, level by level; the coarsest graph is cut by growing regions, and
+// the cut is refined on every level on the way back (Hendrickson & Leland 1995, Karypis & Kumar
+// 1998; separators moved node by node as by Fiduccia & Mattheyses 1982). The same result each time.
 std::vector<Side> find_separator(const WeightedGraph& graph);
 
 }  // namespace sfmcpp::linear

@@ -1,5 +1,5 @@
 // A number with its first and second derivative along one direction. What is a template on its
-// number type gives with it, in one pass, how its result bends along a step.
+// number type gives with it, in one pass, the second derivative of its result along a step.
 #pragma once
 
 #include "sfmcpp/core/simd.hpp"

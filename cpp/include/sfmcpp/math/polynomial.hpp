@@ -9,9 +9,6 @@ namespace sfmcpp {
 
 inline constexpr double kMachineEpsilon = std::numeric_limits<double>::epsilon();
 
-// Value at x of c₀ + c₁ x + … + cₙ xⁿ (Horner).
-double evaluate_polynomial(std::span<const double> coefficients, double x);
-
 // The real roots of c₀ + c₁ x + … + cₙ xⁿ, ascending, each root once however often it counts. They
 // are found between the roots of the derivative, recursively, by Newton steps safeguarded by
 // bisection: no complex arithmetic, and a simple root is right to what rounding leaves of the

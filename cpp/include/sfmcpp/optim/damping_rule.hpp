@@ -2,7 +2,7 @@
 #pragma once
 
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/archive.hpp"
 
 namespace sfmcpp::optim {
 
@@ -14,14 +14,14 @@ class DampingRule {
   virtual void rejected() = 0;
   virtual linear::Damping damping() const = 0;
   // Hands over what it has learned.
-  virtual void keep(Memory& memory) = 0;
+  virtual void keep(Archive& archive) = 0;
 };
 
 // λ₀ of the rule of Hartley (thesis §2.2.2.4), and τ of that of Nielsen, where the options leave
 // them open.
 inline constexpr double kHartleyStart = 1e-3;
 inline constexpr double kNielsenStart = 1e-4;
-// λ beyond this moves nothing any more.
+// With a λ beyond this no unknown moves any more.
 inline constexpr double kMaxLambda = 1e32;
 
 // Hartley & Zisserman: D = diag(JᵀJ), λ ÷ 10 on success, × 10 on failure (thesis eq. 2.45, with λ
@@ -33,7 +33,7 @@ class HartleyRule final : public DampingRule {
   void accepted(double gain_ratio) override;
   void rejected() override;
   linear::Damping damping() const override { return {lambda_, matrix_}; }
-  void keep(Memory& memory) override { memory.keep(lambda_); }
+  void keep(Archive& archive) override { archive.keep(lambda_); }
 
  private:
   double lambda_;
@@ -52,9 +52,9 @@ class NielsenRule final : public DampingRule {
   void accepted(double gain_ratio) override;
   void rejected() override;
   linear::Damping damping() const override { return {lambda_, matrix_}; }
-  void keep(Memory& memory) override {
-    memory.keep(lambda_);
-    memory.keep(growth_);
+  void keep(Archive& archive) override {
+    archive.keep(lambda_);
+    archive.keep(growth_);
   }
 
  private:

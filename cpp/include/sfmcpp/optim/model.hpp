@@ -1,4 +1,4 @@
-// What a minimiser asks of a least-squares problem.
+// The interface of a least-squares problem to the minimiser.
 #pragma once
 
 #include <cmath>
@@ -7,7 +7,7 @@
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
-#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/archive.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp::optim {
@@ -27,7 +27,7 @@ class LeastSquaresModel {
                     StepLengths lengths,
                     State& result) const = 0;
 
-  // The norm of all unknowns, over all ranks: what a step is small beside.
+  // The norm of all unknowns, over all ranks; steps are compared with it.
   virtual double size(const State& state) const {
     ThreadPool& pool = normal_equations().pool();
     return std::sqrt(linear::squared_norm(pool, state.cameras) +
@@ -35,7 +35,7 @@ class LeastSquaresModel {
                      normal_equations().exchange().sum(linear::squared_norm(pool, state.points)));
   }
 
-  // Takes out of an accepted state what no residual sees, such as the scale of homogeneous
+  // Normalises in an accepted state what no residual depends on, such as the scale of homogeneous
   // coordinates; the cost stays as it is.
   virtual void normalize(State&) const {}
 
@@ -48,28 +48,28 @@ class LeastSquaresModel {
   // the next call. Only the geodesic acceleration asks for it.
   virtual const std::vector<double>& bending(const State&, const linear::Step&) = 0;
 
-  // What the parts of the cost that grew since the normal equations were filled have grown by at
-  // the last cost(): much, if a few unknowns spoil the step of the others.
+  // The growth of all parts of the cost that grew from where the normal equations were filled to
+  // the last cost(): large if a few unknowns spoil the step of the others.
   virtual double growth() const { return 0.0; }
   // Draws back such unknowns of the candidate of that cost() toward `start`, where the normal
   // equations were filled last, each until it costs no more than there; how many.
   virtual long hold_back(const State&, State&) { return 0; }
   // Fits unknowns of the candidate that `step`, from where the normal equations were filled, has
-  // moved far and that know nothing of each other, given all others; how many. `cost`: of the
+  // moved far and that are independent of each other given all others; how many. `cost`: of the
   // candidate.
   virtual long refit(const linear::Step&, double /*cost*/, State& /*candidate*/) { return 0; }
 
-  // Brings a cost that is to be approached in stages closer to the one that is meant, where `state`
-  // is good enough for that, or moves what it has let go of; whether it has. The cost is another
-  // one then, and the normal equations are to be filled anew.
+  // Of a cost that is approached in stages (graduated non-convexity): goes on to the next stage
+  // where `state` is good enough for that, or moves unknowns that the loss has rejected; whether it
+  // has. The cost has changed then, and the normal equations must be filled anew.
   virtual bool sharpen(State&) { return false; }
-  // Leaves a minimum for another stage, of a cost that may lead to a lower one, or goes back to the
-  // one it left where it has not; whether it has.
+  // Leaves a minimum for a stage of another cost, which may lead to a lower minimum, or goes back
+  // to the one it left where it has not; whether it has.
   virtual bool leave(State&, double /*cost*/) { return false; }
   // Goes back to the minimum it left, where a run ends before it has come to another.
   virtual bool come_back(State&) { return false; }
-  // Hands over what the last three have come to.
-  virtual void keep(Memory&) {}
+  // Saves or restores the state of the last three.
+  virtual void keep(Archive&) {}
 
   // The algebraic cost along `step` from `state`, where the normal equations were filled last; none
   // if the problem has no such cost.

@@ -9,9 +9,26 @@
 #include "sfmcpp/optim/geodesic_acceleration.hpp"
 #include "sfmcpp/optim/line_searches.hpp"
 #include "sfmcpp/optim/methods.hpp"
-#include "sfmcpp/optim/point_steps.hpp"
 
 namespace sfmcpp {
+
+namespace optim {
+// What is done about points that a step makes worse.
+enum class PointSteps { kAuto, kWhole, kHeldBack, kRefitted };
+}  // namespace optim
+
+template <>
+struct EnumTraits<optim::PointSteps> {
+  using P = optim::PointSteps;
+  static constexpr std::string_view kWhat = "point_steps";
+  static constexpr auto kTable = std::to_array<EnumRow<P>>(
+      {{P::kAuto, "auto", "refitted where the method can and no line is searched, else whole"},
+       {P::kWhole, "whole", "all points as far as the step says"},
+       {P::kHeldBack, "held-back", "points that spoil a step are drawn back along it"},
+       {P::kRefitted,
+        "refitted",
+        "held-back, and points beyond the model of a step are fitted to the moved cameras"}});
+};
 
 template <>
 struct EnumTraits<linear::DampingMatrix> {

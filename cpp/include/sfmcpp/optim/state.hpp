@@ -24,10 +24,10 @@ struct StepLengths {
   double point = 1.0;
   bool operator==(const StepLengths&) const = default;
 
-  template <class Memory>
-  void keep(Memory& memory) {
-    memory.keep(camera);
-    memory.keep(point);
+  template <class Archive>
+  void keep(Archive& archive) {
+    archive.keep(camera);
+    archive.keep(point);
   }
 };
 

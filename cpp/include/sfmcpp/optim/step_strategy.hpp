@@ -9,7 +9,7 @@
 #include <memory>
 
 #include "sfmcpp/linear/linear_solver.hpp"
-#include "sfmcpp/optim/memory.hpp"
+#include "sfmcpp/optim/archive.hpp"
 #include "sfmcpp/optim/options.hpp"
 
 namespace sfmcpp::optim {
@@ -38,9 +38,9 @@ class StepStrategy {
   virtual double damping() const { return 0.0; }
   // Whether another step from the same state can differ after a rejection.
   virtual bool can_retry() const = 0;
-  // Hands to `memory` every member that matters to the next step: a strategy of the same options
+  // Hands to `archive` every member that matters to the next step: a strategy of the same options
   // that restores them goes on with the same bits.
-  virtual void keep(Memory& memory) = 0;
+  virtual void keep(Archive& archive) = 0;
 };
 
 inline std::unique_ptr<StepStrategy> make_step_strategy(const MinimizerOptions& options) {

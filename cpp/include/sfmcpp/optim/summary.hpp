@@ -9,8 +9,7 @@
 #include <vector>
 
 #include "sfmcpp/core/enum_names.hpp"
-#include "sfmcpp/optim/memory.hpp"
-#include "sfmcpp/optim/resumption.hpp"
+#include "sfmcpp/optim/archive.hpp"
 #include "sfmcpp/optim/state.hpp"
 
 namespace sfmcpp {
@@ -60,15 +59,15 @@ struct Iteration {
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 
-  void keep(Memory& memory) {
-    for (int* count : {&number, &cost_evaluations, &linear_solver_iterations}) memory.keep(*count);
+  void keep(Archive& archive) {
+    for (int* count : {&number, &cost_evaluations, &linear_solver_iterations}) archive.keep(*count);
     for (double* value : {&cost, &seconds, &damping, &gradient_norm, &step_norm})
-      memory.keep(*value);
-    for (bool* fact : {&accepted, &line_searched, &accelerated}) memory.keep(*fact);
-    memory.keep(lengths);
-    memory.keep(proposed_lengths);
-    memory.keep(held_points);
-    memory.keep(refitted_points);
+      archive.keep(*value);
+    for (bool* fact : {&accepted, &line_searched, &accelerated}) archive.keep(*fact);
+    archive.keep(lengths);
+    archive.keep(proposed_lengths);
+    archive.keep(held_points);
+    archive.keep(refitted_points);
   }
 };
 

@@ -9,6 +9,7 @@
 // Divided by w, it is in the axes of the image: what whitens a residual whitens it.
 #pragma once
 
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/math/biquadratic.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
@@ -35,5 +36,6 @@ struct AlgebraicKernel {
 };
 
 AlgebraicKernel algebraic_kernel(const CameraModel& model);
+SFMCPP_DECLARE_FOR_EACH_ISA(AlgebraicKernel algebraic_kernel_for(CameraModelId model))
 
 }  // namespace sfmcpp::residuals

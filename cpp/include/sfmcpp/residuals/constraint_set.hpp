@@ -1,5 +1,5 @@
-// Constraints on cameras in named groups, one weight each: what a bundle adjustment minimises
-// beside the errors of its observations (thesis ch. 5, docs/equations.md §7).
+// Constraints on cameras in named groups, one weight each, which a bundle adjustment minimises
+// together with the errors of its observations (thesis ch. 5, docs/equations.md §7).
 //
 // The cost of a group is ½ weight Σ member weight · ‖e‖², e of constraint_kinds.hpp: a weighted sum
 // of MEAN squared errors. A group that measures with standard deviation σ, in the unit of e, has

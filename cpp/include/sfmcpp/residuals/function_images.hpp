@@ -1,12 +1,11 @@
 // What the kernels compute of compiled camera models, of one that is a function (CameraFunction):
 // all observations of a pass have their images in one call, and residuals and Jacobians are made of
-// these. No point is behind such a camera: what it sees is for its function to say.
+// these. No point is behind such a camera: its function decides what it sees.
 #pragma once
 
 #include <vector>
 
 #include "sfmcpp/cameras/camera_function.hpp"
-#include "sfmcpp/residuals/bending.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::residuals {

@@ -1,7 +1,7 @@
 // Robust losses ρ(s) of the squared residual norm s = ‖r‖², in the cost ½ Σ ρ(s) (thesis §2.3;
 // eq. 2.51 with σ and c set right, docs/equations.md §4). All behave like s near zero.
 //
-// A loss that is no row of the table is a table itself (loss_table.hpp).
+// A loss that is no row of the table is a table itself (LossTable).
 //
 // How to add a loss: a struct like those here, an enumerator and its row in the table.
 #pragma once
@@ -9,12 +9,44 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "sfmcpp/core/enum_names.hpp"
-#include "sfmcpp/residuals/loss_table.hpp"
 
 namespace sfmcpp {
+
+// A robust loss whose derivative is a table: polynomials of s between knots, and ρ their integral.
+// It has the unit scale; Loss scales it.
+class LossTable {
+ public:
+  static constexpr int kTerms = 8;
+
+  // ρ′ between knot k and the next is Σ coefficients[k][i] xⁱ, x from 0 to 1; kTerms of each. Knots
+  // rise from zero; beyond the last ρ′ stays what it is there. Throws InvalidArgument if sizes do
+  // not fit or knots do not rise.
+  LossTable(std::string name, std::vector<double> knots, std::vector<double> coefficients);
+
+  const std::string& name() const { return name_; }
+  double rho(double s) const;
+  double derivative(double s) const;
+  double influence_slope(double s) const;  // d(s ρ′)/ds
+
+ private:
+  // Where s is in the table.
+  struct Place {
+    const double* coefficients;
+    double x, width;
+  };
+  Place place_of(double s) const;
+  static double value_at(const Place& place);
+  static double integral_to(const Place& place);
+
+  std::string name_;
+  std::vector<double> knots_, coefficients_;
+  std::vector<double> rho_;  // at the knots
+};
 
 enum class LossKind { kSquared, kHuber, kCauchy, kTukey, kGemanMcClure, kTruncated, kAuto };
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/core/isa.hpp"
 
 namespace sfmcpp::residuals {
 
@@ -58,5 +59,52 @@ struct CostKernels {
 
 CostKernels cost_kernels(const CameraModel& model);
 double sum_of_cost_lanes(const double* lanes);
+
+// Second derivatives of the projections of the observations of one camera along a step: that of α ↦
+// projection(x ⊞ α δ) at α = 0, times the weight of the residual. Exact, by jets (math/jet.hpp)
+// through the camera models.
+struct BendingBatch {
+  ObservationBatch observations;  // of one camera, with `inverse_sigma` their weights
+  const double* camera_step;      // in the tangent of the camera
+  const double* camera_bend;      // second derivatives of its turn and centre, in its axes: 6
+  const double* intrinsics_step;  // for each stored intrinsic parameter, zero where it is fixed
+  const double* point_steps;      // N × 3, in the tangents of all points
+};
+
+struct BendingKernel {
+  // Into u, v, each with room for count + kReadAhead numbers.
+  void (*bend)(const BendingBatch&, double* u, double* v);
+};
+
+BendingKernel bending_kernel(const CameraModel& model);
+
+// Reprojection residuals of points at places that are tried for them, and their derivatives by the
+// place: observations of any cameras in any order, for the camera model and instruction set chosen
+// at run time. Indices must be readable and in range, and numbers readable, kReadAhead beyond the
+// end.
+struct PlaceBatch {
+  const double* cameras;  // 12 numbers each
+  const int* camera;      // of each observation
+  const double* intrinsics;
+  const int* intrinsics_row;
+  const double* places;
+  const int* place;
+  const double* u;  // observed pixels
+  const double* v;
+  const double* inverse_sigma;
+  int count;
+};
+
+struct PlaceKernel {
+  // Records of eight numbers (JacobianOutput::point).
+  void (*linearize)(const PlaceBatch&, double* records);
+};
+
+PlaceKernel place_kernel(const CameraModel& model);
+
+SFMCPP_DECLARE_FOR_EACH_ISA(ReprojectionKernels kernels_for(CameraModelId model))
+SFMCPP_DECLARE_FOR_EACH_ISA(CostKernels cost_kernels_for(CameraModelId model))
+SFMCPP_DECLARE_FOR_EACH_ISA(BendingKernel bending_kernel_for(CameraModelId model))
+SFMCPP_DECLARE_FOR_EACH_ISA(PlaceKernel place_kernel_for(CameraModelId model))
 
 }  // namespace sfmcpp::residuals

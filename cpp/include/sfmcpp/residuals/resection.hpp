@@ -7,6 +7,7 @@
 
 #include "sfmcpp/cameras/camera_model.hpp"
 #include "sfmcpp/core/aligned.hpp"
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::residuals {
@@ -82,5 +83,6 @@ struct ResectionKernels {
 
 // Throws InvalidArgument for a model without poses.
 ResectionKernels resection_kernels(CameraModelId model);
+SFMCPP_DECLARE_FOR_EACH_ISA(ResectionKernels resection_kernels_for(CameraModelId model))
 
 }  // namespace sfmcpp::residuals

@@ -1,0 +1,63 @@
+// Rows of S on the ranks that their cameras belong to: what the points of a rank add to rows of
+// others is sent to these in double precision, block by block, and a row is rounded only when it is
+// complete. So S hardly depends on how points are distributed.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "rank_partition.hpp"
+#include "sfmcpp/linear/reduced_structure.hpp"
+#include "sfmcpp/linear/schur_rows.hpp"
+
+namespace sfmcpp::linear {
+
+class DistributedSchurRows {
+ public:
+  // `structure` is of all ranks. By all ranks, as are those below.
+  DistributedSchurRows(const NormalEquations& normal,
+                       const PointElimination& elimination,
+                       const CameraPartition& partition,
+                       const std::shared_ptr<const ReducedStructure>& structure);
+
+  // The rows of this rank's cameras; of others the diagonal block, which is zero.
+  const CameraPattern& pattern() const { return own_->pattern; }
+  // Sends what the points here add to the rows of others, for the factors that the elimination
+  // holds.
+  void exchange();
+  // As SchurRows::form, for the rows of `pattern`; zero for cameras of others.
+  void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
+
+ private:
+  // A part of a row for another rank.
+  struct Sent {
+    int camera;
+    long first;  // number of what is sent
+  };
+  // One that another rank has formed.
+  struct Received {
+    std::vector<int> columns;  // of its blocks behind the diagonal one
+    long first;                // number of what was received
+  };
+  long size() const { return normal_.map().camera_size; }
+  // Numbers of a part of a row: the diagonal block, the right-hand side, other blocks.
+  long numbers_of(std::size_t blocks) const {
+    return size() * (size() + 1) + size() * size() * static_cast<long>(blocks);
+  }
+  void send_headers();
+  void read_headers(const std::vector<double>& headers, const std::vector<int>& counts);
+
+  const NormalEquations& normal_;
+  const CameraPartition& partition_;
+  std::shared_ptr<const ReducedStructure> here_, own_;  // of the points here; of own rows
+  SchurRows rows_;
+  std::vector<Sent> sent_rows_;
+  std::vector<int> sent_counts_, received_counts_;
+  std::vector<std::vector<Received>> received_rows_;  // of each camera, in the order of the ranks
+  std::vector<double> received_;
+  std::vector<std::vector<int>> places_;      // of each worker: number of a camera's block in a row
+  std::vector<AlignedVector<double>> parts_;  // likewise: blocks of a row from the points here
+};
+
+}  // namespace sfmcpp::linear

@@ -1,0 +1,261 @@
+#include "schur_operator.hpp"
+
+#include <algorithm>
+
+#include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/linear/block_product_kernels.hpp"
+
+namespace sfmcpp::linear {
+namespace {
+
+// S x without S or W: with e = Jc x, S x = Jcᵀ (e − G Σ Gᵀ e), the sum over the observations of
+// each point; and G Σ Gᵀ e = A t with t = Mᵀ Σ Gᵀ e. Memory is that of the Jacobian.
+class ImplicitSchur final : public SchurOperator {
+ public:
+  ImplicitSchur(const NormalEquations& normal, PointElimination& elimination)
+      : normal_(normal), elimination_(elimination) {}
+
+  void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override {
+    diagonal.assemble(elimination_.factors(), rhs);
+  }
+  bool is_rounded() const override { return false; }
+  std::vector<char> touched_cameras() const override {
+    std::vector<char> touched(normal_.graph().num_cameras);
+    for (int i = 0; i < normal_.graph().num_cameras; ++i)
+      touched[i] = normal_.graph().observations_of_camera(i) > 0;
+    return touched;
+  }
+
+  void add_product(const std::vector<double>& x, std::vector<double>& out) override {
+    const ObservationGraph& graph = normal_.graph();
+    const long size = normal_.map().camera_size;
+    shifts_.resize(3 * static_cast<std::size_t>(graph.num_points));
+    chunk_sums_.resize(graph.chunks.size() * static_cast<std::size_t>(size));
+    set_shifts(elimination_.point_sums(x));
+    normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
+      const Chunk& c = graph.chunks[chunk];
+      double* sum = chunk_sums_.data() + size * chunk;
+      std::fill_n(sum, size, 0.0);
+      normal_.kernels().schur_product(normal_.jacobian(),
+                                      c.begin,
+                                      c.end,
+                                      graph.point.data(),
+                                      shifts_.data(),
+                                      elimination_.expanded(c.camera),
+                                      sum);
+    });
+    normal_.fold_chunks(chunk_sums_.data(), size, out.data());
+  }
+
+ private:
+  void set_shifts(const double* sums) {
+    for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
+      multiply_by_transposed_factor(elimination_.factor(p), sums + 3L * p, shifts_.data() + 3L * p);
+    });
+  }
+
+  const NormalEquations& normal_;
+  PointElimination& elimination_;
+  AlignedVector<double> shifts_;      // t per point
+  AlignedVector<double> chunk_sums_;  // per chunk: a camera block
+};
+
+}  // namespace
+
+std::unique_ptr<SchurOperator> make_implicit_schur(const NormalEquations& normal,
+                                                   PointElimination& elimination) {
+  return std::make_unique<ImplicitSchur>(normal, elimination);
+}
+
+namespace {
+
+constexpr int kMostTasks = 64, kFewestTasks = 4;
+constexpr long kLeastBlocksPerTask = 4096;
+// The sums of tasks that reach over each other are written and read besides the blocks: no more
+// than this share of their bytes.
+constexpr double kMostOfSums = 0.15;
+
+// Cameras of the rows of this rank.
+std::vector<char> cameras_of(const CameraPattern& pattern, const CameraPartition& partition) {
+  std::vector<char> result(pattern.num_rows(), 0);
+  for (int i = 0; i < pattern.num_rows(); ++i) {
+    if (!partition.is_own(i)) continue;
+    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
+      result[pattern.column[k]] = 1;
+  }
+  return result;
+}
+
+}  // namespace
+
+BlockProductKernels block_product_kernels(int camera_size) {
+  return SFMCPP_FOR_ACTIVE_ISA(product_kernels_for(camera_size));
+}
+
+BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
+                                   PointElimination& elimination,
+                                   const CameraPartition& partition,
+                                   const std::shared_ptr<const ReducedStructure>& structure)
+    : normal_(normal),
+      schur_rows_(normal, elimination, partition, structure),
+      pattern_(schur_rows_.pattern()),
+      touched_(cameras_of(pattern_, partition)),
+      kernels_(block_product_kernels(normal.map().camera_size)),
+      tasks_(choose_tasks()) {
+  const auto size = static_cast<std::size_t>(normal.map().camera_size);
+  const auto cameras = static_cast<std::size_t>(normal.graph().num_cameras);
+  blocks_.resize(size * size * (static_cast<std::size_t>(pattern_.num_blocks()) - cameras));
+  sums_.resize(numbers_of(tasks_));
+  x_.resize(size * cameras);
+  out_.resize(size * cameras);
+  rows_.resize(normal.pool().num_threads());
+}
+
+std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::cut_rows(long blocks_per_task) const {
+  std::vector<RowTask> tasks;
+  const auto size = static_cast<std::size_t>(normal_.map().camera_size);
+  const int rows = pattern_.num_rows();
+  std::size_t first = 0;
+  for (int begin = 0; begin < rows;) {
+    RowTask task{.begin = begin, .end = begin, .reach = begin, .first = first};
+    long blocks = 0;
+    while (task.end < rows && blocks < blocks_per_task) {
+      const long row_end = pattern_.row_begin[task.end + 1];
+      blocks += row_end - pattern_.row_begin[task.end];
+      task.reach = std::max(task.reach, pattern_.column[row_end - 1] + 1);
+      ++task.end;
+    }
+    first += size * static_cast<std::size_t>(task.reach - task.begin);
+    begin = task.end;
+    tasks.push_back(task);
+  }
+  return tasks;
+}
+
+std::size_t BlockSparseSchur::numbers_of(const std::vector<RowTask>& tasks) const {
+  if (tasks.empty()) return 0;
+  const RowTask& last = tasks.back();
+  return last.first + static_cast<std::size_t>(normal_.map().camera_size) *
+                          static_cast<std::size_t>(last.reach - last.begin);
+}
+
+// As many as keep within the bytes, from what the pattern says alone.
+std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
+  const double bytes = sizeof(float) * static_cast<double>(area() * pattern_.num_blocks());
+  for (int count = kMostTasks;; count /= 2) {
+    std::vector<RowTask> tasks =
+        cut_rows(std::max(pattern_.num_blocks() / count + 1, kLeastBlocksPerTask));
+    const double of_sums = 2 * sizeof(double) * static_cast<double>(numbers_of(tasks));
+    if (count == kFewestTasks || of_sums < kMostOfSums * bytes) return tasks;
+  }
+}
+
+void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
+  schur_rows_.exchange();
+  normal_.pool().parallel_for_worker(pattern_.num_rows(),
+                                     [&](int i, int worker) { form_row(i, worker, diagonal); });
+  diagonal_ = diagonal.camera_block(0);
+  // Of own cameras they are whole; columns that cameras share are of several.
+  diagonal.gather(rhs, normal_.map().has_shared_columns ? normal_.exchange() : this_process());
+}
+
+void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal) {
+  const auto num_blocks = static_cast<long>(columns_of_row(i).size());
+  AlignedVector<double>& row = rows_[worker];
+  row.resize(static_cast<std::size_t>(area() * num_blocks));
+  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
+  float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
+  for (long k = 0; k < num_blocks; ++k)
+    kernels_.round(row.data() + area() * k, rounded + area() * k);
+}
+
+void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<double>& out) {
+  const ParameterMap& map = normal_.map();
+  const long size = map.camera_size;
+  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
+    for (; i < end; ++i) {
+      if (touched_[i]) map.expand(x.data(), static_cast<int>(i), x_.data() + size * i);
+    }
+  });
+  normal_.pool().parallel_for(static_cast<int>(tasks_.size()),
+                              [&](int task) { multiply_rows(tasks_[task]); });
+  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
+    add_up(static_cast<int>(i), static_cast<int>(end));
+  });
+  normal_.for_each_camera_in_order([&](int i, Columns columns) {
+    if (touched_[i]) normal_.fold(out_.data() + size * i, i, columns, out.data());
+  });
+}
+
+void BlockSparseSchur::multiply_rows(const RowTask& task) {
+  double* sums = sums_.data() + task.first;
+  std::fill_n(sums, static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin), 0.0);
+  for (int i = task.begin; i < task.end; ++i) {
+    const std::span<const int> columns = columns_of_row(i);
+    kernels_.add_row(static_cast<int>(columns.size()),
+                     blocks_of_row(i),
+                     columns.data(),
+                     i,
+                     task.begin,
+                     x_.data(),
+                     sums);
+  }
+}
+
+// The diagonal blocks, and the sums of the tasks in their order, for the cameras [begin, end).
+void BlockSparseSchur::add_up(int begin, int end) {
+  const long size = normal_.map().camera_size;
+  std::fill(out_.begin() + size * begin, out_.begin() + size * end, 0.0);
+  for (int i = begin; i < end; ++i) {
+    if (touched_[i])
+      kernels_.add_block(diagonal_block(i), x_.data() + size * i, out_.data() + size * i);
+  }
+  for (const RowTask& task : tasks_) {
+    const long from = std::max(begin, task.begin), to = std::min(end, task.reach);
+    const double* sums = sums_.data() + task.first + size * (from - task.begin);
+    for (long k = 0; k < size * (to - from); ++k) out_[size * from + k] += sums[k];
+  }
+}
+
+namespace {
+
+std::vector<char> own_cameras(const NormalEquations& normal, const CameraPartition& partition) {
+  std::vector<char> is_own(normal.graph().num_cameras);
+  for (int i = 0; i < normal.graph().num_cameras; ++i) is_own[i] = partition.is_own(i);
+  return is_own;
+}
+
+// With those that own ones are related to.
+std::vector<char> touched_cameras(const NormalEquations& normal,
+                                  const SchurOperator& schur,
+                                  const std::vector<char>& is_own) {
+  std::vector<char> touched = schur.touched_cameras();
+  for (int i = 0; i < normal.graph().num_cameras; ++i) {
+    if (!is_own[i]) continue;
+    touched[i] = 1;
+    normal.camera_terms().for_each_block(i, [&](int j, const double*) { touched[j] = 1; });
+  }
+  return touched;
+}
+
+}  // namespace
+
+DistributedProduct::DistributedProduct(const NormalEquations& normal,
+                                       SchurOperator& schur,
+                                       const CameraPartition& partition)
+    : normal_(normal),
+      schur_(schur),
+      is_own_(own_cameras(normal, partition)),
+      columns_(normal, partition, touched_cameras(normal, schur, is_own_)) {}
+
+void DistributedProduct::apply(const Vector& diagonal, const Vector& x, Vector& out) {
+  const Vector& whole_x = columns_.with_ghosts(x);
+  whole_.resize(whole_x.size());
+  for (std::size_t k = 0; k < whole_.size(); ++k)
+    whole_[k] = columns_.is_own(k) ? diagonal[k] * whole_x[k] : 0.0;
+  schur_.add_product(whole_x, whole_);
+  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, whole_);
+  columns_.sum_ghosts(whole_, out);
+}
+
+}  // namespace sfmcpp::linear

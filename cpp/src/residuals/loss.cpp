@@ -1,0 +1,61 @@
+#include "sfmcpp/residuals/loss.hpp"
+
+#include <algorithm>
+
+#include "sfmcpp/core/error.hpp"
+
+namespace sfmcpp {
+
+LossTable::LossTable(std::string name, std::vector<double> knots, std::vector<double> coefficients)
+    : name_(std::move(name)), knots_(std::move(knots)), coefficients_(std::move(coefficients)) {
+  const bool fits = knots_.size() > 1 && coefficients_.size() == kTerms * (knots_.size() - 1);
+  const auto falls = [](double a, double b) { return !(a < b); };
+  if (!fits || knots_[0] != 0.0 ||
+      std::adjacent_find(knots_.begin(), knots_.end(), falls) != knots_.end()) {
+    throw InvalidArgument("knots: must rise from zero, with " + std::to_string(kTerms) +
+                          " coefficients between each two");
+  }
+  rho_.push_back(0.0);
+  for (std::size_t k = 0; k + 1 < knots_.size(); ++k)
+    rho_.push_back(rho_[k] +
+                   integral_to({&coefficients_[kTerms * k], 1.0, knots_[k + 1] - knots_[k]}));
+}
+
+// Of an s beyond the last knot, and of none: the end of the last cell.
+LossTable::Place LossTable::place_of(double s) const {
+  const auto next = std::upper_bound(knots_.begin() + 1, knots_.end() - 1, s);
+  const auto k = static_cast<std::size_t>(next - knots_.begin()) - 1;
+  const double width = knots_[k + 1] - knots_[k];
+  return {&coefficients_[kTerms * k], std::min((s - knots_[k]) / width, 1.0), width};
+}
+
+double LossTable::value_at(const Place& place) {
+  double value = 0.0;
+  for (int i = kTerms - 1; i >= 0; --i) value = value * place.x + place.coefficients[i];
+  return value;
+}
+
+double LossTable::integral_to(const Place& place) {
+  double value = 0.0;
+  for (int i = kTerms - 1; i >= 0; --i) value = value * place.x + place.coefficients[i] / (i + 1);
+  return value * place.x * place.width;
+}
+
+double LossTable::rho(double s) const {
+  const Place place = place_of(s);
+  const auto k = static_cast<std::size_t>(place.coefficients - coefficients_.data()) / kTerms;
+  const double beyond = std::max(s - knots_.back(), 0.0);
+  return rho_[k] + integral_to(place) + (beyond > 0.0 ? beyond * value_at(place) : 0.0);
+}
+
+// Where ρ′ is zero the polynomial may be less by its rounding.
+double LossTable::derivative(double s) const { return std::max(value_at(place_of(s)), 0.0); }
+
+double LossTable::influence_slope(double s) const {
+  const Place place = place_of(s);
+  double slope = 0.0;
+  for (int i = kTerms - 1; i > 0; --i) slope = slope * place.x + i * place.coefficients[i];
+  return value_at(place) + (s < knots_.back() ? s * slope / place.width : 0.0);
+}
+
+}  // namespace sfmcpp

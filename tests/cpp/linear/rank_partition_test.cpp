@@ -1,0 +1,121 @@
+// Cameras, columns and rows of S on the ranks that they belong to.
+#include "../../../cpp/src/linear/rank_partition.hpp"
+
+#include <gtest/gtest.h>
+
+#include "../../../cpp/src/linear/schur_operator.hpp"
+#include "../../../cpp/src/linear/schur_preconditioner.hpp"
+#include "support/random_system.hpp"
+#include "support/threaded_exchange.hpp"
+
+namespace sfmcpp::linear::camera_shares_test {
+namespace {
+
+using support::RandomSystem;
+using support::SystemOptions;
+
+constexpr int kCameras = 200, kPoints = 1000, kWindow = 4;
+
+// Points in turn along a chain; those of even number, which rank 0 of two has, see its first half.
+SystemOptions chain_in_halves() {
+  const auto sees = [](int camera, int point) {
+    const int place = (point % 2 * kPoints + point) / 2 * kCameras / kPoints;
+    return camera >= place && camera < place + kWindow;
+  };
+  return {.cameras = kCameras, .points = kPoints, .camera_size = 6, .sees = sees, .dense = false};
+}
+
+std::shared_ptr<const ReducedStructure> structure_of(const RandomSystem& system) {
+  return std::make_shared<ReducedStructure>(
+      ReducedStructure{.pattern = make_global_camera_pattern(
+                           system.graph, {}, system.normal().pool(), system.normal().exchange())});
+}
+
+CameraPartition shares_of(const RandomSystem& system, const CameraPattern& pattern) {
+  return {system.normal(),
+          group_cameras(system.normal(), &pattern, PreconditionerKind::kClusters).clusters,
+          std::vector<double>(system.graph.num_cameras, 1.0)};
+}
+
+TEST(CameraPartition, AreAlikeInSizeAndWhereTheObservationsAre) {
+  support::play_ranks(2, [&](Exchange& exchange) {
+    const RandomSystem part(chain_in_halves(), exchange);
+    const CameraPartition shares = shares_of(part, structure_of(part)->pattern);
+    double own = 0.0, elsewhere = 0.0;
+    for (int i = 0; i < kCameras; ++i) {
+      own += shares.is_own(i);
+      elsewhere += shares.is_own(i) && part.graph.observations_of_camera(i) == 0;
+    }
+    EXPECT_NEAR(own, kCameras / 2, 20);
+    EXPECT_LT(elsewhere, 20);
+    EXPECT_EQ(exchange.sum(own), kCameras);
+  });
+}
+
+// The rows of all ranks are S, and of each what its own points make of them is a part.
+TEST(DistributedSchurRows, AreThoseOfOneRankButForTheOrderOfSums) {
+  const RandomSystem alone(chain_in_halves());
+  const auto rows_of = [](const RandomSystem& system) {
+    const NormalEquations& normal = system.normal();
+    PointElimination elimination(normal);
+    elimination.factor({1e-3, DampingMatrix::kDiagonal});
+    const auto structure = structure_of(system);
+    const CameraPartition shares = shares_of(system, structure->pattern);
+    DistributedSchurRows rows(normal, elimination, shares, structure);
+    rows.exchange();
+    std::vector<double> numbers;
+    for (int i = 0; i < kCameras; ++i) {
+      const CameraPattern& whole = structure->pattern;
+      std::vector<double> row(6 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
+      rows.form(i, 0, row.data() + 6, row.data() + 42, row.data());
+      numbers.insert(numbers.end(), row.begin(), row.end());
+    }
+    return numbers;
+  };
+  const std::vector<double> whole = rows_of(alone);
+  support::play_ranks(2, [&](Exchange& exchange) {
+    std::vector<double> mine = rows_of(RandomSystem(chain_in_halves(), exchange));
+    exchange.sum(mine);
+    ASSERT_EQ(mine.size(), whole.size());
+    for (std::size_t k = 0; k < whole.size(); ++k) EXPECT_NEAR(mine[k], whole[k], 1e-9);
+  });
+}
+
+TEST(ColumnPartition, SpreadAndCollectWhatIsTouchedAlone) {
+  const SystemOptions options{.cameras = 12,
+                              .points = 40,
+                              .camera_size = 9,
+                              .shared = 2,
+                              .groups = 2,
+                              .window = 3,
+                              .dense = false};
+  support::play_ranks(3, [&](Exchange& exchange) {
+    const RandomSystem part(options, exchange);
+    const CameraPartition shares = shares_of(part, structure_of(part)->pattern);
+    std::vector<char> touched(12, 0);
+    touched[exchange.rank()] = touched[11] = 1;
+    ColumnPartition columns(part.normal(), shares, touched);
+    const auto size = static_cast<std::size_t>(part.map.num_columns);
+    Vector numbers(size), own, again, summed;
+    for (std::size_t k = 0; k < size; ++k) numbers[k] = 1.0 + static_cast<double>(k);
+    columns.take(numbers, own);
+    const Vector& spread = columns.with_ghosts(own);
+    Vector ones(size, 0.0);
+    for (int i = 0; i < 12; ++i) {
+      for (int k = 0; k < 9; ++k) {
+        const int column = part.map.columns_of(i)[k];
+        if (column == kNoColumn || !(touched[i] || columns.is_own(column))) continue;
+        EXPECT_EQ(spread[column], numbers[column]);
+        ones[column] = 1.0;
+      }
+    }
+    Vector holders = ones;
+    exchange.sum(holders);
+    columns.sum_ghosts(ones, own);
+    columns.gather(own, again);
+    EXPECT_EQ(again, holders);
+  });
+}
+
+}  // namespace
+}  // namespace sfmcpp::linear::camera_shares_test
