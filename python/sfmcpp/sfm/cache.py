@@ -16,16 +16,17 @@ from sfmcpp.sources.io.files import failures_named
 
 Arrays = dict[str, NDArray[Any]]
 
-# A file is this line, the digest of what follows, a JSON line of names, and the arrays as NumPy writes them.
-_FIRST_LINE = b"sfmcpp cache 1\n"
+# A file is this line, the digest of its stage, its key and what follows, a JSON line of names, and the arrays
+# as NumPy writes them.
+_FIRST_LINE = b"sfmcpp cache 2\n"
 _DIGEST_BYTES = 20
 
 
 class Cache:
     """Arrays in a folder, each entry a file that is there complete or not at all.
 
-    Entries of another format, damaged or cut short count as absent. Nothing is ever removed: the folder as a
-    whole may be, at any time.
+    Entries of another format, damaged, cut short or renamed count as absent. Nothing is ever removed: the folder
+    as a whole may be, at any time.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ class Cache:
             data = self._file(stage, key).read_bytes()
         except OSError:
             return None
-        return _unpacked(data)
+        return _unpacked(data, f"{stage} {key}")
 
     def save(self, stage: str, key: str, **arrays: NDArray[Any]) -> None:
         """Keep an entry.
@@ -76,7 +77,7 @@ class Cache:
         with failures_named(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_files(path, durable=False) as (file,):
-            file.write(_packed(arrays))
+            file.write(_packed(arrays, f"{stage} {key}"))
 
     def _file(self, stage: str, key: str) -> Path:
         return self.folder / stage / key
@@ -104,23 +105,23 @@ def cache_key(*parts: Any) -> str:
     return total.hexdigest()
 
 
-def _packed(arrays: Arrays) -> bytes:
+def _packed(arrays: Arrays, entry: str) -> bytes:
     written = BytesIO()
     written.write(json.dumps(list(arrays)).encode() + b"\n")
     for array in arrays.values():
         np.save(written, np.asarray(array), allow_pickle=False)
     content = written.getvalue()
-    return _FIRST_LINE + _digest(content) + content
+    return _FIRST_LINE + _digest(entry, content) + content
 
 
-def _unpacked(data: bytes) -> Arrays | None:
+def _unpacked(data: bytes, entry: str) -> Arrays | None:
     start = len(_FIRST_LINE) + _DIGEST_BYTES
     content = data[start:]
-    if data[:start] != _FIRST_LINE + _digest(content):
+    if data[:start] != _FIRST_LINE + _digest(entry, content):
         return None
     reader = BytesIO(content)
     return {name: np.load(reader, allow_pickle=False) for name in json.loads(reader.readline())}
 
 
-def _digest(content: bytes) -> bytes:
-    return blake2b(content, digest_size=_DIGEST_BYTES).digest()
+def _digest(entry: str, content: bytes) -> bytes:
+    return blake2b(entry.encode() + b"\n" + content, digest_size=_DIGEST_BYTES).digest()

@@ -217,11 +217,13 @@ class _Work:
     def _features_of(self, photo: Photo) -> Features | str:
         try:
             key = self._features_key(photo)
-            return Features(
-                **self._kept("features", key, lambda: vars(detect(photo, self.settings.features)))
-            )
+            found = self._found("features", key)
+            features = vars(detect(photo, self.settings.features)) if found is None else found
         except DatasetError as error:
             return error.reason if error.path == str(photo.path) else str(error)
+        if found is None:  # a cache that cannot be written is no fault of the photo
+            self._keep("features", key, features)
+        return Features(**features)
 
     def _matched(self, one: Features, other: Features, places_1: IndexArray, places_2: IndexArray) -> Matches:
         ratio, mutual = self.settings.ratio, self.settings.mutual
@@ -259,14 +261,19 @@ class _Work:
         return matches and cache_key(*parts, *rows)
 
     def _kept(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
-        """From the cache, or computed and put there; without a cache or a key, computed."""
-        if self.cache is None or not key:
-            return compute()
-        found = self.cache.load(stage, key)
+        """From the cache, or computed and put there."""
+        found = self._found(stage, key)
         if found is None:
             found = compute()
-            self.cache.save(stage, key, **found)
+            self._keep(stage, key, found)
         return found
+
+    def _found(self, stage: str, key: str) -> Arrays | None:
+        return self.cache.load(stage, key) if self.cache is not None and key else None
+
+    def _keep(self, stage: str, key: str, arrays: Arrays) -> None:
+        if self.cache is not None and key:
+            self.cache.save(stage, key, **arrays)
 
     def _each(
         self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], most: int | None = None

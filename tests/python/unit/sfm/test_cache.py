@@ -57,6 +57,13 @@ def test_a_damaged_entry_counts_as_absent_and_can_be_saved_again(tmp_path: Path)
     assert only_file(tmp_path).read_bytes() == data
 
 
+def test_an_entry_under_the_name_of_another_counts_as_absent(tmp_path: Path) -> None:
+    cache = Cache(tmp_path)
+    cache.save("features", "k", **ARRAYS)
+    only_file(tmp_path).rename(tmp_path / "features" / "other")
+    assert cache.load("features", "other") is None
+
+
 def test_an_entry_is_never_there_in_part(tmp_path: Path) -> None:
     cache = Cache(tmp_path)
     with pytest.raises(ValueError, match="allow_pickle"):

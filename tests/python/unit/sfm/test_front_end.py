@@ -201,6 +201,16 @@ def test_a_run_that_was_stopped_in_any_stage_goes_on_where_it_was(
     assert_same(graph, graph_of(folder))
 
 
+def test_a_cache_that_cannot_be_written_is_named_and_costs_no_photo(tmp_path: Path) -> None:
+    photos, cache = write_set(tmp_path / "photos", 2), tmp_path / "cache"
+    graph_of(photos, cache)
+    for entry in (cache / "features").iterdir():
+        entry.unlink()
+        entry.mkdir()
+    with pytest.raises(DatasetError, match="features"):
+        graph_of(photos, cache)
+
+
 def test_every_stage_tells_its_progress_and_its_time(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     seconds = {"features": 100.0}
