@@ -198,10 +198,13 @@ void check_arrays(const Problem& problem) {
 }
 
 void check_duplicates(const Problem& problem, const linear::ObservationGraph& graph) {
-  bool found = false;
-  for (int k = 1; k < problem.num_observations(); ++k)
-    found |= (graph.camera[k] == graph.camera[k - 1]) & (graph.point[k] == graph.point[k - 1]);
-  if (!found) return;
+  int found = 0;
+  for (int k = 1; k < problem.num_observations(); ++k) {
+    const int same_camera = graph.camera[k] == graph.camera[k - 1];
+    const int same_point = graph.point[k] == graph.point[k - 1];
+    found |= same_camera & same_point;  // without a branch: compilers take several at once
+  }
+  if (found == 0) return;
   for (int k = 1; k < problem.num_observations(); ++k) {
     if (graph.camera[k] != graph.camera[k - 1] || graph.point[k] != graph.point[k - 1]) continue;
     throw InvalidArgument("observations " + std::to_string(graph.source[k - 1]) + " and " +

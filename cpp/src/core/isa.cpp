@@ -6,13 +6,36 @@
 namespace sfmcpp {
 namespace {
 
+#if defined(__x86_64__)
+#if defined(__clang__) && __clang_major__ < 18
+// Clang knows levels by name from version 18 on. The features it can name imply the others of the
+// level: every processor with FMA and BMI2 also has F16C, LZCNT and MOVBE.
+bool has_v3() {
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+         __builtin_cpu_supports("bmi2");
+}
+bool has_v4() {
+  return has_v3() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+         __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+         __builtin_cpu_supports("avx512vl");
+}
+#else
+bool has_v3() { return __builtin_cpu_supports("x86-64-v3"); }
+bool has_v4() { return __builtin_cpu_supports("x86-64-v4"); }
+#endif
+#endif
+
+}  // namespace
+
 Isa best_isa() {
 #if defined(__x86_64__)
-  if (__builtin_cpu_supports("x86-64-v4")) return Isa::kAvx512;
-  if (__builtin_cpu_supports("x86-64-v3")) return Isa::kAvx2;
+  if (has_v4()) return Isa::kAvx512;
+  if (has_v3()) return Isa::kAvx2;
 #endif
   return Isa::kBaseline;
 }
+
+namespace {
 
 Isa requested_isa() {
   const char* text = std::getenv("SFMCPP_ISA");

@@ -60,10 +60,11 @@ struct ByteProducts {
   }
 };
 
+// Clang before version 18 has no name for the second feature: it takes products of words there.
 bool has_byte_products() {
 #if defined(__x86_64__) && SFMCPP_LANES == 8
   return __builtin_cpu_supports("avx512vnni");
-#elif defined(__x86_64__) && SFMCPP_LANES == 4
+#elif defined(__x86_64__) && SFMCPP_LANES == 4 && (!defined(__clang__) || __clang_major__ >= 18)
   return __builtin_cpu_supports("avxvnni");
 #else
   return false;

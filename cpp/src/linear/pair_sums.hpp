@@ -16,18 +16,16 @@ inline constexpr bool kSumsPairs = SFMCPP_LANES == 8 && D <= 9;
 constexpr int kPairsAhead = 6;
 
 using Eight = Pack<8>;
-using Order = VectorOf<8>::Mask;
 
 template <int kLane>
 inline Eight broadcast(Eight x) {
-  return Eight(
-      __builtin_shuffle(x.v, Order{kLane, kLane, kLane, kLane, kLane, kLane, kLane, kLane}));
+  return Eight(shuffled<kLane, kLane, kLane, kLane, kLane, kLane, kLane, kLane>(x.v, x.v));
 }
 
 // Column k of A, its first number and its second number twice in either half.
 template <int k>
 inline Eight column_of(Eight record) {
-  return Eight(__builtin_shuffle(record.v, Order{k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k}));
+  return Eight(shuffled<k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k>(record.v, record.v));
 }
 
 // −t of an observation (unwhiten), as `coefficients` reads it: the k-th numbers of both rows in

@@ -170,7 +170,7 @@ TEST(ProjectiveCamera, TheImageMovesAlongALineAsTheTransportedStepSays) {
     const auto [p, q] = random_sight(seed);
     const Vector3d step = 0.2 * random_step(seed);
     for (double length : {0.0, 0.5, 1.0, -1.5}) {
-      const auto line = [&](const VectorXd& further) -> VectorXd {
+      const auto line = [&, p = p, q = q](const VectorXd& further) -> VectorXd {
         return pixel(p, plus_point(q, (length + further[0]) * step));
       };
       const MatrixXd numeric = numeric_jacobian(line, VectorXd::Constant(1, 1e-3));

@@ -4,6 +4,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/features/nearest_kernels.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
 #include "sfmcpp/linear/schur_kernels.hpp"
@@ -38,7 +39,7 @@ inline std::vector<InstructionSet> instruction_sets() {
                                     &linear::baseline::cholesky_kernels_of,
                                     &features::baseline::nearest_kernels_of}};
 #if defined(__x86_64__)
-  if (__builtin_cpu_supports("x86-64-v3")) {
+  if (best_isa() >= Isa::kAvx2) {
     sets.push_back({"avx2",
                     &residuals::avx2::kernels_for,
                     &residuals::avx2::cost_kernels_for,
@@ -50,7 +51,7 @@ inline std::vector<InstructionSet> instruction_sets() {
                     &linear::avx2::cholesky_kernels_of,
                     &features::avx2::nearest_kernels_of});
   }
-  if (__builtin_cpu_supports("x86-64-v4")) {
+  if (best_isa() >= Isa::kAvx512) {
     sets.push_back({"avx512",
                     &residuals::avx512::kernels_for,
                     &residuals::avx512::cost_kernels_for,

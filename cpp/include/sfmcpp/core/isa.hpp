@@ -15,8 +15,11 @@ enum class Isa { kBaseline, kAvx2, kAvx512 };
 
 std::string_view isa_name(Isa isa);
 
-// The best instruction set of this machine, or the lower one that the environment variable
-// SFMCPP_ISA (baseline, avx2, avx512) asks for. Read once.
+// The best instruction set of this machine.
+Isa best_isa();
+
+// That, or the lower one that the environment variable SFMCPP_ISA (baseline, avx2, avx512) asks for.
+// Read once.
 Isa active_isa();
 
 }  // namespace sfmcpp

@@ -2,6 +2,8 @@
 // type: with `double` they are the reference, with Pack<8> they treat eight observations at once.
 #pragma once
 
+#include <utility>
+
 namespace sfmcpp {
 
 // Inlined at any level of optimisation: see the rule in core/isa.hpp.
@@ -20,19 +22,16 @@ template <>
 struct VectorOf<2> {
   typedef float Single __attribute__((vector_size(8)));
   typedef double Type __attribute__((vector_size(16)));
-  typedef long long Mask __attribute__((vector_size(16)));
 };
 template <>
 struct VectorOf<4> {
   typedef float Single __attribute__((vector_size(16)));
   typedef double Type __attribute__((vector_size(32)));
-  typedef long long Mask __attribute__((vector_size(32)));
 };
 template <>
 struct VectorOf<8> {
   typedef float Single __attribute__((vector_size(32)));
   typedef double Type __attribute__((vector_size(64)));
-  typedef long long Mask __attribute__((vector_size(64)));
 };
 
 template <int W>
@@ -127,21 +126,33 @@ SFMCPP_INLINE double sum_of_lanes(Pack<W> a) {
   }
 }
 
+// The lanes of a and b in the order given, those of b counted on from those of a.
+template <int... kLanes, class Vector>
+SFMCPP_INLINE Vector shuffled(Vector a, Vector b) {
+#if defined(__clang__) || __GNUC__ >= 12
+  return __builtin_shufflevector(a, b, kLanes...);
+#else
+  typedef long long Order __attribute__((vector_size(sizeof(Vector))));
+  return __builtin_shuffle(a, b, Order{kLanes...});
+#endif
+}
+
+// Exchanges the upper half of `a` with the lower half of `b`, in each group of 2 kStride lanes.
+template <int kStride, int W, int... kLane>
+SFMCPP_INLINE void exchange_halves(Pack<W>& a, Pack<W>& b, std::integer_sequence<int, kLane...>) {
+  const Pack<W> low(shuffled<((kLane & kStride) != 0 ? W + kLane - kStride : kLane)...>(a.v, b.v));
+  const Pack<W> high(shuffled<((kLane & kStride) != 0 ? W + kLane : kLane + kStride)...>(a.v, b.v));
+  a = low;
+  b = high;
+}
+
 // Exchanges the off-diagonal halves of every pair of rows that are kStride apart (Eklundh's
 // transpose).
 template <int W, int kStride>
 SFMCPP_INLINE void exchange(Pack<W>* rows) {
-  typename VectorOf<W>::Mask low{}, high{};
-  for (int lane = 0; lane < W; ++lane) {
-    const bool upper = (lane & kStride) != 0;
-    low[lane] = upper ? W + lane - kStride : lane;
-    high[lane] = upper ? W + lane : lane + kStride;
-  }
   for (int i = 0; i < W; ++i) {
     if ((i & kStride) != 0) continue;
-    const Pack<W> a = rows[i], b = rows[i + kStride];
-    rows[i] = Pack<W>(__builtin_shuffle(a.v, b.v, low));
-    rows[i + kStride] = Pack<W>(__builtin_shuffle(a.v, b.v, high));
+    exchange_halves<kStride>(rows[i], rows[i + kStride], std::make_integer_sequence<int, W>());
   }
   if constexpr (kStride > 1) exchange<W, kStride / 2>(rows);
 }
