@@ -25,8 +25,8 @@ _DIGEST_BYTES = 20
 class Cache:
     """Arrays in a folder, each entry a file that is there complete or not at all.
 
-    Entries of another format, damaged, cut short or renamed count as absent. Nothing is ever removed: the folder
-    as a whole may be, at any time.
+    Entries of another format, damaged, cut short or renamed count as absent. Nothing is ever removed: the
+    folder as a whole may be, at any time.
 
     Parameters
     ----------
