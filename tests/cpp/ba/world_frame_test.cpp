@@ -79,7 +79,7 @@ TEST_F(WorldFrameOf, PointsAtInfinityStayThereAndDoNotCount) {
   WorldFrame(far).enter(far);
   EXPECT_EQ(far.points.back(), 0.0);
   EXPECT_NEAR(far.points[far.points.size() - 4], 0.6, 1e-15);
-  far.points.resize(far.points.size() - 4);
+  far.points.erase(far.points.end() - 4, far.points.end());
   EXPECT_EQ(far.points, inside.points);
 }
 
