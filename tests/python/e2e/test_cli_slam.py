@@ -242,7 +242,7 @@ def test_an_interrupted_run_keeps_what_there_is_and_says_so(tmp_path: Path, by: 
         process.wait(TIMEOUT_S)
     os.close(ours)
     assert process.returncode == 130, shown.decode()
-    assert f"what there is of them is in {folder}" in "".join(shown.decode().splitlines())
+    assert f"results so far are in {folder}" in "".join(shown.decode().splitlines())
     assert b"Traceback" not in shown
     assert names_in(folder) == FILES
     content = strict_json(folder / "report.json")

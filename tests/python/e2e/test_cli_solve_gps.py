@@ -107,7 +107,7 @@ def test_a_model_keeps_its_origin(tmp_path: Path, output: str) -> None:
     assert run_here("solve", source, "--gps", table, "-o", model).returncode == 0
     solved = run_here("solve", model, "--positions-out", again)
     assert solved.returncode == 0
-    assert "was brought to positions, which this solve does not have" in solved.stderr
+    assert "is georeferenced by positions that this solve does not use" in solved.stderr
     features = strict_json(again)["features"]
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
     # Without positions, a solve leaves them by what its images tell otherwise.
