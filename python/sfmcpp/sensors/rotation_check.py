@@ -118,8 +118,7 @@ class RotationCheck:
             return (
                 f"{name}: in the strongest turns its rotations differ by {np.degrees(self.error_rad):.2g}° "
                 f"from those of the camera ({np.degrees(self.turned_rad):.2g}°): check the declared axes, "
-                "mounting and "
-                "unit"
+                "mounting and unit"
             )
         return f"{name}: {self.clock}: add {self.offset_s:.2f} s to its stamps" if self.is_off else ""
 

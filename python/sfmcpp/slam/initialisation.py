@@ -105,9 +105,7 @@ class Initialiser:
         before, after = first.view.pixels[in_first], frame.view.pixels[in_last]
         moved_px = np.median(np.linalg.norm(after - before, axis=1))
         if len(self.frames) < 3 or moved_px < self._parallax_px(len(in_first)):
-            self.reason = (
-                f"the image moves only {moved_px:.3g} px from frame {first.number} to {frame.number}"
-            )
+            self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
             return None
         return self._map_of(before, after)
 

@@ -22,12 +22,12 @@ class SlamSettings:
         tracks as short as those of KITTI, odometer distances need more keyframes to affect the points: 8
         halve the error of every drive or better, 3 that of two in seven.
     keyframe_overlap : float
-        A frame becomes a keyframe if it sees less than this fraction of the last keyframe's tracks or meets
-        `keyframe_min_tracks`, provided that it also meets `keyframe_parallax_px`.
+        A frame becomes a keyframe if it sees less than this fraction of the last keyframe's tracks.
     keyframe_min_tracks : int
-        Met if fewer tracks of the frame than this have a point.
+        A frame also becomes a keyframe if fewer of its tracks than this have a point and the image has moved
+        by more than `keyframe_parallax_px`.
     keyframe_parallax_px : float
-        Smallest median image motion since the last keyframe [px].
+        Median image motion since the last keyframe that `keyframe_min_tracks` requires [px].
     start_parallax_px : float
         Median parallax that the first and the second keyframe need [px].
     start_point_ratio : float

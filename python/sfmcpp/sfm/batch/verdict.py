@@ -50,7 +50,7 @@ def misfit_warnings(
         return []
     return [
         f"the metric model fits {ratio:.1f} times worse than the projective one: parts of it may be "
-        "distorted, or the known intrinsics are wrong"
+        "distorted, or the assumptions on the intrinsics are wrong"
     ]
 
 
@@ -92,9 +92,9 @@ def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
 def nothing_found(focal: str) -> str:
     """Reason where no metric frame has its points in front of its cameras, `focal` as asked for."""
     return (
-        f"no calibration with {_words(focal)} places the points in front of the cameras: the known "
-        "intrinsics or the projective reconstruction are wrong, or the motion does not determine the "
-        "calibration"
+        f"no calibration with {_words(focal)} places the points in front of the cameras: the "
+        "assumptions on the intrinsics or the projective reconstruction are wrong, or the motion does not "
+        "determine the calibration"
     )
 
 
