@@ -205,7 +205,7 @@ def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
     assert not found.outliers
     assert tilt_deg(problem, truth) < 1
     (warning,) = found.warnings
-    assert "hangs on the position of 6 alone" in warning
+    assert "depends on the position of 6 alone" in warning
 
 
 def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:

@@ -30,10 +30,12 @@ def test_x_goes_right_and_z_goes_up() -> None:
 
 
 def test_truth_is_drawn_beside_an_estimate_whose_alignment_is_named() -> None:
-    figure = plot_top_view(PATH, PATH, POINTS, truth=PATH + 1, alignment="aligned to all of it", unit="m")
+    figure = plot_top_view(
+        PATH, PATH, POINTS, truth=PATH + 1, alignment="aligned to the whole trajectory", unit="m"
+    )
     lines = drawn(figure)
     assert lines["ground truth"] == [[1, 1], [2, 3], [2.5, 9]]
-    assert lines["estimate, aligned to all of it"] == [[0, 0], [1, 2], [1.5, 8]]
+    assert lines["estimate, aligned to the whole trajectory"] == [[0, 0], [1, 2], [1.5, 8]]
     assert "[m]" in figure.axes[0].get_xlabel()
 
 
