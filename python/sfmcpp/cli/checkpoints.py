@@ -48,4 +48,4 @@ class Checkpoints:
     @property
     def in_words(self) -> tuple[str, ...]:
         """How a run that was stopped goes on, if it can."""
-        return () if self.folder is None else (f"--resume {self.folder} goes on",)
+        return () if self.folder is None else (f"continue with --resume {self.folder}",)

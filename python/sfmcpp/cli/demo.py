@@ -44,7 +44,7 @@ def run_demo(folder: Path, seed: int) -> ExitCode:
 
 
 def _aligned(solved: Problem, truth: Problem) -> Problem:
-    """The solved scene in the frame of the truth, which its images cannot tell."""
+    """The solved scene aligned to the truth: images do not determine the world frame."""
     placed = fit_similarity(solved.centres, truth.centres)
     solved.cameras[:] = placed.apply_to_poses(solved.cameras)
     solved.points[:] = placed.apply(solved.points)
@@ -67,7 +67,7 @@ def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None
     save_scene_page(scene, folder / "view.html")
     say(f"written               {folder / 'view.html'}: open it in a browser")
     if not pictures:
-        say("no pictures: pip install 'sfmcpp[plot]'")
+        say("no pictures; to draw them: pip install 'sfmcpp[plot]'")
         return
     from sfmcpp.study.plotting import save_figure
     from sfmcpp.study.plotting.trajectories import plot_top_view

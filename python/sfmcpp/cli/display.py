@@ -31,11 +31,11 @@ WIDTH_OF_FILES = 120
 
 TERMINATIONS = {
     "converged": ("converged", "green"),
-    "max_iterations": ("stopped at the limit of iterations", "yellow"),
-    "max_seconds": ("stopped at the limit of time", "yellow"),
+    "max_iterations": ("stopped at the iteration limit", "yellow"),
+    "max_seconds": ("stopped at the time limit", "yellow"),
     "interrupted": ("interrupted", "yellow"),
     "stopped_by_callback": ("stopped by the callback", "yellow"),
-    "stalled": ("stalled short of a minimum", "yellow"),
+    "stalled": ("stalled before a minimum", "yellow"),
     "numerical_failure": ("numerical failure", "red"),
 }
 
@@ -60,7 +60,7 @@ def print_summary(
     for path in targets:
         table.add_row("written", Text(str(path)))
     if targets.problem is None:
-        table.add_row("result", "not kept: -o FILE writes it")
+        table.add_row("result", "not saved; use -o FILE to write it")
     say(rendered(table))
 
 
@@ -105,12 +105,12 @@ def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
         yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
     yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"
     if summary.linear_solver_forecast:
-        yield "forecast of a step", "; ".join(map(_forecast, summary.linear_solver_forecast))
+        yield "predicted step", "; ".join(map(_forecast, summary.linear_solver_forecast))
     for change in summary.linear_solver_changes:
-        yield "linear solver", f"{change.solver} from step {change.solves + 1} on ({change.reason})"
+        yield "linear solver", f"{change.solver} from step {change.solves + 1} ({change.reason})"
     for rank, load in enumerate(summary.ranks):
         yield f"rank {rank}", _load(load)
-    yield "seconds", f"{summary.seconds_total:.3f}, and {seconds_read:.3f} to read the input"
+    yield "seconds", f"{summary.seconds_total:.3f}, plus {seconds_read:.3f} for reading the input"
     yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
 
 

@@ -1,4 +1,4 @@
-"""`sfmcpp doctor`: what about a problem explains a bad result, and the same problem mended."""
+"""`sfmcpp doctor`: findings that explain a bad result, and a repaired problem."""
 
 from __future__ import annotations
 
@@ -101,7 +101,9 @@ def _write_report(
 def _mended(path: Path | None, repaired: Repair | None, diagnosis: Diagnosis) -> list[str]:
     if path is None or repaired is None:
         return []
-    unmended = "nothing" if diagnosis.is_healthy else "nothing: no finding has a safe repair, do as they say"
+    unmended = (
+        "nothing" if diagnosis.is_healthy else "nothing: no finding has a safe repair, follow their remedies"
+    )
     done = repaired.done or [unmended]
     return [*(f"mended   {line}" for line in done), f"written  {path}"]
 
@@ -134,5 +136,5 @@ def _table(diagnosis: Diagnosis) -> Table:
         table.add_row(str(rank), Text(finding.severity, style=_STYLES[finding.severity]), what)
         table.add_row("", "", Text(f"→ {finding.advice}", style="dim"))
     for reason in diagnosis.skipped:
-        table.add_row("", Text("in part", style="dim"), Text(reason, style="dim"))
+        table.add_row("", Text("limited", style="dim"), Text(reason, style="dim"))
     return table

@@ -175,7 +175,7 @@ def _rows(trajectory: Path, truth: Path, found: Evaluation, targets: Targets) ->
 def _scale_text(evaluation: Evaluation) -> str:
     ratio = evaluation.scale_ratio
     if ratio is None:
-        return "unknown: the truth does not move"
+        return "undefined: the ground truth does not move"
     return f"mean {ratio.mean:.6g}, median {ratio.median:.6g}, std {ratio.std:.6g}, max {ratio.max:.6g}"
 
 

@@ -56,8 +56,8 @@ class Gps:
         held = problem.fixed_cameras.any() or problem.fixed_points.any()
         if self.source is None and WorldOrigin.of(problem.metadata) is not None and not held:
             tell(
-                f"warning: {source}: was brought to positions, which this solve does not have: cameras may "
-                "move away from them (--gps gives them; sfmcpp convert writes them without a solve)"
+                f"warning: {source}: is georeferenced by positions that this solve does not use: cameras may "
+                "move away from them (give them with --gps; sfmcpp convert writes them without a solve)"
             )
 
     def georeference(self, problem: Problem, options: dict[str, Any]) -> Georeferenced | None:

@@ -81,9 +81,9 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
     with ctrl_c_noted():
         written = report.write(folder)
     if run.model is None:
-        more = f"{folder / PAGE} tells more" if written else f"{folder} keeps the model of an earlier run"
+        more = f"see {folder / PAGE}" if written else f"{folder} keeps the model of an earlier run"
         if run.interrupted:
-            tell(f"interrupted before there was a model: {more}, --resume goes on")
+            tell(f"interrupted before a model was found: {more}; continue with --resume")
             return ExitCode.INTERRUPTED
         return tell_error(f"{source}: {report.verdict()}; {more}")
     if targets.positions is not None:
@@ -93,7 +93,7 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
         say(report.table(written))
     if run.interrupted:
         images = f"{run.num_registered:,} of {len(run.images):,} images"
-        tell(f"interrupted with {images} in the model: it is in {folder}, --resume goes on")
+        tell(f"interrupted with {images} in the model, written to {folder}; continue with --resume")
         return ExitCode.INTERRUPTED
     if report.is_partial and not quiet:
         tell(f"warning: partial model: {report.verdict()}")
@@ -103,4 +103,4 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
 def _open(page: Path, quiet: bool) -> None:
     opened = webbrowser.open(page.resolve().as_uri())
     if not opened and not quiet:
-        tell(f"no browser could be opened: the model is shown by {page}")
+        tell(f"no browser could be opened; open {page} to see the model")

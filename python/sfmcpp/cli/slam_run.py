@@ -78,8 +78,8 @@ def _finish(found: SlamReport, folder: Path, checkpoints: Checkpoints, quiet: bo
         written = found.write(folder)
     if run.world is None:
         if run.interrupted:
-            told = f"{folder / 'report.json'} tells how far it came"
-            tell(f"interrupted before there was a map: {'; '.join((told, *checkpoints.in_words))}")
+            told = f"see {folder / 'report.json'} for the progress made"
+            tell(f"interrupted before a map was started: {'; '.join((told, *checkpoints.in_words))}")
             return ExitCode.INTERRUPTED
         tell(f"error: {run.drive.path}: no map could be started: {run.result.message}")
         return ExitCode.NUMERICAL_FAILURE
@@ -87,7 +87,7 @@ def _finish(found: SlamReport, folder: Path, checkpoints: Checkpoints, quiet: bo
         say(found.table(written))
     if run.interrupted:
         frames = f"{run.frames} of {len(run.drive.frames)} frames"
-        told = f"what there is of them is in {folder}"
+        told = f"results so far are in {folder}"
         tell(f"interrupted after {frames}: {'; '.join((told, *checkpoints.in_words))}")
         return ExitCode.INTERRUPTED
     if checkpoints.failures:
@@ -136,7 +136,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
 def _status(result: SlamResult, frames: int) -> str:
     """Say how a run stands in a few words."""
     if result.world is None:
-        return "looking for a start"
+        return "initialising"
     points = int(np.count_nonzero(result.world.known))
     lost = f" · {len(result.lost)} lost" if result.lost else ""
     fps = frames / max(result.seconds, 1e-9)
@@ -160,7 +160,7 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
 
     try:
         if not quiet:
-            tell(f"the map is shown at {page.url}")
+            tell(f"live map: {page.url}")
         yield show
     finally:
         page.close()
@@ -168,7 +168,7 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
 
 def _keep_serving(quiet: bool) -> None:
     if not quiet:
-        tell("the map stays on its page until Ctrl-C")
+        tell("the page stays open until Ctrl-C")
     with ctrl_c_noted() as asked_to_stop:
         while not asked_to_stop():
             time.sleep(_POLL_S)

@@ -137,4 +137,4 @@ def _write(start: Problem, output: Path, true_problem: Problem, truth: Path | No
 
 def _tracks(problem: Problem) -> str:
     lengths = np.bincount(problem.point_index, minlength=max(problem.num_points, 1))
-    return f"{lengths.mean():.1f} observations a point, at most {lengths.max()}"
+    return f"{lengths.mean():.1f} observations per point, at most {lengths.max()}"

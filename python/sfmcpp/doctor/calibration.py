@@ -1,4 +1,4 @@
-"""Intrinsics: those that the images contradict, and those that they cannot tell."""
+"""Intrinsics that the images contradict, and intrinsics that they do not determine."""
 
 from __future__ import annotations
 
@@ -117,14 +117,15 @@ def _judged(
 ) -> Iterator[Finding]:
     ratio = float(after[0] / before[0])
     shift = after[2:] - before[2:]
-    better = f"; the median error falls from {given.median_px:.3g} to {freed.median_px:.3g} px"
+    better = f" and reduces the median error from {given.median_px:.3g} to {freed.median_px:.3g} px"
     measures = {"focal_ratio": ratio, "shift_x_px": float(shift[0]), "shift_y_px": float(shift[1])}
     focal_off = abs(np.log(ratio)) > np.log1p(FOCAL_OFF)
     if focal_off and _fits_larger_image(case, given, freed, ratio):
         yield Finding(
             "calibration-of-another-size",
             "warning",
-            f"K is that of an image of another size: f, cx and cy {ratio:.3g} times as large fit{better}",
+            f"K belongs to an image of another size: scaling f, cx and cy by {ratio:.3g} fits the "
+            f"images{better}",
             f"multiply f, cx and cy by {ratio:.3g}",
             measures=measures,
         )
@@ -132,8 +133,8 @@ def _judged(
         yield Finding(
             "wrong-focal",
             "warning",
-            f"the fixed f = {before[0]:.5g} px contradicts the images: {after[0]:.5g} px fits{better}",
-            "check its unit and the size of the image it belongs to, or let it be refined (--refine f)",
+            f"the fixed f = {before[0]:.5g} px contradicts the images: {after[0]:.5g} px fits them{better}",
+            "check the unit of f and the image size it belongs to, or refine it (--refine f)",
             measures=measures,
         )
     elif np.abs(shift).max() > CENTRE_OFF * case.extent_px:
@@ -141,14 +142,14 @@ def _judged(
             "wrong-principal-point",
             "warning",
             f"the principal point ({before[2]:.5g}, {before[3]:.5g}) contradicts the images: "
-            f"({after[2]:.5g}, {after[3]:.5g}) fits{better}",
-            "check the size of the images, and whether they were cropped",
+            f"({after[2]:.5g}, {after[3]:.5g}) fits them{better}",
+            "check the image size and whether the images were cropped",
             measures=measures,
         )
 
 
 def _off_middle(case: Case) -> Iterator[Finding]:
-    """Where the images tell nothing, as those of a straight road: a principal point at the rim."""
+    """Find principal points near the border where the images do not determine them, as on a straight road."""
     problem = case.sample
     rows = problem.intrinsics_index[problem.camera_index]
     given = np.median(problem.intrinsics[rows, 2:4], axis=0)
@@ -157,9 +158,10 @@ def _off_middle(case: Case) -> Iterator[Finding]:
         yield Finding(
             "principal-point-off-middle",
             "warning",
-            f"the principal point ({given[0]:.5g}, {given[1]:.5g}) is far from the middle of the images, "
-            f"({middle[0]:.5g}, {middle[1]:.5g}): K is of an image of another size, or they were cropped",
-            "scale f, cx and cy to the size of the images, or give the principal point of the crop",
+            f"the principal point ({given[0]:.5g}, {given[1]:.5g}) is far from the image centre "
+            f"({middle[0]:.5g}, {middle[1]:.5g}): K belongs to an image of another size, or the images were "
+            "cropped",
+            "scale f, cx and cy to the image size, or give the principal point of the crop",
             measures={"shift_x_px": float(middle[0] - given[0]), "shift_y_px": float(middle[1] - given[1])},
         )
 
@@ -187,7 +189,7 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
 
 
 def undetermined(case: Case) -> Iterator[Finding]:
-    """Find free intrinsics whose standard deviation leaves open what they are."""
+    """Find free intrinsics that the images do not determine."""
     trial = case.trial
     if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or fits_poorly(case, trial):
         return
@@ -269,9 +271,9 @@ def _undetermined(
     return Finding(
         code,
         "warning" if widespread else "note",
-        f"the images cannot tell {listed}: one standard deviation moves the rim of the image by that share "
-        f"of its radius{reason}",
-        "keep them at known values (--refine without them), or share them between cameras",
+        f"the images do not determine {listed}: a change by one standard deviation moves pixels at the image "
+        f"border by this fraction of the image radius{reason}",
+        "fix them at known values (leave them out of --refine), or share them between cameras",
         case.named_cameras([int(k) for k in cameras]),
         cameras=tuple(int(k) for k in cameras),
         measures={name: share for name, (share, _) in unknown.items()},
@@ -282,10 +284,13 @@ def _reason(trial: Trial, focal: bool) -> tuple[str, str]:
     problem = trial.problem
     seen = np.unique(problem.camera_index)
     if focal and _flatness_px(problem) < 3 * trial.sigma_px:
-        return "planar-focal", "; all points lie in a plane, which leaves focal lengths open"
+        return "planar-focal", "; all points are in one plane, which does not determine focal lengths"
     axes = problem.rotations[seen, :, 2]
     if focal and np.degrees(np.arccos(np.clip((axes @ axes.mean(axis=0)).min(), -1, 1))) < 5.0:
-        return "parallel-views", "; all cameras look the same way, which leaves focal length and depth open"
+        return (
+            "parallel-views",
+            "; all cameras look in the same direction, which does not determine focal length and depth",
+        )
     return "undetermined-intrinsics", ""
 
 

@@ -90,7 +90,7 @@ class Case:
         if count <= SAMPLE:
             return self.problem
         self.skipped.append(
-            f"conventions, and what is behind cameras: judged by {SAMPLE:,} of {count:,} observations"
+            f"conventions and points behind cameras: checked on {SAMPLE:,} of {count:,} observations"
         )
         return self.problem.with_observations(np.linspace(0, count - 1, SAMPLE).astype(np.int64))
 
@@ -117,7 +117,7 @@ class Case:
             cameras = self._cameras_nearby()
             problem = problem.with_observations(cameras[problem.camera_index])
             self.skipped.append(
-                f"residuals and variances: {np.count_nonzero(cameras):,} neighbouring cameras "
+                f"residuals and variances: checked on {np.count_nonzero(cameras):,} neighbouring cameras "
                 f"of {len(cameras):,}"
             )
         return without_single_views(problem)
@@ -139,7 +139,7 @@ class Case:
         """The part adjusted by a robust loss; None, with the reason noted, where that cannot be."""
         trial = robust_trial(self.part, self.constraints, self.sigma_px)
         if isinstance(trial, str):
-            self.skipped.append(f"no trial adjustment, and nothing that needs one: {trial}")
+            self.skipped.append(f"trial adjustment and the checks based on it: {trial}")
             return None
         return trial
 

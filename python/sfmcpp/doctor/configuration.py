@@ -1,4 +1,4 @@
-"""Where cameras and points lie: near-critical configurations, small angles, units."""
+"""Geometry of cameras and points: near-critical configurations, small angles, units."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _FAR_FROM_ORIGIN = 1e5
 
 
 def pure_rotation(case: Case) -> Iterator[Finding]:
-    """Find image sets that a camera which only turns explains: they tell no depth."""
+    """Find image sets that a purely rotating camera explains: they do not determine depths."""
     if case.is_misread or not case.problem.num_observations:
         return
     turned = [_is_turned(case, *pair) for pair in _pairs(case)]
@@ -46,9 +46,9 @@ def pure_rotation(case: Case) -> Iterator[Finding]:
         yield Finding(
             "pure-rotation",
             "error",
-            f"a rotation alone explains {_MOST:.0%} of the matches of {np.count_nonzero(turned)} "
-            f"of {len(turned)} pairs of cameras: without a baseline, depths and centres are arbitrary",
-            "take images from other places, or fix the centres and solve for a panorama",
+            f"a rotation alone explains {_MOST:.0%} of the matches in {np.count_nonzero(turned)} "
+            f"of {len(turned)} camera pairs: without a baseline, depths and centres are arbitrary",
+            "take images from other positions, or fix the centres and solve for a panorama",
             measures={"pairs": float(len(turned)), "share": float(np.mean(turned))},
         )
 
@@ -88,7 +88,7 @@ def _rays(problem: Problem, camera: int) -> tuple[NDArray[np.int32], FloatArray]
 
 
 def angles(case: Case) -> Iterator[Finding]:
-    """Find points whose rays are parallel but for noise, and cameras that have hardly any others."""
+    """Find points whose rays are parallel within the noise."""
     trial = case.trial
     if case.is_misread or trial is None:
         return
@@ -103,9 +103,9 @@ def angles(case: Case) -> Iterator[Finding]:
     yield Finding(
         "small-angles",
         "warning" if share > 0.5 else "note",
-        f"the rays of {counted(len(points), 'point')} ({share:.1%}) meet at less than {_SIGMAS:g} σ of noise "
-        f"({_SIGMAS * trial.sigma_px:.2g} px): their depth cannot be told from infinity",
-        "longer baselines; or leave these points out, they only help rotations",
+        f"{counted(len(points), 'point')} ({share:.1%}) with a parallax below {_SIGMAS:g} σ of the noise "
+        f"({_SIGMAS * trial.sigma_px:.2g} px): their depth is undetermined",
+        "use longer baselines, or leave these points out: they only contribute to rotations",
         named("point", points),
         points=points,
         measures={"share": share},
@@ -113,7 +113,7 @@ def angles(case: Case) -> Iterator[Finding]:
 
 
 def coincident_centres(case: Case) -> Iterator[Finding]:
-    """Find a start that has all cameras at one place although the images do not."""
+    """Find an initial state with all cameras at the same position."""
     problem = case.problem
     seen = case.views_of_cameras > 0
     if seen.sum() < 2:
@@ -126,8 +126,9 @@ def coincident_centres(case: Case) -> Iterator[Finding]:
         yield Finding(
             "no-baseline",
             "error",
-            f"all {np.count_nonzero(seen):,} cameras with observations are at one place: none tells a depth",
-            "start from centres that are apart: relative poses, GPS, `sfmcpp reconstruct`",
+            f"all {np.count_nonzero(seen):,} cameras with observations are at the same position: no depth is "
+            "determined",
+            "start from distinct centres: from relative poses, GPS or `sfmcpp reconstruct`",
             measures={"spread": spread},
         )
 
@@ -145,16 +146,16 @@ def units(case: Case) -> Iterator[Finding]:
         yield Finding(
             "units",
             "warning",
-            f"the world is {extent:.1e} units wide: lengths and angles differ too much in size",
-            "choose a unit that makes the scene about one to a thousand wide",
+            f"the scene is {extent:.1e} units wide: the scales of lengths and angles differ too much",
+            "choose a unit in which the scene is about 1 to 1,000 wide",
             measures={"extent": extent},
         )
     if extent > 0 and offset > _FAR_FROM_ORIGIN * extent:
         yield Finding(
             "far-from-origin",
             "warning",
-            f"the world is {offset:.1e} units from its origin and {extent:.1e} wide: differences lose "
-            f"{np.log10(offset / extent):.0f} of 16 digits",
+            f"the scene is {offset:.1e} units from the origin and {extent:.1e} wide: differences of "
+            f"coordinates lose {np.log10(offset / extent):.0f} of 16 digits",
             "subtract the median position from centres and points",
             measures={"offset": offset, "extent": extent},
         )

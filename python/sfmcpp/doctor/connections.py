@@ -1,4 +1,4 @@
-"""How cameras hang together: what nobody sees, parts, hinges, cameras that see too little."""
+"""Connections between cameras: unobserved points, separate parts, hinges, weak cameras."""
 
 from __future__ import annotations
 
@@ -93,10 +93,10 @@ def _separate_parts(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
     yield Finding(
         "disconnected-parts",
         "warning",
-        f"the cameras fall into {len(sizes):,} parts (of {listed} cameras) that share no point: how they lie "
-        "to each other is arbitrary, 7 freedoms a part",
-        "match images across the parts, or solve each alone; --fix keeps the largest",
-        case.named_cameras(others) + " outside the largest",
+        f"the cameras form {len(sizes):,} parts ({listed} cameras) that share no points: their relative "
+        "position, rotation and scale are arbitrary (7 degrees of freedom per part)",
+        "match images across the parts, or solve each one separately; --fix keeps the largest",
+        case.named_cameras(others) + " outside the largest part",
         cameras=others,
         measures={"parts": float(len(sizes))},
     )
@@ -109,9 +109,13 @@ def _hinges(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
         yield Finding(
             "weak-link",
             "warning",
-            f"only {counted(shared, 'point')} between {counted(len(cameras), 'camera')} and the others"
-            + (": they can turn or grow against them" if loose else ": one wrong point bends the joint"),
-            f"match more images across the joint: {POINTS_TO_TELL_AN_OUTLIER} points tell a wrong one",
+            f"{counted(len(cameras), 'camera')} connected to the others by only {counted(shared, 'point')}"
+            + (
+                ": relative rotation or scale is undetermined"
+                if loose
+                else ": one wrong point distorts the model"
+            ),
+            f"match more images across the connection: {POINTS_TO_TELL_AN_OUTLIER} points reveal a wrong one",
             case.named_cameras(cameras),
             cameras=cameras,
             measures={"shared_points": float(shared)},
@@ -181,8 +185,9 @@ def _weak_cameras(case: Case) -> Iterator[Finding]:
         yield Finding(
             "weak-cameras",
             "warning",
-            f"too few points that others see, in {counted(len(weak), 'camera')}: {useful[list(weak)].min()} "
-            f"at least, {wanted[list(weak)].max()} tell the pose and a wrong point",
+            f"{counted(len(weak), 'camera')} with too few points that other cameras see: as few as "
+            f"{useful[list(weak)].min()}, where {wanted[list(weak)].max()} determine the pose and reveal a "
+            "wrong point",
             "match them with more images, fix them, or leave them out (Problem.with_cameras)",
             case.named_cameras(weak),
             cameras=weak,
@@ -203,23 +208,23 @@ def _unobserved(case: Case) -> Iterator[Finding]:
         yield Finding(
             "unobserving-cameras",
             "note",
-            f"no observations in {counted(len(cameras), 'camera')}: a solve leaves them as given",
+            f"{counted(len(cameras), 'camera')} without observations: a solve does not change their poses",
             "nothing to do, or leave them out (Problem.with_cameras)",
             case.named_cameras(cameras),
             cameras=cameras,
         )
     for views, code, text in (
-        (0, "unobserved-points", ("no", "a solve leaves them as given")),
-        (1, "points-seen-once", ("only one", "depth is held by damping alone")),
+        (0, "unobserved-points", ("no observations", "a solve does not change them")),
+        (1, "points-seen-once", ("only one observation", "only damping limits their depth")),
     ):
         points = numbers(np.flatnonzero((case.views_of_points == views) & ~case.problem.fixed_points))
         if points:
             yield Finding(
                 code,
                 "note",
-                f"{text[0]} observation of {counted(len(points), 'point')} "
-                f"({len(points) / case.problem.num_points:.1%}): {text[1]}",
-                "leave them out (Problem.with_points): they tell nothing about the cameras",
+                f"{counted(len(points), 'point')} ({len(points) / case.problem.num_points:.1%}) with "
+                f"{text[0]}: {text[1]}",
+                "leave them out (Problem.with_points): they contribute nothing to the cameras",
                 named("point", points),
                 points=points,
             )

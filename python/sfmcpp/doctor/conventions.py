@@ -1,4 +1,4 @@
-"""Pixels and poses read by another convention than they were written in: every known one is tried."""
+"""Pixels and poses in another convention than assumed: every known one is tried."""
 
 from __future__ import annotations
 
@@ -91,53 +91,53 @@ CONVENTIONS = (
         "mirrored-y",
         "the pixels' y points up instead of down",
         mirrored_y,
-        "--fix counts y from the other edge; or v = height − v",
+        "use --fix, or set v = height − v",
     ),
     Convention(
         "mirrored-x",
         "the images are mirrored left to right",
         _with_pixels(lambda x, k: np.column_stack([2 * k[:, 2] - x[:, 0], x[:, 1]])),
-        "u = width − u",
+        "set u = width − u",
     ),
     Convention(
         "swapped-pixels",
-        "the pixels are (row, column) instead of (x, y)",
+        "the pixels are in the order (row, column) instead of (x, y)",
         _with_pixels(lambda x, k: x[:, ::-1].copy()),
-        "swap the two columns of pixels",
+        "swap the two columns of the pixels",
     ),
     Convention(
         "centred-pixels",
-        "the pixels are counted from the principal point, not from the corner of the image",
+        "the pixels are relative to the principal point instead of the corner of the image",
         _with_pixels(lambda x, k: x + k[:, 2:4]),
-        "add (cx, cy) to the pixels, or set both to zero",
+        "add (cx, cy) to the pixels, or set cx = cy = 0",
     ),
     Convention(
         "normalised-pixels",
-        "the pixels are normalised coordinates at depth one",
+        "the pixels are normalised image coordinates (at depth 1)",
         _with_pixels(lambda x, k: x * np.column_stack([k[:, 0], k[:, 0] * k[:, 1]]) + k[:, 2:4]),
-        "multiply by f and add (cx, cy), or set f = 1 and the principal point to zero",
+        "multiply them by f and add (cx, cy), or set f = 1 and cx = cy = 0",
     ),
     Convention(
         "fy-for-aspect",
-        "the second intrinsic is fy, where the aspect fy / fx is meant",
+        "the second intrinsic is fy instead of the aspect ratio fy / fx",
         fy_for_aspect,
-        "divide it by the first: f, aspect, cx, cy, skew",
+        "divide it by the first; the order is f, aspect, cx, cy, skew",
     ),
     Convention(
         "axes-of-opengl",
         "the cameras look along −z with y up (OpenGL, Bundler, BAL) instead of z with y down",
         _with_poses(lambda r, c: (r * np.array([1.0, -1.0, -1.0]), c)),
-        "multiply the second and third column of each rotation by −1",
+        "negate the second and third column of each rotation",
     ),
     Convention(
         "inverse-poses",
         "the poses are camera_from_world [R | t] instead of world_from_camera [R | c]",
         _with_poses(lambda r, c: (_transposed(r), _placed(_transposed(r), c))),
-        "invert: R ← Rᵀ, c ← −Rᵀ t",
+        "invert the poses: R ← Rᵀ, c ← −Rᵀ t",
     ),
     Convention(
         "transposed-rotations",
-        "the rotations are camera_from_world, the centres are right",
+        "the rotations are camera_from_world instead of world_from_camera; the centres are correct",
         _with_poses(lambda r, c: (_transposed(r), c)),
         "transpose the rotations",
     ),
@@ -145,13 +145,13 @@ CONVENTIONS = (
         "translations-for-centres",
         "the last column holds the translations t of camera_from_world instead of centres",
         _with_poses(lambda r, c: (r, _placed(r, c))),
-        "c ← −R t, with R world_from_camera",
+        "set c ← −R t with R = world_from_camera",
     ),
     Convention(
         "mirrored-world",
-        "the points are those of a left-handed world",
+        "the points are in a left-handed frame",
         lambda p: replace(p, points=p.points * np.array([1.0, 1.0, -1.0])),
-        "negate z of the points, or the axis that the two worlds differ in",
+        "negate z of the points, or the axis in which the two frames differ",
     ),
 )
 
@@ -167,14 +167,16 @@ def conventions(case: Case) -> Iterator[Finding]:
         yield Finding(
             convention.code,
             "error",
-            f"{convention.text}: read so, the median error is {after:.3g} px; as it is, {_worse(before)}",
+            f"{convention.text}: median error {_worse(before)}, {after:.3g} px once corrected",
             convention.advice,
             measures={"median_px": before, "median_read_so_px": after},
         )
 
 
 def _worse(median_px: float) -> str:
-    return f"{median_px:.3g} px" if np.isfinite(median_px) else "most points are behind the cameras"
+    return (
+        f"{median_px:.3g} px" if np.isfinite(median_px) else "infinite (most points are behind the cameras)"
+    )
 
 
 def better_at_start(case: Case) -> tuple[Convention, float, float] | None:
@@ -227,8 +229,8 @@ def behind(case: Case) -> Iterator[Finding]:
         yield Finding(
             "cameras-look-away",
             "warning",
-            f"more than half of its points are behind the camera, in {counted(len(away), 'camera')}",
-            "rotations are turned around, or centres are beyond the points: estimate these poses anew",
+            f"{counted(len(away), 'camera')} with more than half of the observed points behind",
+            "estimate these poses again: the rotations point backwards, or the centres are beyond the points",
             case.named_cameras(away),
             cameras=away,
             measures={"share_behind": share},
@@ -239,7 +241,7 @@ def behind(case: Case) -> Iterator[Finding]:
             "points-behind",
             "warning" if share > _NOTABLE_BEHIND else "note",
             f"{counted(int(is_behind.sum()), 'observation')} ({share:.2%}) of a point behind the camera",
-            "triangulate these points anew, or drop them: a step cannot bring them through infinity",
+            "triangulate these points again, or drop them: a step cannot move them through infinity",
             case.named_cameras(cameras),
             cameras=cameras,
             measures={"share_behind": share},

@@ -90,7 +90,7 @@ def diagnose(
         require_pinhole(problem.camera_model)
     refused = _refused(problem)
     if refused is not None:
-        return Diagnosis([refused], ["everything else: the arrays break a rule"])
+        return Diagnosis([refused], ["all other checks: an array is invalid"])
     apart = [*duplicate_observations(problem), *no_image(problem)]
     case = Case(_without(problem, apart), groups, summary)
     findings = [*apart, *_unsolvable(case)]
@@ -106,7 +106,12 @@ def _refused(problem: Problem) -> Finding | None:
     try:
         _core.residuals(core_arrays(problem))
     except InvalidArgument as error:
-        return Finding("invalid-array", "error", str(error), "mend what wrote the array: a solve refuses it")
+        return Finding(
+            "invalid-array",
+            "error",
+            str(error),
+            "correct the program that wrote the array: a solve refuses it",
+        )
     return None
 
 
@@ -123,4 +128,4 @@ def _unsolvable(case: Case) -> Iterator[Finding]:
     try:
         check(case.problem)
     except InvalidArgument as error:
-        yield Finding("unsolvable", "error", str(error), "mend that first: a solve refuses this problem")
+        yield Finding("unsolvable", "error", str(error), "correct this first: a solve refuses the problem")

@@ -1,4 +1,4 @@
-"""Things that are there twice: observations, points, cameras."""
+"""Duplicate observations, points and cameras."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def duplicate_observations(problem: Problem) -> Iterator[Finding]:
         yield Finding(
             "duplicate-observations",
             "error",
-            f"{counted(len(repeated), 'observation')} of a point that the camera has observed before",
-            "--fix keeps the first of each; if their pixels differ, two tracks were joined that are not one",
+            f"{counted(len(repeated), 'observation')} of a point that the same camera already observes",
+            "use --fix to keep the first of each; if the pixels differ, two different tracks were merged",
             named("point", numbers(points)),
             points=numbers(points),
             observations=numbers(repeated),
@@ -42,7 +42,7 @@ def duplicate_observations(problem: Problem) -> Iterator[Finding]:
 
 
 def duplicates(case: Case) -> Iterator[Finding]:
-    """Find cameras and points whose observations are copies of those of others."""
+    """Find cameras and points that duplicate the observations of others."""
     problem = case.problem
     yield from _cameras(case, copies(problem.camera_index, problem.point_index, problem.pixels))
     yield from _points(case, copies(problem.point_index, problem.camera_index, problem.pixels))
@@ -90,9 +90,9 @@ def _cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
         yield Finding(
             "duplicate-cameras",
             "warning",
-            f"all observations of {counted(len(pairs), 'camera')} are those of another: "
-            f"{case.name_of_camera(pairs[0][1])} as {case.name_of_camera(pairs[0][0])}",
-            "an image was given twice; --fix drops the observations of the copies",
+            f"{counted(len(pairs), 'camera')} with exactly the observations of another camera: "
+            f"{case.name_of_camera(pairs[0][1])} duplicates {case.name_of_camera(pairs[0][0])}",
+            "give each image once; --fix drops the observations of the copies",
             case.named_cameras(sorted(copied)),
             cameras=tuple(copied),
         )
@@ -105,9 +105,9 @@ def _points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
         yield Finding(
             "duplicate-points",
             "warning" if share > _NOTABLE_SHARE else "note",
-            f"all observations of {counted(len(pairs), 'point')} ({share:.1%}) are those of another: "
-            f"{pairs[0][1]} as {pairs[0][0]}",
-            "they count twice; --fix drops the observations of the copies",
+            f"{counted(len(pairs), 'point')} ({share:.1%}) with exactly the observations of another point, "
+            f"which count twice: {pairs[0][1]} duplicates {pairs[0][0]}",
+            "use --fix to drop the observations of the copies",
             named("point", sorted(copied)),
             points=tuple(copied),
             measures={"share": share},

@@ -1,4 +1,4 @@
-"""Starts far from where an adjustment goes, as of problems that were changed after their last one."""
+"""Initial states far from the minimum, as of problems that were changed after their last adjustment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NAMED = 3
 
 
 def far_start(case: Case) -> Iterator[Finding]:
-    """Find starts off by tens of pixels, gross errors left aside, and the cameras that are off most."""
+    """Find initial states off by tens of pixels without counting outliers, and the worst cameras."""
     trial = case.trial
     if case.is_misread or trial is None or fits_poorly(case, trial):
         return
@@ -36,9 +36,9 @@ def far_start(case: Case) -> Iterator[Finding]:
     yield Finding(
         "far-start",
         "note",
-        f"the start is off by {rms:.3g} px RMS, where a robust adjustment leaves {trial.median_px:.3g} px in "
-        f"the median; most in cameras {listed}",
-        "nothing to do for a first estimate; what was adjusted before starts near its minimum: poses, pixels "
+        f"the initial state has an RMS error of {rms:.3g} px, a robust adjustment a median of "
+        f"{trial.median_px:.3g} px; the worst cameras are {listed}",
+        "nothing to do for a first estimate; if the problem was adjusted before, check whether poses, pixels "
         "or calibration have changed since",
         cameras=worst,
         measures={"rms_px": rms, "median_px": trial.median_px},

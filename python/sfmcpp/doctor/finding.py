@@ -1,4 +1,4 @@
-"""What a diagnosis consists of: findings, ranked, each with what, where and what to do."""
+"""The result of a diagnosis: ranked findings, each with what was found, where, and a remedy."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _NAMED = 5
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing about a problem that explains a bad result.
+    """One cause of a bad result.
 
     Attributes
     ----------
     code : str
-        Its name, the same in every version: ``"mirrored-y"``.
+        Name of the finding, the same in every version: ``"mirrored-y"``.
     severity : str
-        ``"error"``: a solve refuses the problem, or its result means nothing; ``"warning"``: the result will
-        suffer; ``"note"``: worth knowing.
+        ``"error"``: a solve refuses the problem, or its result is meaningless; ``"warning"``: the result is
+        degraded; ``"note"``: for information.
     what : str
-        What was found, in a sentence with its figures.
+        What was found, with figures.
     where : str
-        Cameras, points or observations it concerns, by name; empty: the whole problem.
+        Cameras, points or observations concerned, by name; empty: the whole problem.
     advice : str
-        What to do.
+        Remedy.
     cameras, points, observations : tuple of int
-        Their numbers.
+        Indices of the cameras, points and observations concerned.
     measures : dict of str to float
-        The figures of the sentence.
+        Figures of `what`, by name.
     """
 
     code: str
@@ -54,14 +54,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What :func:`sfmcpp.diagnose` found; print it for the ranked list.
+    """Result of :func:`sfmcpp.diagnose`; print it for the ranked list.
 
     Attributes
     ----------
     findings : list of Finding
-        Errors first, then warnings and notes; among these causes before what follows from them.
+        Errors first, then warnings and notes; within each severity, causes before their consequences.
     skipped : list of str
-        What was not looked at, or at a part only, and why.
+        Checks that were left out or made on a part only, with reasons.
     """
 
     findings: list[Finding]
@@ -69,20 +69,20 @@ class Diagnosis:
 
     @property
     def is_healthy(self) -> bool:
-        """Whether there is nothing above a note."""
+        """Whether there is neither an error nor a warning."""
         return all(finding.severity == "note" for finding in self.findings)
 
     @property
     def codes(self) -> list[str]:
-        """Names of the findings in their order."""
+        """Names of the findings, in order."""
         return [finding.code for finding in self.findings]
 
     def of_severity(self, severity: str) -> list[Finding]:
-        """Those of one severity."""
+        """Findings of one severity."""
         return [finding for finding in self.findings if finding.severity == severity]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for reports."""
+        """Plain Python values for JSON reports."""
         return {
             "healthy": self.is_healthy,
             "findings": [asdict(finding) for finding in self.findings],

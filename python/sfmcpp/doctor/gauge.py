@@ -1,4 +1,4 @@
-"""Which similarities of the world change no residual: the freedoms that nothing in the problem holds."""
+"""Gauge freedoms: the similarities of the world that change no residual."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ _SCALE = FREEDOMS.index("scale")
 _NEGLIGIBLE = 1e-6
 # What holds a world in place, by kind of constraint: then no freedom is expected to be left.
 _OF_THE_WORLD = ("position", "pose")
-_NOTHING_HELD = "all 7 freedoms of the world are left: position, rotation and scale mean nothing"
+_NOTHING_HELD = "all 7 gauge freedoms are left: position, rotation and scale of the world are arbitrary"
 # The Jacobian of one observation takes 200 bytes.
 _MOST_OBSERVATIONS = 2_000_000
 _AT_ONCE = 100_000
 
 
 def gauge(case: Case) -> Iterator[Finding]:
-    """Say which of the seven freedoms of a similarity are left, and whether that is meant."""
+    """Find which of the seven gauge freedoms are left, and whether that is expected."""
     problem = case.problem
     if not problem.is_metric:
-        yield _note("the 15 freedoms of a projective world are left", 15)
+        yield _note("the 15 gauge freedoms of a projective world are left", 15)
         return
     held = problem.fixed_cameras.any() or problem.fixed_points.any() or problem.rigs is not None
     if not (held or case.constraints):
         yield _of_an_origin() if WorldOrigin.of(problem.metadata) else _note(_NOTHING_HELD, 7)
         return
     if problem.num_observations > _MOST_OBSERVATIONS:
-        case.skipped.append(f"gauge: not computed beyond {_MOST_OBSERVATIONS:,} observations")
+        case.skipped.append(f"gauge: not computed above {_MOST_OBSERVATIONS:,} observations")
         return
     try:
         motions = free_motions(linearize(problem, constraints=case.constraints), problem)
@@ -51,7 +51,7 @@ def gauge(case: Case) -> Iterator[Finding]:
 
 
 def _note(what: str, count: int) -> Finding:
-    advice = "nothing to do for a solve; fix two cameras or give positions where a world frame is wanted"
+    advice = "nothing to do for a solve; for a defined world frame, fix two cameras or give positions"
     return Finding("gauge-freedoms", "note", what, advice, measures={"freedoms": float(count)})
 
 
@@ -59,8 +59,9 @@ def _of_an_origin() -> Finding:
     return Finding(
         "gauge-freedoms",
         "note",
-        "the world is that of positions which are no part of the problem: its 7 freedoms are left to a solve",
-        "nothing to do; give the positions again (--gps) where a solve must hold the world to them",
+        "the world frame comes from positions that are not part of the problem: a solve has all 7 gauge "
+        "freedoms",
+        "nothing to do; to keep a solve aligned to these positions, give them again (--gps)",
         measures={"freedoms": 7.0},
     )
 
@@ -76,11 +77,11 @@ def _left(case: Case, motions: FloatArray) -> Finding:
     return Finding(
         "gauge-freedoms",
         "warning" if expected else "note",
-        f"{counted(len(motions), 'freedom')} of the world's 7 left in spite of what is fixed, rigid or held, "
-        f"made of {', '.join(names)}",
-        "fix a camera more, or give a position off the line of the others"
+        f"{counted(len(motions), 'gauge freedom')} of 7 left despite fixed parameters, rigs and constraints: "
+        f"{', '.join(names)}",
+        "fix one more camera, or give a position off the line through the others"
         if expected
-        else "nothing to do, if that is meant",
+        else "nothing to do if this is intended",
         measures={"freedoms": float(len(motions))},
     )
 

@@ -1,4 +1,4 @@
-"""Pixels of images of another size than the problem has: photos resized after their calibration."""
+"""Pixels that belong to images of another size: photos resized after their calibration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NEARLY_ALL = (0.002, 0.998)
 
 
 def image_fill(case: Case) -> Iterator[Finding]:
-    """Find pixels that fill a part of the images from their corner, or go beyond, where K so scaled fits."""
+    """Find pixels that fill only a part of the images or exceed them, where a scaled K fits better."""
     if case.is_misread or case.problem.camera_model == "bal":
         return
     scale = _scale(case.sample)
@@ -43,11 +43,11 @@ def image_fill(case: Case) -> Iterator[Finding]:
     yield Finding(
         "pixels-of-another-size",
         "warning",
-        f"the pixels reach ({reached[0]:.0f}, {reached[1]:.0f}) in images of {width:.0f} × {height:.0f} px: "
-        f"they are of images {scale:.2g} times as large; with f, cx and cy so scaled the median error is "
-        f"{medians[1]:.3g} px, as it is {medians[0]:.3g} px",
-        f"photos were resized after their calibration: multiply pixels by {1 / scale:.3g}, or f, cx, cy and "
-        f"sizes by {scale:.2g}",
+        f"the pixels belong to images {scale:.2g} times as large (they reach {reached[0]:.0f}, "
+        f"{reached[1]:.0f} in images of {width:.0f} × {height:.0f} px): the median error is {medians[0]:.3g} "
+        f"px, and {medians[1]:.3g} px with f, cx and cy scaled by this factor",
+        f"multiply the pixels by {1 / scale:.3g}, or f, cx, cy and the image sizes by {scale:.2g}: the "
+        "photos were resized after their calibration",
         measures={"scale": scale, "median_px": medians[0], "median_scaled_px": medians[1]},
     )
 

@@ -1,4 +1,4 @@
-"""Sensors of rigs that are free, and whose poses in the rig the data leave open."""
+"""Free rig sensors whose poses in the rig the data do not determine."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _RIDGE = 1e-12
 
 
 def mounting(case: Case) -> Iterator[Finding]:
-    """Find free sensors that observe, and that nothing holds in their rig."""
+    """Find free sensors with observations whose poses in their rig are undetermined."""
     trial, rigs = case.trial, case.problem.rigs
     if rigs is None or case.is_misread or trial is None or fits_poorly(case, trial):
         return
     free = _observing(trial.problem, rigs)
     shares = _shares(case, trial, free)
     if isinstance(shares, str):
-        case.skipped.append(f"mountings of sensors: {shares}")
+        case.skipped.append(f"poses of sensors in their rigs: {shares}")
     elif (shares > _HALF).any():
         yield _undetermined(rigs, free[shares > _HALF])
 
@@ -95,9 +95,9 @@ def _undetermined(rigs: Rigs, sensors: NDArray[np.int64]) -> Finding:
     return Finding(
         "undetermined-sensors",
         "warning",
-        "the data leave open where free sensors are in their rig, as they do where it never turns about two "
-        "axes and no point is seen by two of its sensors",
-        "hold them (--rigs fixed), turn the rig more, or let its sensors see points in common",
+        "the data do not determine the poses of free sensors in their rig; this happens if the rig never "
+        "turns about two axes and no point is seen by two of its sensors",
+        "fix the sensors (--rigs fixed), turn the rig more, or let its sensors see common points",
         named("sensor", sensors.tolist()),
         cameras=numbers(np.flatnonzero(np.isin(rigs.sensor_of_camera, sensors))),
     )

@@ -1,4 +1,4 @@
-"""Observations of points that have no image in their camera: with them nothing else can be judged."""
+"""Observations of points that have no image in their camera; all other checks need them removed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from sfmcpp.model import Problem
 
 
 def no_image(problem: Problem) -> Iterator[Finding]:
-    """Find points in the centre of a camera that observes them, or beside it."""
+    """Find points at the centre or at depth zero of a camera that observes them."""
     rows = observations_without_image(problem)
     if len(rows):
         points = np.unique(problem.point_index[rows])
         yield Finding(
             "no-image",
             "error",
-            f"{counted(len(rows), 'observation')} of a point in the centre of the camera, or at depth zero",
-            "--fix drops them; or triangulate these points anew: a solve has no cost to start from",
+            f"{counted(len(rows), 'observation')} of a point at the camera centre or at depth zero: the cost "
+            "is undefined",
+            "use --fix to drop them, or triangulate these points again",
             named("point", numbers(points)),
             points=numbers(points),
             observations=numbers(rows),

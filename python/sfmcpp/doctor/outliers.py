@@ -1,4 +1,4 @@
-"""What residuals say once a robust adjustment has done its best: gross errors, by camera."""
+"""Residuals after a robust adjustment: outliers, by camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST = 0.5
 # By the loss that has found them.
 _ADVICE = {
     "cauchy": "solve with --loss huber or cauchy, or drop them (--fix)",
-    "auto": "solve with --loss auto, or drop them (--fix): so many lead huber and cauchy away",
+    "auto": "solve with --loss auto, or drop them (--fix): huber and cauchy fail with this many",
 }
 
 
@@ -31,7 +31,7 @@ def fits_poorly(case: Case, trial: Trial) -> bool:
 
 
 def outliers(case: Case) -> Iterator[Finding]:
-    """Find gross errors, the cameras that have most of theirs wrong, and problems that fit nowhere."""
+    """Find outliers, cameras with mostly outliers, and problems that nothing near the start fits."""
     trial = case.trial
     if case.is_misread or trial is None:
         return
@@ -59,9 +59,9 @@ def _poor_fit(case: Case, trial: Trial) -> Finding:
     return Finding(
         "poor-fit",
         "warning",
-        f"a robust adjustment leaves a median error of {trial.median_px:.3g} px, the stated σ is "
-        f"{case.sigma_px:.3g} px: no state near the start explains the images",
-        "if the start is good, indices of cameras or points are mixed up; else estimate it anew "
+        f"the median error is {trial.median_px:.3g} px after a robust adjustment, at a stated σ of "
+        f"{case.sigma_px:.3g} px: no state near the initial one explains the images",
+        "if the initial state is good, check the indices of cameras and points; otherwise estimate it again "
         "(sfmcpp reconstruct)",
         measures={"median_px": trial.median_px},
     )
@@ -72,10 +72,10 @@ def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.floa
     return Finding(
         "camera-contradicts",
         "warning",
-        f"most observations of {counted(len(cameras), 'camera')} are off by more than {GROSS:g} σ after a "
-        f"robust adjustment, {shares[worst]:.0%} of those of camera {case.name_of_camera(worst)}",
-        "their start, calibration or matches are wrong: estimate these poses anew, or leave "
-        "them out (Problem.with_cameras)",
+        f"{counted(len(cameras), 'camera')} with most observations off by more than {GROSS:g} σ after a "
+        f"robust adjustment ({shares[worst]:.0%} in camera {case.name_of_camera(worst)}): initial pose, "
+        "calibration or matches are wrong",
+        "estimate these poses again, or leave the cameras out (Problem.with_cameras)",
         case.named_cameras(cameras),
         cameras=cameras,
         measures={"share": float(shares[worst])},
@@ -94,14 +94,14 @@ def _outliers(case: Case, trial: Trial, gross: BoolArray) -> Finding:
         f"{counted(int(gross.sum()), 'observation')} ({share:.2%}) off by more than {limit:.3g} px after a "
         "robust adjustment",
         _ADVICE[trial.loss],
-        f"most in cameras {listed}",
+        f"highest shares in cameras {listed}",
         cameras=worst,
         measures={"share": share, "limit_px": limit},
     )
 
 
 def sigmas(case: Case) -> Iterator[Finding]:
-    """Find stated standard deviations that the residuals do not bear out."""
+    """Find stated standard deviations that the residuals contradict."""
     trial = case.trial
     stated = case.problem.sigma_px is not None or case.problem.covariance_px2 is not None
     if case.is_misread or trial is None or not stated:
@@ -111,8 +111,8 @@ def sigmas(case: Case) -> Iterator[Finding]:
         yield Finding(
             "wrong-sigmas",
             "warning",
-            f"the observations scatter by {trial.sigma_px:.2g} px, their stated σ is {case.sigma_px:.2g} px: "
-            "losses, covariances and weights of constraints are off by that",
+            f"the observations scatter by {trial.sigma_px:.2g} px, but the stated σ is {case.sigma_px:.2g} "
+            "px: loss scale, covariances and weights of constraints are wrong by this ratio",
             "scale sigma_px, or leave it out",
             measures={"ratio": ratio},
         )

@@ -1,4 +1,4 @@
-"""Fixed principal points that free focal lengths cover up: no residual is large, but the shape is wrong."""
+"""Wrong fixed principal points that a free focal length hides: residuals are small, the shape is wrong."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CENTRE = slice(2, 4)
 
 
 def principal_point(case: Case) -> Iterator[Finding]:
-    """Find principal points whose freedom takes the focal length elsewhere, or half of the error away."""
+    """Find principal points that, once free, change the focal length or halve the squared error."""
     trial = case.trial
     if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
         return
@@ -69,11 +69,10 @@ def _contradicted(before: FloatArray, after: FloatArray, less: float, is_far: bo
     return Finding(
         "wrong-principal-point",
         "warning" if is_far else "note",
-        f"the principal point ({before[2]:.5g}, {before[3]:.5g}) contradicts the images: where it is free, "
-        f"too, it goes to ({after[2]:.5g}, {after[3]:.5g}), f from {before[0]:.5g} to {after[0]:.5g} px, and "
+        f"the principal point ({before[2]:.5g}, {before[3]:.5g}) contradicts the images: when refined, it "
+        f"moves to ({after[2]:.5g}, {after[3]:.5g}), f from {before[0]:.5g} to {after[0]:.5g} px, and "
         f"the squared error falls by {less:.0%}",
-        "check the size of the images, and whether they were cropped, or let it be refined "
-        "(--refine f,cx,cy)",
+        "check the image size and whether the images were cropped, or refine it (--refine f,cx,cy)",
         measures={
             "focal_ratio": float(after[0] / before[0]),
             "shift_x_px": float(after[2] - before[2]),

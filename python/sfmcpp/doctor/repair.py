@@ -1,4 +1,4 @@
-"""Faults that can be mended without asking: what is there twice, mirrored, cut off, or grossly wrong."""
+"""Safe repairs: duplicates, a mirrored y, disconnected parts, outliers."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Repair:
     Attributes
     ----------
     problem : Problem
-        With all cameras and points it had, under their numbers, and fewer observations.
+        With all cameras and points, under the same indices, and fewer observations.
     done : list of str
-        What was done, in order; empty: nothing could be mended.
+        Repairs made, in order; empty: no finding has a safe repair.
     """
 
     problem: Problem
@@ -36,27 +36,27 @@ class Repair:
 
 
 def repair(problem: Problem, *, constraints: Iterable[Group] = ()) -> Repair:
-    """Mend what can be mended safely: duplicates, a mirrored y, parts cut off, gross errors.
+    """Repair what can be repaired safely: duplicates, a mirrored y, disconnected parts, outliers.
 
-    One fault after the other, each found anew once the one before is mended. Cameras and points keep their
-    numbers: what is dropped are observations, and a solve leaves alone what has none.
+    Repairs one fault at a time and diagnoses again after each. Cameras and points keep their indices: only
+    observations are dropped, and a solve does not change cameras and points without observations.
 
     Parameters
     ----------
     problem : Problem
-        Left untouched.
+        Not changed.
     constraints : iterable of ConstraintGroup or ResidualGroup
         Those of the solve.
 
     Returns
     -------
     Repair
-        A problem of its own, and what was done.
+        A new problem, and the repairs made.
 
     Raises
     ------
     InvalidArgument
-        If a constraint is no valid group.
+        If a constraint is not a valid group.
     """
     groups, mended, done = list(constraints), problem.copy(), list[str]()
     tried = set[str]()
@@ -69,11 +69,7 @@ def repair(problem: Problem, *, constraints: Iterable[Group] = ()) -> Repair:
         before = mended.num_observations
         mended = _REPAIRS[chosen.code](mended, chosen, groups)
         dropped = before - mended.num_observations
-        change = (
-            f"{dropped:,} of {before:,} observations dropped"
-            if dropped
-            else "pixels counted from the other edge"
-        )
+        change = f"{dropped:,} of {before:,} observations dropped" if dropped else "y of all pixels mirrored"
         done.append(f"{chosen.code}: {change}")
 
 

@@ -1,4 +1,4 @@
-"""What can be said of a solved problem: how it ended, what is least certain, which minima are near."""
+"""Checks of a solved problem: termination, variances, other minima nearby."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _SEEDS = (0, 1, 2)
 
 
 def solution(case: Case) -> Iterator[Finding]:
-    """Judge the end of a solve, its variances and the minima around it."""
+    """Check the termination of a solve, its variances and other minima nearby."""
     if case.summary is None:
         return
     yield from _ending(case.summary)
     if case.problem.num_observations > TRIAL_OBSERVATIONS or case.problem.num_cameras > TRIAL_CAMERAS:
         case.skipped.append(
-            f"variances and other basins: not looked at beyond {TRIAL_CAMERAS:,} cameras or "
+            f"variances and other minima: not computed above {TRIAL_CAMERAS:,} cameras or "
             f"{TRIAL_OBSERVATIONS:,} observations"
         )
         return
@@ -42,7 +42,7 @@ def solution(case: Case) -> Iterator[Finding]:
         yield from _worst_cameras(case, case.summary)
         yield from _other_basins(case, case.summary)
     except InvalidArgument as error:
-        case.skipped.append(f"variances and other basins: {error}")
+        case.skipped.append(f"variances and other minima: {error}")
 
 
 def _ending(summary: Summary) -> Iterator[Finding]:
@@ -50,8 +50,9 @@ def _ending(summary: Summary) -> Iterator[Finding]:
         yield Finding(
             "not-converged",
             "warning",
-            f"the solve ended by {summary.termination.replace('_', ' ')}: {summary.message}",
-            "more iterations (--max-iterations), another method, or a better start",
+            f"the solve ended without convergence ({summary.termination.replace('_', ' ')}): "
+            f"{summary.message}",
+            "allow more iterations (--max-iterations), or use another method or a better initial state",
         )
 
 
@@ -68,8 +69,9 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     yield Finding(
         "uncertain-cameras" if loose else "worst-cameras",
         "warning" if loose else "note",
-        f"the least certain centres: cameras {listed} (half of the points are within {extent:.2g})",
-        "match these images with more others" if loose else "nothing to do",
+        f"the least certain centres are those of cameras {listed} (half of the points are within "
+        f"{extent:.2g})",
+        "match these images with more other images" if loose else "nothing to do",
         cameras=tuple(int(k) for k in seen[worst]),
         measures={"worst_sigma": float(sigmas[worst[0]]), "extent": extent},
     )
@@ -114,8 +116,8 @@ def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
             yield Finding(
                 "better-basin",
                 "warning",
-                f"from {name} a solve ends at {1 - other / cost:.1%} less cost",
-                "start from there, or from a better first estimate: this is a local minimum",
+                f"this is a local minimum: a solve from {name} ends at a cost {1 - other / cost:.1%} lower",
+                "solve from that state, or from a better initial estimate",
                 measures={"cost": cost, "other_cost": other},
             )
             return
@@ -123,8 +125,9 @@ def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
             yield Finding(
                 "rival-basin",
                 "warning",
-                f"from {name} a solve ends at another shape of like cost ({other / cost - 1:+.2%})",
-                "the images hardly tell the two apart: more views, longer baselines, or positions",
+                f"the shape is ambiguous: a solve from {name} ends at another shape of similar cost "
+                f"({other / cost - 1:+.2%})",
+                "add views, longer baselines or positions",
                 measures={"cost": cost, "other_cost": other},
             )
             return
@@ -140,7 +143,7 @@ def _adjusted(start: Problem, case: Case, summary: Summary) -> tuple[Problem, fl
 def _starts(problem: Problem) -> Iterator[tuple[str, Problem]]:
     offsets = problem.points - np.median(problem.points, axis=0)
     size = 0.05 * float(np.median(np.linalg.norm(offsets, axis=1)))
-    yield "the scene turned inside out", depth_reversed(problem)
+    yield "the depth-reversed scene", depth_reversed(problem)
     for seed in _SEEDS:
         moved = perturb(
             problem,
@@ -150,7 +153,7 @@ def _starts(problem: Problem) -> Iterator[tuple[str, Problem]]:
             focal_sigma=0.05,
             seed=seed,
         )
-        yield f"a start moved by 5 % of the scene (seed {seed})", moved
+        yield f"a state perturbed by 5 % of the scene (seed {seed})", moved
 
 
 def depth_reversed(problem: Problem) -> Problem:

@@ -217,7 +217,7 @@ def _flat(
     inliers = _agreeing(matches, camera, options.threshold_px)
     if np.count_nonzero(inliers) < _LEAST_PART_OF_POSE * np.count_nonzero(flat):
         return _flat_without_camera(flat, homography)
-    message = "one homography explains the matches: a plane, or too little depth to tell"
+    message = "one homography explains the matches: a plane, or too little depth variation"
     if len(rivals):
         message += "; " + ambiguity_message(camera, rivals)
     return _with_camera("planar", matches, inliers, homography, camera, message)
@@ -231,7 +231,9 @@ def _with_poor_guess(
     if free.kind != "general" or share < _LEAST_PART_OF_POSE:
         return free
     angle = _median_angle_deg(matches, free.inliers, camera)
-    message = f"intrinsics are far off: they explain {share:.0%} of what a fundamental matrix does"
+    message = (
+        f"intrinsics are far off: they explain {share:.0%} of the matches that a fundamental matrix explains"
+    )
     return replace(free, camera=camera, median_angle_deg=angle, message=message)
 
 
@@ -281,14 +283,14 @@ def _rotation(
     if not inliers.any():
         return _nothing(len(inliers), "no rotation and no plane explain the matches")
     camera = np.column_stack([rotation, np.zeros(3)])
-    message = "the camera only turned: no parallax that would tell depths"
+    message = "the camera only turned: no parallax to determine depths"
     angle = _median_angle_deg(matches, inliers, camera)
     return TwoViewGeometry("rotation", inliers, _unknown_matrix(), homography, camera, angle, message)
 
 
 def _same_photos(still: BoolArray, known: bool) -> TwoViewGeometry:
     camera, angle = (np.eye(3, 4), 0.0) if known else (unknown_camera(), np.nan)
-    message = "the photos are the same, or the camera did not move"
+    message = "the photos are identical, or the camera did not move"
     return TwoViewGeometry("rotation", still, _unknown_matrix(), np.eye(3), camera, angle, message)
 
 

@@ -1,4 +1,4 @@
-"""Residuals of poses and points by a function of the user's own, in named groups beside constraints."""
+"""User-defined residuals of poses and points, in named groups."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
 
 
 class Evaluation(NamedTuple):
-    """Residuals of the members of a group, and their derivatives where these were asked for.
+    """Residuals of the members of a group, and their derivatives if requested.
 
     Attributes
     ----------
@@ -40,22 +40,22 @@ class Evaluation(NamedTuple):
 
 @dataclass(eq=False)
 class ResidualGroup(MemberGroup):
-    """Residuals of poses, of poses and points, or of points by a NumPy function, in the cost of any solve.
+    """User-defined residuals of poses, points or both, computed by a NumPy function and added to the cost.
 
-    In :func:`sfmcpp.solve` the group adds ``½ Σ ρ(weight · member_weights · ‖r‖²)`` to the cost. A sensor of
-    standard deviation σ has ``r = error / σ`` where observations are over theirs.
+    In :func:`sfmcpp.solve` the group adds ``½ Σ ρ(weight · member_weights · ‖r‖²)`` to the cost. For a sensor
+    of standard deviation σ return ``r = error / σ``, as observations are divided by theirs.
 
     Parameters
     ----------
     function : callable
-        Called for all members at once, with poses (n, 3, 4) of `cameras` (n,), or (n, 2, 3, 4) of pairs
-        (n, 2): rotation world_from_camera and centre in the world; with coordinates (n, 3) in the world of
-        `points` (n,); with both, poses first. Returns residuals r (n, k), or r and their derivatives
-        (n, k, 6) or (n, k, 2, 6) by δR of ``R exp([δR]×)`` [rad] and the centre, and (n, k, 3) by the point:
-        ``r, by_pose``, ``r, by_point`` or ``r, by_pose, by_point``. Without them it is called twelve times
-        for each camera of a member and six times for its point, for central differences. It must be a
-        function of its arguments alone. What it raises ends the solve and is raised as it is; the problem
-        then holds the best state until there.
+        Called once for all members. Its arguments are the poses (n, 3, 4) of `cameras` (n,), or (n, 2, 3, 4)
+        of pairs (n, 2), each with rotation world_from_camera and centre in the world, and the world
+        coordinates (n, 3) of `points` (n,); with both, poses come first. Returns residuals r (n, k),
+        optionally with derivatives: (n, k, 6) or (n, k, 2, 6) by δR of ``R exp([δR]×)`` [rad] and the centre,
+        and (n, k, 3) by the point, as ``r, by_pose``, ``r, by_point`` or ``r, by_pose, by_point``. Without
+        derivatives it is called twelve times for each camera of a member and six times for its point, for
+        central differences. The result must depend on the arguments only. An exception ends the solve and
+        is passed on; the problem then holds the best state so far.
     cameras : (n,) or (n, 2) int32, optional
         The camera of each member, or a pair of cameras. Default: none, with `points`.
     weight : float
@@ -68,16 +68,16 @@ class ResidualGroup(MemberGroup):
         Robust loss ρ: ``"squared"`` (none), ``"huber"``, ``"cauchy"``, ``"tukey"``, ``"geman-mcclure"`` or
         ``"truncated"``, or one of your own.
     loss_scale : float, optional
-        Where the loss leaves the parabola, in units of r. Default: 95 % efficiency on normal errors; of one
-        of your own: 1.
+        Residual at which the loss leaves the parabola, in units of r. Default: 95 % efficiency on normal
+        errors; 1 for your own loss.
     points : (n,) int32, optional
-        The point of each member, alone or with one camera. The camera need not see it.
+        The point of each member, alone or with one camera. The camera need not observe it.
 
     Raises
     ------
     InvalidArgument
-        If a shape is wrong or a number is not finite. Numbers of cameras and points, weights and what the
-        function returns wait for the solve.
+        If a shape is wrong or a number is not finite. Indices of cameras and points, weights and the return
+        value of the function are checked by the solve.
     """
 
     function: ResidualFunction
@@ -152,12 +152,12 @@ class ResidualGroup(MemberGroup):
         Returns
         -------
         Evaluation
-            Residuals, and derivatives by what the group has.
+            Residuals, and derivatives by the cameras and points of the group.
 
         Raises
         ------
         InvalidArgument
-            If what the function returns has another shape, or is no number.
+            If the return value of the function has a wrong shape or is not a number.
         """
         residuals, derivatives = self._called(poses, points)
         if not jacobian:

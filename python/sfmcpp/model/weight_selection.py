@@ -69,7 +69,7 @@ class ConflictReport:
                 f"the mean {self.bias_sigmas:.1f} σ, neighbours alike by {self.alike_sigmas:.1f} σ"
             )
         if self.degrees_of_freedom == 0:
-            return f"{self.name}: the pose does not move its error, so the images say nothing of it"
+            return f"{self.name}: its error does not depend on the pose, so the images cannot test it"
         given = "taken as exact" if self.sensor_sigma is None else f"σ = {self.sensor_sigma:.3g} {self.unit}"
         return (
             f"{self.name} ({given}) {verdict} the images: {self.discrepancy:.3g} {self.unit} apart, "

@@ -107,18 +107,18 @@ class RotationCheck:
         return f"its clock is {abs(self.offset_s):.2f} ± {self.sigma_s:.2f} s {side} the camera's"
 
     def complaint(self, name: str) -> str:
-        """What is wrong with the sensor of that name, and what to do about it; empty if nothing shows."""
+        """The fault of the sensor of that name and its remedy; empty if none is found."""
         if self.unit_factor != 1:
             given, declared = ("degrees", "radians") if self.unit_factor > 1 else ("radians", "degrees")
             return (
-                f"{name}: its rates are {self.unit_factor:.3g} times those seen by the camera: "
+                f"{name}: its rates are {self.unit_factor:.3g} times those of the camera: "
                 f"{given} declared as {declared}?"
             )
         if self.turned_rad > _LEAST_TURN_RAD and self.error_rad > _WRONG * self.turned_rad:
             return (
-                f"{name}: where it turns most its rotations are {np.degrees(self.error_rad):.2g}° off those "
-                f"seen by the camera, which are {np.degrees(self.turned_rad):.2g}°: are its axes, its "
-                "mounting or its unit others than declared?"
+                f"{name}: in the strongest turns its rotations differ by {np.degrees(self.error_rad):.2g}° "
+                f"from those of the camera ({np.degrees(self.turned_rad):.2g}°): check the declared axes, "
+                "mounting and unit"
             )
         return f"{name}: {self.clock}: add {self.offset_s:.2f} s to its stamps" if self.is_off else ""
 

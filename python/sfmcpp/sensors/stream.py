@@ -107,7 +107,7 @@ def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
         One line for each gap.
     """
     return [
-        f"stream {stream.name!r}: gap of {gap}, longer than {stream.max_gap_s:.3f} s: no measurement there"
+        f"stream {stream.name!r}: gap of {gap}, longer than {stream.max_gap_s:.3f} s: no measurements in it"
         for stream in streams
         for gap in stream.gaps()
     ]
@@ -115,7 +115,7 @@ def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
 
 @checked()
 def describe_coverage(streams: Sequence[SensorStream], start_s: float, end_s: float) -> list[str]:
-    """Tell of each stream that does not last as long as the images, or is too sparse to tell a motion.
+    """List streams that do not cover the images, or are too sparse to determine a motion.
 
     Parameters
     ----------
@@ -137,11 +137,11 @@ def describe_coverage(streams: Sequence[SensorStream], start_s: float, end_s: fl
 def _faults(stream: SensorStream, start_s: float, end_s: float) -> Iterator[str]:
     first_s, last_s = float(stream.t_s[0]), float(stream.t_s[-1])
     if first_s - stream.max_gap_s > start_s:
-        yield f"begins at {first_s:.3f} s, {first_s - start_s:.3f} s after the images: no measurement before"
+        yield f"begins at {first_s:.3f} s, {first_s - start_s:.3f} s after the images: no measurements before"
     if last_s + stream.max_gap_s < end_s:
-        yield f"ends at {last_s:.3f} s, {end_s - last_s:.3f} s before the images: no measurement after"
+        yield f"ends at {last_s:.3f} s, {end_s - last_s:.3f} s before the images: no measurements after"
     if stream.kind in _RATES and stream.period_s > _SPARSE_S:
         yield (
-            f"its samples are {stream.period_s:.3g} s apart, too far to tell a motion: are the times in the "
-            "unit that the file names?"
+            f"its samples are {stream.period_s:.3g} s apart, too sparse to determine a motion: check the "
+            "unit of the times in the file"
         )

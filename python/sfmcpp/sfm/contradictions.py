@@ -66,6 +66,6 @@ def warning_of(graph: MatchGraph, pairs: list[Pair]) -> str:
     worst = pairs[0]
     names = f"{graph.photos[worst.first].name} and {graph.photos[worst.second].name}"
     return (
-        f"{len(pairs)} pairs of images match well and yet contradict the model, first {names} "
-        f"({len(worst.verified)} matches): repeated or symmetric structure, the model may be folded"
+        f"{len(pairs)} pairs of images match well but contradict the model, first {names} "
+        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded"
     )

@@ -50,8 +50,8 @@ _JUDGED = 300
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 
 _UNCHECKED = (
-    "how the model lies in the world, such as its roll about the line of the other positions, hangs on the "
-    "position of {} alone: the others cannot check it"
+    "the alignment of the model, such as its roll about the line of the other positions, depends on the "
+    "position of {} alone: the others cannot verify it"
 )
 _NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
 _SWAPPED = {

@@ -192,7 +192,7 @@ class Growth:
             counts[self._elsewhere] = 0
         for image in np.flatnonzero(~world.registered):
             self.reasons[int(image)] = (
-                f"sees {counts[image]} points of the model, {self._settings.min_inliers} are needed"
+                f"it sees only {counts[image]} points of the model, {self._settings.min_inliers} are needed"
             )
         images = np.flatnonzero(counts >= self._settings.min_inliers)
         scores = [self._spread(int(image), sees) for image in images]

@@ -40,11 +40,11 @@ def swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, 
     if len(centres) >= _LEAST_PAIRS:
         as_they_are, mirrored = (_median_distance(c, metres, seed) for c in (centres, centres * _MIRROR))
         if mirrored < _MUCH_BETTER * as_they_are:
-            return f"mirrored they would fit the images within {mirrored:.2g} m, not {as_they_are:.2g} m"
+            return f"mirrored, they fit the images to {mirrored:.2g} m instead of {as_they_are:.2g} m"
     up, ahead = -poses[:, 2, 1].mean(), poses[:, 2, 2].mean()
     if up < _HEADS_DOWN:
-        return "the cameras stand on their heads"
-    return "the cameras look up to the sky" if ahead > _TO_THE_SKY else ""
+        return "the cameras are upside down"
+    return "the cameras look at the sky" if ahead > _TO_THE_SKY else ""
 
 
 def _median_distance(centres: FloatArray, metres: FloatArray, seed: int) -> float:

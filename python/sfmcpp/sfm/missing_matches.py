@@ -258,6 +258,6 @@ def warning_of_missing(graph: MatchGraph, pairs: list[Pair]) -> str:
     """Say it in a sentence."""
     first, second = graph.photos[pairs[0].first].name, graph.photos[pairs[0].second].name
     return (
-        f"{len(pairs)} pairs of images are at one place in the model and do not show the same, first "
-        f"{first} and {second}: repeated or symmetric structure, the model may be folded"
+        f"{len(pairs)} pairs of images are at the same position in the model but do not show the same scene, "
+        f"first {first} and {second}: with repeated or symmetric structure, the model may be folded"
     )

@@ -60,22 +60,22 @@ def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> s
     features = len(graph.features[image])
     if features < _FEW_FEATURES:
         where = "in it" if graph.photos[image].mask is None else "outside its mask"
-        return f"hardly anything is detected {where}: {features} features"
+        return f"almost no features were detected {where}: {features} features"
     if len(graph.photos) == 1:
-        return "it is the only image that can be used: two are needed"
+        return "it is the only usable image; two are needed"
     if best is None:
-        return "it was matched with no other image"
+        return "it was not matched with any other image"
     other = graph.photos[best.second if best.first == image else best.first].name
     if best.geometry.kind == "none":
-        return f"it matches no other image: at best {len(best.matches)} matches, with {other}"
+        return f"it matches no other image: at most {len(best.matches)} matches, with {other}"
     if image in grown.reasons and grown.models:
         return grown.reasons[image]
-    found = f"at best {len(best.verified)} matches agree, with {other}"
-    return f"no first pair could be made of it: {found}; {best.geometry.message or 'too few points'}"
+    found = f"at most {len(best.verified)} verified matches, with {other}"
+    return f"it is in no suitable initial pair: {found}; {best.geometry.message or 'too few points'}"
 
 
 def warnings_of_folder(folder: PhotoFolder) -> list[str]:
-    """Say what of a folder was left aside before anything was detected.
+    """List what was left out of a folder before feature detection.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
 
 
 def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) -> list[str]:
-    """Say what a user should know.
+    """List warnings for the user.
 
     Parameters
     ----------
@@ -124,10 +124,8 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
     else:
         count = int(np.count_nonzero(grown.models[0].registered))
         if count < len(graph.photos):
-            that = " that can be used" if graph.unreadable else ""
-            warnings.append(
-                f"the model is partial: {count} of {len(graph.photos)} images{that} have a pose in it"
-            )
+            that = "usable " if graph.unreadable else ""
+            warnings.append(f"the model is partial: it contains {count} of {len(graph.photos)} {that}images")
     # Tracks that come from elsewhere end where a tracker loses them: what they lack tells nothing.
     own_matches = any(photo.path is not None for photo in graph.photos)
     for world in grown.models:
@@ -137,12 +135,12 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
             warnings.append(warning_of_missing(graph, missing))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
-        warnings.append(f"the images fall into {len(grown.models)} models of {sizes} images")
+        warnings.append(f"the images form {len(grown.models)} separate models of {sizes} images")
     return warnings
 
 
 def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
-    """Say of which cameras of models nothing has told the focal length.
+    """Warn of cameras in models whose focal length is only a guess.
 
     Parameters
     ----------
@@ -165,16 +163,16 @@ def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
         return []
     return [
         f"the focal length of {len(guesses)} cameras is a guess, first {usual[min(guesses)]:.0f} px: "
-        "the images are too few to tell it, and the model may be bent"
+        "too few images to determine it, the model may be distorted"
     ]
 
 
 def _why_no_model(graph: MatchGraph) -> str:
     kinds = [pair.geometry.kind for pair in graph.pairs]
     if len(graph.photos) < 2:
-        return f"no model: {len(graph.photos)} image can be used, two are needed"
+        return f"no model: {len(graph.photos)} usable image, two are needed"
     if "general" in kinds or "planar" in kinds:
-        return "no model: no two images see enough points from places far enough apart"
+        return "no model: no two images see enough common points from sufficiently different positions"
     if "rotation" in kinds:
-        return "no model: the camera only turned, or the photos are the same; it must move between photos"
+        return "no model: the camera only turned, or the photos are identical; move the camera between photos"
     return f"no model: no two of the {len(graph.photos)} images match"

@@ -70,7 +70,7 @@ def refine_models(
             done.outcomes.append(refine_tracks(world, photos, threads=threads, progress=progress))
             _adjust(world, settings)
         except DatasetError as error:
-            done.warnings.append(f"observations are not refined: {error}")
+            done.warnings.append(f"observations were not refined: {error}")
         except KeyboardInterrupt:
             done.interrupted = True
             break

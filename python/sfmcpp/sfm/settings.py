@@ -1,4 +1,4 @@
-"""The numbers that steer an incremental reconstruction."""
+"""Settings of an incremental reconstruction."""
 
 from __future__ import annotations
 
@@ -9,45 +9,46 @@ from sfmcpp.model.checks import require_count, require_fraction, require_positiv
 
 @dataclass(frozen=True)
 class IncrementalSettings:
-    """What decides about the first pair, poses, points and adjustments (thesis algorithm 5).
+    """Settings of the initial pair, poses, points and adjustments (thesis algorithm 5).
 
     Attributes
     ----------
     outlier_px : float
         Observations with larger errors are left out [px] (thesis: 4).
     min_views : int
-        Fewest images that see a point (thesis: 3 as an option).
+        Minimum number of images that see a point (thesis: 3 as an option).
     min_angle_deg : float
-        Smallest angle between two rays of a point [deg]. Where the camera moves ahead, points under small
-        angles carry the scale from image to image: on Malaga's drive 0.5° ends 0.20 m from the supplied
-        poses, 1° 0.23 m, and 1.5° 6.4 m. Sets of photos hardly care.
+        Smallest triangulation angle of a point [deg]. If the camera moves forward, points with small angles
+        carry the scale from image to image: on Malaga's drive the result is 0.20 m from the supplied poses
+        with 0.5°, 0.23 m with 1°, and 6.4 m with 1.5°. The effect on photo collections is small.
     start_angle_deg : float
-        Smallest median angle of the pair that is tried first [deg]; halved as long as no pair will do.
+        Smallest median angle of the initial pair [deg]; halved until a pair meets it.
     start_points : int
-        Fewest points that the first pair must give.
+        Minimum number of points that the initial pair must yield.
     resection_threshold_px : float
-        Largest reprojection error of an inlier of resection [px]; twice as much where the focal length of the
-        camera is a guess.
+        Largest reprojection error of an inlier of resection [px]; doubled if the focal length of the camera
+        is a guess.
     min_inliers : int
-        Fewest inliers of a pose to trust …
+        Minimum number of inliers of a pose.
     min_inlier_ratio : float
-        … and the smallest part of the points seen that they are.
+        Minimum fraction of inliers among the points seen.
     local_images : int
-        Images that the local adjustment moves: the new one and those that share most points with it.
+        Number of images that the local adjustment moves: the new one and those that share the most points
+        with it.
     growth : float
-        The whole model is adjusted when its images or points have grown by this part since the last time.
+        The whole model is adjusted when its images or points have grown by this fraction since the last time.
     intrinsics_images : int
-        Images of a camera that a model needs before its intrinsics are adjusted.
+        Number of images of a camera in the model from which its intrinsics are adjusted.
     loss_sigmas : float
-        Scale of the robust (Cauchy) loss of adjustments, in standard deviations of a keypoint. A strict one
-        takes what a camera model lacks for outliers: with 1 instead of 10 the focal length of a drone's
-        photos moves by 2 %.
+        Scale of the robust (Cauchy) loss of adjustments, in standard deviations of a keypoint. A small scale
+        treats errors of the camera model as outliers: with 1 instead of 10, the focal length of a drone's
+        photos changes by 2 %.
     min_model_images : int
-        Fewest images of a model beside the largest.
+        Minimum number of images of a model other than the largest.
     overlap_images : int
-        Images of another model that a model takes in at most, so that both can be joined.
+        Maximum number of images of another model that a model registers, so that the two can be joined.
     seed : int
-        Of every random sample; same seed, same result.
+        Seed of all random samples; the same seed gives the same result.
     """
 
     outlier_px: float = 4.0

@@ -62,12 +62,12 @@ class Experience:
             self.sigma = _sigma_of(self.reports)
 
     def describe(self, name: str) -> list[str]:
-        """What to tell of a sensor of that name, a sentence each."""
+        """Messages about the sensor of that name, one sentence each."""
         told = []
         if self.sigma is not None:
             told.append(
-                f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} by the "
-                f"images of its first {KEYFRAMES_OF_SIGMA} keyframes"
+                f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} was "
+                f"estimated from the images at its first {KEYFRAMES_OF_SIGMA} keyframes"
             )
         worst = [self.reports[k] for k in _worst_conflict(self.reports)]
         if worst:
@@ -102,7 +102,7 @@ def _sigma_of(reports: list[ConflictReport]) -> float:
 
 
 def _keyframes(count: int) -> str:
-    return "a keyframe" if count == 1 else f"{count} keyframes in a row"
+    return "1 keyframe" if count == 1 else f"{count} consecutive keyframes"
 
 
 def _worst_conflict(reports: list[ConflictReport]) -> list[int]:

@@ -94,12 +94,12 @@ class Initialiser:
         if frame.view.right is not None and (world := self._map_of_pair(frame)) is not None:
             return world
         if len(self.frames) == 1:
-            self.reason = f"frame {frame.number} is alone"
+            self.reason = f"frame {frame.number} is the only frame so far"
             return None
         first = self.frames[0]
         in_first, in_last = common(first.view, frame.view)
         if len(in_first) < 2 * self._settings.min_inliers:
-            self.reason = f"frames {first.number} and {frame.number} share {len(in_first)} tracks only"
+            self.reason = f"frames {first.number} and {frame.number} share only {len(in_first)} tracks"
             self.frames = [frame]
             return None
         before, after = first.view.pixels[in_first], frame.view.pixels[in_last]
@@ -166,7 +166,8 @@ class Initialiser:
         supported = told.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
         if told.success and supported and self._contradictions <= _DOUBTS:
             self.reason = (
-                f"{names}: median parallax {told.median_parallax_px:.3g} px beside the gyroscope's turn"
+                f"{names}: median parallax {told.median_parallax_px:.3g} px after removing the gyroscope's "
+                "rotation"
             )
             return told.camera if told.median_parallax_px >= least_px else None
         self._contradictions += 1
@@ -175,7 +176,7 @@ class Initialiser:
         if not free.success:
             return None
         angle = so3.rotation_angle(turn.T @ free.camera[:, :3])
-        self.reason = f"{names}: turned by {np.degrees(angle):.2g} deg from what the gyroscope says"
+        self.reason = f"{names}: the rotation differs by {np.degrees(angle):.2g}° from the gyroscope's"
         return free.camera if angle <= SAME_TURN_RAD or self._contradictions > _DOUBTS else None
 
     def _remove_biases(self) -> bool:
@@ -206,7 +207,7 @@ class Initialiser:
         alone = local.problem.copy()
         told = _cost_of_images(local.problem, groups)
         if groups and _denied(told, _cost_of_images(alone, []), alone, groups):
-            self.reason = "the first three keyframes do not bear the rotations that the gyroscope says"
+            self.reason = "the first three keyframes contradict the rotations of the gyroscope"
             self._contradictions += 1
             return False
         world.take(local)
@@ -214,7 +215,7 @@ class Initialiser:
         shared = len(common(world.keyframes[0].view, world.keyframes[2].view)[0])
         points = np.count_nonzero(world.known)
         if points < max(settings.min_inliers, settings.start_point_ratio * shared):
-            self.reason = f"the first three keyframes leave {points} points only, from {shared} tracks"
+            self.reason = f"the first three keyframes yield only {points} points from {shared} tracks"
             return False
         return True
 

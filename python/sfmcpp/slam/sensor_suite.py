@@ -261,8 +261,8 @@ class SensorSuite:
     def remarks(self) -> list[str]:
         """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
         doubts = [
-            f"stream {sensor.stream.name!r}: the speed leaps as no vehicle's can; {stretch} "
-            + ("inertia carries it" if stretch in sensor.carried_stretches else "it gets no weight")
+            f"stream {sensor.stream.name!r}: the speed jumps by more than a vehicle can; {stretch} "
+            + ("it is bridged by inertia" if stretch in sensor.carried_stretches else "it gets no weight")
             for sensor in self.sensors
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches
@@ -276,7 +276,7 @@ class SensorSuite:
         if metric or not tells_metres:
             return lacking
         names = " and ".join(tells_metres)
-        return [*lacking, f"{names}: tells too little of a motion to bring the map to metres"]
+        return [*lacking, f"{names}: measures too little motion to scale the map to metres"]
 
     def complaints(self, vision: Trajectory) -> list[str]:
         """What a whole run tells of the sensors, a sentence each: conflicts, and what nobody declared.
@@ -294,8 +294,8 @@ class SensorSuite:
             for name, rate in self._biases.items()
         ]
         turned = [
-            f"{name}: its directions are {np.degrees(so3.rotation_angle(turn)):.1f}° off those seen by the "
-            "camera: is its mounting another than declared?"
+            f"{name}: its directions differ by {np.degrees(so3.rotation_angle(turn)):.1f}° from those of the "
+            "camera: check the declared mounting"
             for name, turn in self._misaligned().items()
         ]
         return (

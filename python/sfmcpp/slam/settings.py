@@ -1,4 +1,4 @@
-"""The numbers that steer a SLAM run."""
+"""Settings of a SLAM run."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ FINAL_ADJUSTMENTS = ("auto", "on", "off")
 
 @dataclass(frozen=True)
 class SlamSettings:
-    """What decides about keyframes, poses, points and the local adjustment.
+    """Settings of keyframes, poses, points, the local adjustment and sensor weights.
 
     Attributes
     ----------
     window : int
-        Keyframes whose poses the local bundle adjustment moves. The thesis has 3 (§3.3.2); on tracks as short
-        as those of KITTI the distances of an odometer need more to reach the points: 8 bring the
-        error of every drive to half and less, 3 that of two in seven.
+        Number of keyframes whose poses the local bundle adjustment moves. The thesis uses 3 (§3.3.2); with
+        tracks as short as those of KITTI, odometer distances need more keyframes to affect the points: 8
+        halve the error of every drive or better, 3 that of two in seven.
     keyframe_overlap : float
-        A frame becomes a keyframe when it sees less than this part of the last keyframe's tracks …
+        A frame becomes a keyframe if it sees less than this fraction of the last keyframe's tracks.
     keyframe_min_tracks : int
-        … or when fewer of its tracks than this have a point …
+        A frame also becomes a keyframe if fewer of its tracks than this have a point and the image has moved
+        by more than `keyframe_parallax_px`.
     keyframe_parallax_px : float
-        … and the image has moved this far in the median since the last keyframe [px].
+        Median image motion since the last keyframe that `keyframe_min_tracks` requires [px].
     start_parallax_px : float
         Median parallax that the first and the second keyframe need [px].
     start_point_ratio : float
-        Part of the tracks shared by the first and the third keyframe that must become points.
+        Fraction of the tracks shared by the first and the third keyframe that must become points.
     triangulation_keyframes : int
         Keyframes from which new points are triangulated (thesis: 3).
     resection_threshold_px : float
@@ -38,35 +39,35 @@ class SlamSettings:
     outlier_px : float
         Observations with larger errors after the local adjustment are dropped [px] (thesis: 4).
     min_views : int
-        Fewest keyframes that see a point of the map (thesis: 3 as an option).
+        Minimum number of keyframes that see a point of the map (thesis: 3 as an option).
     min_angle_deg : float
-        Smallest angle under which a new point is seen [deg].
+        Smallest triangulation angle of a new point [deg].
     min_inliers : int
-        Fewest inliers of a pose to trust.
+        Minimum number of inliers of a pose.
     registration_keyframes : int
-        Keyframes that bring the map into the sensors' world (thesis §5.3.3: 6).
+        Number of keyframes used to register the map to the sensors' world (thesis §5.3.3: 6).
     weights : str
         How the weight of a sensor's constraint is chosen: a method of :func:`sfmcpp.weighting.select_weight`.
     weight_bounds : str
-        Between which weights to choose: ``"declared"``, at most that of the σ that the sensor declares and at
-        least what a conflict with the images leaves of it; ``"none"``, any, as in the thesis. Without bounds,
-        cross-validation takes an odometer of centimetres for one of tenths of a millimetre at a quarter of
-        the keyframes, and for nothing at another.
+        Bounds of the weights: ``"declared"``, at most the weight of the σ that the sensor declares, at least
+        that weight as reduced by a conflict with the images; ``"none"``, no bounds, as in the thesis. Without
+        bounds, cross-validation treats an odometer accurate to centimetres as accurate to tenths of a
+        millimetre at a quarter of the keyframes, and ignores it at another quarter.
     correct_drift : bool
-        Whether the last keyframes are moved back to a sensor of poses or positions, where they have drifted
-        from it as one. Not in the thesis; not done where no weight is asked for.
+        Whether the last keyframes are moved back to a sensor of poses or positions if they have drifted from
+        it together. Not in the thesis; not done without weights.
     correct_scale : bool
-        Whether they are by the distances of an odometer, too. These hold the scale of the whole window by
-        their weights already; moved for a percent of it, the map is torn where it was in one piece, and
-        nothing but sensors ties it together at the end.
+        Whether the distances of an odometer correct the scale of the last keyframes as well. Their weights
+        already keep the scale of the whole window; a correction of one percent breaks a consistent map into
+        pieces that only sensors connect.
     final_adjustment : str
-        Whether all keyframes are adjusted together at the end, with Cauchy's loss: ``"on"``, ``"off"``, or
-        ``"auto"``, where that brings the images nearer to the map and every sensor too.
+        Adjustment of all keyframes together at the end, with Cauchy's loss: ``"on"``, ``"off"``, or
+        ``"auto"``: kept if it reduces the errors of the images and of every sensor.
     hindsight : bool
-        Whether a run of :func:`run_slam` that has found a sensor wrong is begun again without what was wrong:
-        its map is bent already. Not in the thesis; not done where declared σ count for nothing.
+        Whether :func:`run_slam` starts again without the wrong measurements once it has found a sensor to be
+        wrong, because they have distorted the map. Not in the thesis; not done if declared σ are not used.
     seed : int
-        Of every random sample; same seed, same result.
+        Seed of all random samples; the same seed gives the same result.
     """
 
     window: int = 8

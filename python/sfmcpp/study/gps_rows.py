@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
     """σ of the positions, accuracy of the model, positions that were left out, origin."""
-    yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; the model lies within {gps.accuracy_m:.3g} m (1 σ)"
+    yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)"
     if gps.outliers:
         yield "GPS left out", listed(gps.outliers)
     if np.any(gps.origin):
@@ -31,4 +31,4 @@ def _stated(gps: GpsOutcome) -> str:
     if gps.stated_sigma_m is None:
         return ""
     same = gps.sigma_m == gps.stated_sigma_m
-    return " as stated" if same else f" where {gps.stated_sigma_m:.3g} m are stated"
+    return " as stated" if same else f" (stated: {gps.stated_sigma_m:.3g} m)"

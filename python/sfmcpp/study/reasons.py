@@ -1,4 +1,4 @@
-"""Reasons why something was left out, grouped so that a person can read those of a thousand images."""
+"""Reasons why something was left out, grouped so that those of a thousand images stay readable."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _NUMBER = re.compile(r"\b\d[\d.,]*\b")
 
 
 def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
-    """Group what has a reason by it, the largest group first.
+    """Group members by their reason, the largest group first.
 
-    Reasons are the same if they differ in numbers, or behind a colon, alone; a group of such is named by what
-    they share.
+    Reasons that differ only in numbers or after a colon form one group, which is named by their common
+    text.
 
     Parameters
     ----------

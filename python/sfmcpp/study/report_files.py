@@ -20,7 +20,7 @@ from sfmcpp.sources.io.files import failures_named
 
 UNFINISHED = "UNFINISHED"
 _UNFINISHED_TEXT = (
-    "The files of a run are being written; if it has ended, some are missing or of an earlier run.\n"
+    "The files of a run are being written; if the run has ended, some are missing or from an earlier run.\n"
 )
 
 # A file or folder by its name, and what writes it there.

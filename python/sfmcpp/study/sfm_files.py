@@ -121,7 +121,7 @@ def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
     }
     if measures.mean_error_px is not None:
         facts["mean error of observations"] = f"{measures.mean_error_px:.3f} px"
-        facts["of points (COLMAP's mean)"] = f"{measures.mean_point_error_px:.3f} px"
+        facts["mean error of points (COLMAP's mean)"] = f"{measures.mean_point_error_px:.3f} px"
     return ModelScene(
         report.title,
         world.points[known],

@@ -71,14 +71,14 @@ class SfmReport(ReportTable):
             if not outcome.registered:
                 found.append((outcome.reason, name))
             elif outcome.model:
-                found.append((f"in model {outcome.model}, which nothing joins to the largest", name))
+                found.append((f"in model {outcome.model}, which is not connected to the largest", name))
         return by_reason(found)
 
     def verdict(self) -> str:
         """Say in a sentence how many images are in the model, and why others are not."""
         run = self.run
         if run.model is None:
-            told = f"no model: none of {len(run.images):,} images could be placed"
+            told = f"no model: none of {len(run.images):,} images could be registered"
         else:
             told = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
         reasons = [f"{listed(names)}: {reason}" for reason, names in self.left_out().items()]

@@ -25,11 +25,11 @@ _Ways = tuple[tuple[str, dict[str, Any]], ...]
 # What an evaluation is asked for, and what legends say of it: what `evaluate` does by itself, and the next
 # where one is not determined.
 _ALIGNED: _Ways = (
-    ("aligned to all of it", {"align_to": "all", "align_by": "positions"}),
-    ("aligned to all of it, by poses", {"align_to": "all", "align_by": "poses"}),
+    ("aligned to the whole trajectory", {"align_to": "all", "align_by": "positions"}),
+    ("aligned to the whole trajectory, by poses", {"align_to": "all", "align_by": "poses"}),
 )
 _OWN_SCALE: _Ways = tuple((words, {**options, "with_scale": False}) for words, options in _ALIGNED)
-_DRIFT: _Ways = (("aligned to its first tenth, by poses", {"align_to": "first:0.1", "align_by": "poses"}),)
+_DRIFT: _Ways = (("aligned to the first tenth, by poses", {"align_to": "first:0.1", "align_by": "poses"}),)
 
 
 class SlamReport(ReportTable):
@@ -144,16 +144,16 @@ class SlamReport(ReportTable):
         yield "input", str(run.drive.path)
         yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
         if frames.assumed_fps is not None:
-            told = f"{frames.assumed_fps:g} frames a second are assumed: there is no times.txt, nor --fps"
+            told = f"{frames.assumed_fps:g} frames per second assumed: neither times.txt nor --fps is given"
             # Metres a second at the wrong seconds are as many wrong metres.
             wrong = "; where that is wrong, so are the scale and the clocks of the sensors"
             yield ("warning", told + wrong) if run.sensors else ("times", told)
-        yield "of these", f"{count['bridged']:,} from the frame before alone, {count['lost']:,} predicted"
+        yield "of these", f"{count['bridged']:,} from the previous frame only, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
         if frames.seconds is not None:
             each = 1e3 * frames.seconds / max(run.frames, 1)
-            told = f"{frames.seconds:.3f} of these seconds with their corners, {each:.3g} ms an image"
+            told = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"
             yield "images", told
         if run.result.final is not None:
             yield "final", run.result.final.describe()
@@ -178,7 +178,7 @@ class SlamReport(ReportTable):
         names = dict.fromkeys(name for record in records for name in record.milliseconds)
         means = {name: np.mean([r.milliseconds.get(name, 0.0) for r in records]) for name in names}
         listed = ", ".join(f"{name} {mean:.2g}" for name, mean in means.items())
-        return f"ms a keyframe: {listed}" if listed else "no keyframe after the start"
+        return f"ms per keyframe: {listed}" if listed else "no keyframe after the start"
 
     def _weights(self) -> str:
         """How they were chosen, and the median for each sensor."""
@@ -186,7 +186,7 @@ class SlamReport(ReportTable):
         found = {name: [r.weights[name] for r in records if name in r.weights] for name in self.run.sensors}
         medians = [f"{name} {np.median(values):.3g}" for name, values in found.items() if values]
         rule = f"by {self.run.settings.weights}"
-        return f"{rule}, in the median {', '.join(medians)}" if medians else rule
+        return f"{rule}, median {', '.join(medians)}" if medians else rule
 
     def _conflict(self, name: str) -> Iterator[tuple[str, str]]:
         """Where a sensor disagrees with the images, and by how much."""

@@ -63,7 +63,7 @@ def test_what_is_left_as_it_is_says_why(tmp_path: Path) -> None:
         for name in ("sound.npz", "inverse.npz")
     )
     assert "mended   nothing" in sound
-    assert "mended   nothing: no finding has a safe repair, do as they say" in inverse
+    assert "mended   nothing: no finding has a safe repair, follow their remedies" in inverse
 
 
 def test_after_a_solve_variances_are_looked_at_too(tmp_path: Path) -> None:

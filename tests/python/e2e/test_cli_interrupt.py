@@ -110,7 +110,7 @@ def test_an_interrupted_solve_with_checkpoints_goes_on_to_the_same_bytes(
     kept, out, whole = tmp_path / "kept", tmp_path / "out.npz", tmp_path / "whole.npz"
     code, shown = interrupt_after_the_first_step([long_problem, "--checkpoint", kept], signal.SIGTERM)
     assert code == 130
-    assert f"--resume {kept} goes on" in shown
+    assert f"continue with --resume {kept}" in shown
     limits = ("--quiet", "--function-tolerance", "0", "--max-iterations", "6")
     assert run("solve", long_problem, "-o", out, "--resume", kept, *limits).returncode == 0
     assert run("solve", long_problem, "-o", whole, *limits).returncode == 0

@@ -199,7 +199,7 @@ def test_without_a_model_it_is_bad_input_and_the_reasons_are_told(
     assert main(["reconstruct", "photos", "-o", "out"]) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert shown.err.startswith("sfmcpp: error: photos: no model: none of 4 images could be placed (")
+    assert shown.err.startswith("sfmcpp: error: photos: no model: none of 4 images could be registered (")
     assert NO_MATCH in shown.err
     assert len(shown.err.splitlines()) == 1
     assert sorted(path.name for path in Path("out").iterdir()) == [
@@ -249,7 +249,8 @@ def test_ctrl_c_asks_the_reconstruction_to_end_and_keeps_what_there_is(
     assert main(["reconstruct", "photos", "-o", "out"]) == 130
     shown = capsys.readouterr()
     assert (
-        shown.err == "sfmcpp: interrupted with 8 of 8 images in the model: it is in out, --resume goes on\n"
+        shown.err
+        == "sfmcpp: interrupted with 8 of 8 images in the model, written to out; continue with --resume\n"
     )
     assert sorted(path.name for path in Path("out").iterdir()) == FILES
     assert strict_json(Path("out/report.json"))["interrupted"] is True
@@ -262,7 +263,7 @@ def test_an_interruption_before_there_is_a_model_is_told(
     run.interrupted = True
     ending(monkeypatch, run)
     assert main(["reconstruct", "photos", "-o", "out"]) == 130
-    assert "interrupted before there was a model" in capsys.readouterr().err
+    assert "interrupted before a model was found" in capsys.readouterr().err
 
 
 def test_the_second_ctrl_c_ends_at_once(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,7 +291,7 @@ def test_view_opens_the_page_of_the_model(
     ending(monkeypatch, complete_run())
     assert main(["reconstruct", "photos", "-o", "out", "--view"]) == 0
     assert opened == [(photos.parent / "out/view.html").as_uri()]
-    assert "no browser could be opened: the model is shown by out/view.html" in capsys.readouterr().err
+    assert "no browser could be opened; open out/view.html to see the model" in capsys.readouterr().err
 
 
 class Terminal(io.StringIO):

@@ -218,7 +218,7 @@ def test_an_odometer_in_a_file_brings_the_map_to_metres(tmp_path: Path) -> None:
     command = ("--sensor", "odometer", "--sensor-file", tmp_path / "speed.csv", "-o", tmp_path / "out")
     result = run("slam", source, *command)
     assert (result.returncode, result.stderr) == (0, "")
-    assert "odometer; weights by loo, in the median odometer" in result.stdout
+    assert "odometer; weights by loo, median odometer" in result.stdout
     assert names_in(tmp_path / "out") == sorted([*FILES, "trade_off.png", "weights.png"])
     weighed = [keyframe["weights"] for keyframe in strict_json(tmp_path / "out/report.json")["keyframes"]]
     assert {name for weights in weighed for name in weights} == {"odometer"}
@@ -242,7 +242,7 @@ def test_an_interrupted_run_keeps_what_there_is_and_says_so(tmp_path: Path, by: 
         process.wait(TIMEOUT_S)
     os.close(ours)
     assert process.returncode == 130, shown.decode()
-    assert f"what there is of them is in {folder}" in "".join(shown.decode().splitlines())
+    assert f"results so far are in {folder}" in "".join(shown.decode().splitlines())
     assert b"Traceback" not in shown
     assert names_in(folder) == FILES
     content = strict_json(folder / "report.json")

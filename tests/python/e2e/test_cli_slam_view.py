@@ -33,9 +33,9 @@ def test_the_page_stays_after_the_run_until_ctrl_c(drive: Path, tmp_path: Path) 
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         said = process.stderr.readline()
-        match = re.fullmatch(r"sfmcpp: the map is shown at (http://localhost:\d+)\n", said)
+        match = re.fullmatch(r"sfmcpp: live map: (http://localhost:\d+)\n", said)
         assert match is not None, said
-        assert process.stderr.readline() == "sfmcpp: the map stays on its page until Ctrl-C\n"
+        assert process.stderr.readline() == "sfmcpp: the page stays open until Ctrl-C\n"
         with urlopen(match[1]) as answer:
             assert b"<html" in answer.read()
         process.send_signal(signal.SIGINT)

@@ -184,7 +184,10 @@ def test_the_table_tells_sizes_costs_termination_solver_and_files(tmp_path: Path
 def test_a_result_that_no_file_keeps_is_said_to_be_lost(tmp_path: Path) -> None:
     result = run("solve", write_noisy_circle(tmp_path))
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.splitlines()[-1].split(maxsplit=1) == ["result", "not kept: -o FILE writes it"]
+    assert result.stdout.splitlines()[-1].split(maxsplit=1) == [
+        "result",
+        "not saved; use -o FILE to write it",
+    ]
 
 
 def test_warnings_are_listed_by_name(tmp_path: Path) -> None:

@@ -107,12 +107,12 @@ def test_a_model_keeps_its_origin(tmp_path: Path, output: str) -> None:
     assert run_here("solve", source, "--gps", table, "-o", model).returncode == 0
     solved = run_here("solve", model, "--positions-out", again)
     assert solved.returncode == 0
-    assert "was brought to positions, which this solve does not have" in solved.stderr
+    assert "is georeferenced by positions that this solve does not use" in solved.stderr
     features = strict_json(again)["features"]
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
     # Without positions, a solve leaves them by what its images tell otherwise.
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.5)
-    assert "position, rotation and scale mean nothing" not in run_here("doctor", model).stdout
+    assert "position, rotation and scale of the world are arbitrary" not in run_here("doctor", model).stdout
     assert run_here("solve", model, "--max-iterations", "0").stderr == ""
     assert run_here("solve", model, "--gps", table).stderr == ""
     assert run_here("convert", source, model).returncode == 0

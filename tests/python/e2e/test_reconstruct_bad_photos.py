@@ -44,8 +44,8 @@ def test_a_folder_without_images(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("place", "count", "options", "told"),
     [
-        ("planar", 1, (), "only image"),
-        ("identical", 3, (), "the photos are the same"),
+        ("planar", 1, (), "only usable image"),
+        ("identical", 3, (), "the photos are identical"),
         ("apart", 3, (), "matches no other image"),
         ("rotation", 4, (), "a camera that only turned"),
         ("rotation", 4, ("--camera", "288"), "the camera only turned"),
@@ -76,7 +76,7 @@ def test_masks_that_cover_everything(field: Path, tmp_path: Path, capsys: pytest
     for photo in field.iterdir():
         black.save(tmp_path / "masks" / f"{photo.name}.png")
     said = refused(capsys, field, tmp_path / "out", "--masks", str(tmp_path / "masks"))
-    assert "hardly anything is detected outside its mask" in said
+    assert "almost no features were detected outside its mask" in said
 
 
 def test_positions_that_no_photo_tells_are_asked_for_before_the_work(

@@ -122,7 +122,7 @@ def test_a_georeferenced_run_is_measured_as_evaluate_measures_it(problem: sfmcpp
     assert found.comparison.mean_3d_error_m == expected.mean_3d_error_m
     assert found.comparison.alignment.by == by
     assert found.drift is None
-    assert "aligned to all of it" in str(found)
+    assert "aligned to the whole trajectory" in str(found)
 
 
 def test_degrees_under_the_names_of_metres_are_refused() -> None:
@@ -143,7 +143,7 @@ def test_a_run_without_a_world_is_measured_as_evaluate_measures_it_and_by_its_dr
     expected = evaluate(drifting.run.trajectory(), drive.truth)
     assert drifting.comparison.mean_3d_error_m == expected.mean_3d_error_m < drifting.drift.mean_3d_error_m
     rows = dict(line.split(maxsplit=1) for line in str(drifting).splitlines())
-    assert rows["drift"] == f"{drifting.drift.mean_3d_error_m:.4g} m, aligned to its first tenth, by poses"
+    assert rows["drift"] == f"{drifting.drift.mean_3d_error_m:.4g} m, aligned to the first tenth, by poses"
     assert f"{expected.mean_3d_error_m:.4g} m of" in str(drifting)
 
 

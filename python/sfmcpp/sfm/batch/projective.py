@@ -101,17 +101,17 @@ def reconstruct_projective(
     measured, order = measure(tracks.image_index, tracks.track_index, tracks.pixels, tracks.num_images)
     pairs = pair_geometries(measured, max_error_px / 2, seed)
     if not pairs:
-        return _failed(tracks, "no two images share enough tracks that agree with an epipolar geometry")
+        return _failed(tracks, "no two images share enough tracks consistent with an epipolar geometry")
     plausible = plausible_observations(measured, pairs)
     blocks = factorised_blocks(measured, pairs, plausible, max_error_px / 2)
     if not blocks:
-        return _failed(tracks, "no three images share enough tracks that agree with each other")
+        return _failed(tracks, "no three images share enough consistent tracks")
     cameras = joint_cameras(*connected_blocks(blocks), tracks.num_images)
     world = first_world(measured, cameras, plausible, plan)
     if adjusted:
         world = settled(measured, world, plausible, plan)
     if not world.kept.any():
-        return _failed(tracks, "the factorisation agrees with too few tracks of every image")
+        return _failed(tracks, "too few tracks of every image are consistent with the factorisation")
     return _result(tracks, measured, world, plausible, order)
 
 
@@ -131,8 +131,8 @@ def _result(
 
 def _reason(seen: int, plausible: int) -> str:
     if not plausible:
-        return f"none of its {seen} tracks agrees with another image"
-    return f"too few of its {plausible} plausible tracks agree with the cameras of the other images"
+        return f"none of its {seen} tracks is consistent with another image"
+    return f"too few of its {plausible} plausible tracks are consistent with the cameras of the other images"
 
 
 def _failed(tracks: ImageTracks, message: str) -> ProjectiveReconstruction:

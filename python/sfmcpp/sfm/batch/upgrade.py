@@ -161,7 +161,7 @@ def metric_upgrade(
     try:
         frames = metric_frames(projections[good], calibration_matrices(rows[good]), focal=focal)
     except InvalidArgument:
-        return MetricUpgrade(None, "all projection matrices share one centre: no depth is seen")
+        return MetricUpgrade(None, "all projection matrices share one centre: depths are undetermined")
     models = _models(problem, projections, good, frames, rows, focal)
     if not models:
         return MetricUpgrade(None, nothing_found(focal))

@@ -49,8 +49,8 @@ def misfit_warnings(
     if ratio < _MISFIT:
         return []
     return [
-        f"the metric model fits {ratio:.1f} times worse than the projective one: parts of it may be bent, or "
-        "what was taken as known of the cameras is wrong"
+        f"the metric model fits {ratio:.1f} times worse than the projective one: parts of it may be "
+        "distorted, or the assumptions on the intrinsics are wrong"
     ]
 
 
@@ -61,7 +61,7 @@ def left_out_warnings(problem: Problem, cameras: NDArray[np.intp]) -> list[str]:
         return []
     names = problem.metadata.image_names
     listed = ", ".join(names[i] if names else str(i) for i in gone.tolist())
-    return [f"cameras with less than {LEAST_OBSERVATIONS} observations that agree were left out: {listed}"]
+    return [f"cameras with fewer than {LEAST_OBSERVATIONS} consistent observations were left out: {listed}"]
 
 
 def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
@@ -92,21 +92,24 @@ def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
 def nothing_found(focal: str) -> str:
     """Reason where no metric frame has its points in front of its cameras, `focal` as asked for."""
     return (
-        f"no calibration with {_words(focal)} has the points in front of the cameras: what was taken as "
-        "known is wrong, the projective reconstruction is, or the motion does not tell the calibration"
+        f"no calibration with {_words(focal)} places the points in front of the cameras: the "
+        "assumptions on the intrinsics or the projective reconstruction are wrong, or the motion does not "
+        "determine the calibration"
     )
 
 
 def contradiction(kept: float, focal: str) -> str:
     """Reason where only a share `kept` of the observations agrees."""
-    return f"only {100 * kept:.0f} % of the observations agree with a metric model with {_words(focal)}"
+    return (
+        f"only {100 * kept:.0f} % of the observations are consistent with a metric model with {_words(focal)}"
+    )
 
 
 def critical_motion(sigma: float) -> str:
     """Reason where the focal length has the relative standard deviation `sigma`."""
     return (
-        f"the motion does not tell the focal length (relative standard deviation {sigma:.2g}): cameras that "
-        "only move along a line, or turn about parallel axes along which they look, leave it open"
+        f"the motion does not determine the focal length (relative standard deviation {sigma:.2g}): this "
+        "happens if cameras only move along a line, or turn about parallel viewing axes"
     )
 
 

@@ -31,7 +31,7 @@ def circle_scene(
     """Cameras evenly spaced on a circle around a cube of random points (thesis §4.4.1.2).
 
     The world has its origin at the centre of the cube, the cameras in the plane z = 0 and z up. The thesis
-    also drops images of fewer than ten points; here every camera stays, however little it sees.
+    also drops images with fewer than ten points; here every camera is kept.
 
     Parameters
     ----------

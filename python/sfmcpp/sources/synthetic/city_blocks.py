@@ -26,13 +26,13 @@ def city_blocks_scene(
     distortion: Distortion = NO_DISTORTION,
     seed: int = 0,
 ) -> Problem:
-    """A vehicle that drives all streets of a square city: problems of any size with tracks like BAL's.
+    """A vehicle that drives all streets of a square city: problems of any size with track lengths like BAL's.
 
-    It drives row by row, then column by column, looking ahead, until it has taken its images; the more
-    images, the larger the city. It meets its own way at every crossing. Points are house fronts along
-    the way. Each is recognised only up to a depth of its own, drawn from a truncated Pareto distribution such
-    that the numbers of observations a point are distributed as in BAL's Ladybug: most tracks are of two or
-    three, a few of dozens. Houses hide what is behind them. Time and memory grow linearly with the cameras.
+    It drives row by row, then column by column, looking ahead, until it has taken its images; the city grows
+    with the number of images. The path crosses itself at every crossing. Points are on the house fronts along
+    the path. Each is visible up to its own depth, drawn from a truncated Pareto distribution such that the
+    track lengths are distributed as in BAL's Ladybug: most are two or three, a few are dozens. Houses occlude
+    what is behind them. Time and memory grow linearly with the cameras.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def corridor_scene(
     distortion: Distortion = NO_DISTORTION,
     seed: int = 0,
 ) -> Problem:
-    """A camera that walks down a corridor, looking ahead: a long chain of short tracks, no loop.
+    """A camera carried along a corridor, looking forward: a long chain of short tracks without a loop.
 
     The walk goes along x from the origin of the floor, y is left and z up. Points lie on both walls, the
     floor and the ceiling, which reach `max_depth_m` beyond the end of the walk.

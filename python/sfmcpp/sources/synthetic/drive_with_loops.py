@@ -41,12 +41,12 @@ def drive_with_loops_scene(
 ) -> Problem:
     """A vehicle on a long round trip with detours: a chain of cameras with loops of all lengths.
 
-    It drives along a street and, after some blocks, goes around a few blocks beside it, which brings it
-    back onto the street one block behind where it left it; that block it drives again, and goes on. At half
-    of the way it returns by the next street but one, detours on the outer side as before, and comes back to
-    its start: one loop around everything, and a second lap for the images that are left. Otherwise it is as
-    :func:`city_blocks_scene`, which meets its own way at every crossing: here two thirds of the cameras of a
-    long drive share points with those a little before and after them alone.
+    The vehicle drives along a street and, after some blocks, goes around a few adjacent blocks. It returns to
+    the street one block before the turn-off, drives that block again, and goes on. Halfway, it returns by the
+    next street but one, with detours on the outer side, to its start: one large loop, and a second lap for
+    the remaining images. Otherwise the scene is as :func:`city_blocks_scene`, whose path crosses itself at
+    every crossing: here two thirds of the cameras of a long drive share points only with those shortly before
+    and after them.
 
     Parameters
     ----------

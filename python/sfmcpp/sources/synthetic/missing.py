@@ -24,11 +24,11 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
     problem : Problem
         Left untouched.
     share : float
-        Share of all pairs of a camera and a point, between 0 and 1; pairs without an observation from the
-        start are not reckoned with.
+        Share of all pairs of a camera and a point, between 0 and 1; pairs without an observation in
+        `problem` are ignored.
     pattern : str
-        ``"scattered"``: any, each with this probability. ``"runs"``: each point is seen by cameras that
-        follow each other, the first after the last, as if hidden behind itself from elsewhere.
+        ``"scattered"``: every pair with this probability. ``"runs"``: each point is seen by consecutive
+        cameras (cyclically), as if occluded by the object elsewhere.
     seed : int
         Same seed, same observations.
 

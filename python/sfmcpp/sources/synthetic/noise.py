@@ -28,8 +28,8 @@ def add_outliers(
     share : float
         Share of the observations to replace, between 0 and 1; rounded to a whole number of them.
     sigma_px : float, optional
-        Standard deviation of what is added to each coordinate [px]; some of it is small. Default: the
-        observations are replaced by places uniform in the image.
+        Standard deviation of the errors added to each coordinate [px]; some errors are small. Default:
+        observations are replaced by uniformly distributed positions in the image.
     seed : int
         Same seed, same outliers; a larger share keeps those of a smaller one.
 
@@ -86,8 +86,8 @@ def perturb(
 ) -> Problem:
     """Copy `problem` with Gaussian noise on its points, poses (thesis §4.4.1.3) and focal lengths.
 
-    What is fixed stays as it is; of rigid cameras, their frames move. The same seed gives the same directions
-    at every noise level, and each kind of noise is independent of the levels of the others.
+    Fixed cameras and points do not change; rigid cameras move with their frames. The same seed gives the same
+    directions at every noise level, and each kind of noise is independent of the levels of the others.
 
     Parameters
     ----------

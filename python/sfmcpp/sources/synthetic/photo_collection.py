@@ -48,14 +48,13 @@ def photo_collection_scene(
     distortion: Distortion = NO_DISTORTION,
     seed: int = 0,
 ) -> Problem:
-    """Photos of landmarks by their visitors, each with a focal length of its own.
+    """Photos of landmarks by their visitors, each with its own focal length.
 
     Landmarks stand in rows, so that their number grows with the photos. Each is seen by hundreds of cameras
-    that all stand in front of it: there the Schur complement is dense; a few that see two landmarks hold
-    the clusters together. The numbers of observations a point are distributed as for
-    :func:`city_blocks_scene`, up to all photos of a landmark. Those that share a point are alike in the
-    direction they were taken from, in the size the landmark has in them, or in the light. Time and memory
-    grow linearly with the cameras.
+    in front of it, which makes the Schur complement locally dense; a few cameras that see two landmarks
+    connect the clusters. Track lengths are distributed as for :func:`city_blocks_scene`, up to all photos of
+    a landmark. Photos that share a point are similar in viewing direction, in the size of the landmark, or in
+    lighting. Time and memory grow linearly with the cameras.
 
     Parameters
     ----------

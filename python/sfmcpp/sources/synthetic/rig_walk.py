@@ -35,11 +35,11 @@ def rig_walk_scene(
     distortion: Distortion = NO_DISTORTION,
     seed: int = 0,
 ) -> Problem:
-    """A rig of three cameras carried down the corridor of :func:`corridor_scene`, turning a little.
+    """A rig of three cameras carried along the corridor of :func:`corridor_scene`, turning slightly.
 
-    Two cameras look ahead, turned outwards by 15°, the third looks back, where the corridor begins
-    `max_depth_m` before the walk. Cameras are in the order of the
-    frames, three each: left, right, back. Each sensor has a row of intrinsics.
+    Two cameras look forward, turned outwards by 15°; the third looks back, and the corridor begins
+    `max_depth_m` before the walk. Cameras are ordered by frame, three per frame: left, right, back. Each
+    sensor has its own row of intrinsics.
 
     Parameters
     ----------

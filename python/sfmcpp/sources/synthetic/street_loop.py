@@ -37,8 +37,8 @@ def street_loop_scene(
     """A vehicle that drives once around a block between house fronts, and closes the loop.
 
     It starts in the middle of the first street, drives along x and turns left at every corner; z is up.
-    The last camera stands one spacing behind the first and sees what the first ones saw. The fronts of the
-    outer side have no gaps; the houses of the block hide what is behind them.
+    The last camera stands one spacing behind the first and sees what the first ones saw. The outer fronts
+    have no gaps; the houses of the block occlude what is behind them.
 
     Parameters
     ----------

@@ -40,11 +40,11 @@ def table_walk(
     sensors: BodySensors | None = None,
     seed: int = 0,
 ) -> SyntheticDrive:
-    """A camera carried round a table with things on it, always towards its middle.
+    """A camera carried around a table with objects on it, always looking at its middle.
 
-    Made after the sequence Gyroviz of thesis §5.4.3.1: 8.28 m and 1,360 images in a room, a camera of
-    640 × 480 pixels with a short focal length, rigidly joined to a navigation system whose orientations are
-    good to 0.01°. The table and the things on it hide each other; the walls of the room are seen behind them.
+    Made after the sequence Gyroviz of thesis §5.4.3.1: 8.28 m and 1,360 images in a room, a camera of 640 ×
+    480 pixels with a short focal length, rigidly joined to a navigation system whose orientations are
+    accurate to 0.01°. The table and its objects occlude each other; the walls are visible behind them.
 
     Parameters
     ----------

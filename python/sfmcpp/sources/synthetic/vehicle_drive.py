@@ -50,7 +50,7 @@ def vehicle_drive(
     sensors: BodySensors | None = None,
     seed: int = 0,
 ) -> SyntheticDrive:
-    """A vehicle that goes down a street, turns left twice and comes back by the next one.
+    """A vehicle that drives along a street, turns left twice and returns by the next street.
 
     Made after the sequence Odiaac of thesis §5.4.2: 130 m in a town, a camera of 640 × 480 pixels with a
     short focal length at 30 Hz, an odometer at 25 Hz. Points lie on house fronts and on cars parked on both
@@ -61,17 +61,17 @@ def vehicle_drive(
     length_m : float
         Way driven [m]; more than 45, the turns and the stretch between them.
     speed_m_s : float
-        Speed on the straights [m/s]; half of it in the turns.
+        Speed on straight stretches [m/s]; half of it in turns.
     frame_hz : float
         Frames a second.
     max_depth_m : float
-        Depth beyond which the camera recognises nothing [m].
+        Depth beyond which the camera sees nothing [m].
     focal_px : float
         Focal length [px].
     image_size : (int, int)
         Width and height [px].
     tracker : Tracker, optional
-        How corners are followed. Default: poorly, see :class:`Tracker`.
+        Corner tracker. Default: a poor one, see :class:`Tracker`.
     sensors : BodySensors, optional
         Odometer, gyroscope and navigation system. Default: those of the thesis' table 1.1.
     seed : int

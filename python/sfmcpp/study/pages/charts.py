@@ -139,7 +139,7 @@ def match_squares(
         at = number * cell
         place = f'x="{at:.2f}" y="{at:.2f}" width="{cell:.2f}" height="{cell:.2f}"'
         parts.append(f'<rect class="self" {place}><title>{html.escape(names[number])}</title></rect>')
-    return _svg(_WIDTH, _WIDTH, "".join(parts), "which image matches which")
+    return _svg(_WIDTH, _WIDTH, "".join(parts), "matrix of matching images")
 
 
 def _arrow(x: float, y: float, dx: float, dy: float, zoom: float, longest: float) -> str:

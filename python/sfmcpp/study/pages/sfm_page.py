@@ -1,4 +1,4 @@
-"""A page that tells what a reconstruction gave, and why what is missing is missing."""
+"""Report page of a reconstruction: results, and the reasons for missing images."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def sfm_page(report: SfmReport, thumbnails: Mapping[str, bytes] | None = None) -
     body += section("errors", "Reprojection errors", errors(report))
     body += section("cameras", "Cameras", cameras(report))
     body += section("gps", "GPS", gps(report))
-    body += section("matches", "Which images match", matches(report))
+    body += section("matches", "Matching pairs", matches(report))
     body += section("images", "Images", images(report, thumbnails or {}))
-    body += section("how", "How it was asked for", how(report))
+    body += section("how", "Input and options", how(report))
     page = template("sfm_page.html").replace("{{title}}", html.escape(title))
     return page.replace("{{body}}", "\n".join(body))
 
@@ -52,7 +52,7 @@ def _head(report: SfmReport, title: str) -> str:
     complete = run.num_registered == len(run.images) > 0
     parts = [f"<h1>{html.escape(title)}</h1>", _verdict(report, complete)]
     if run.interrupted:
-        parts.append('<p class="warning">Interrupted: this is what there was by then.</p>')
+        parts.append('<p class="warning">Interrupted: these are the results up to that point.</p>')
     parts += [f'<p class="warning">{html.escape(warning)}</p>' for warning in run.warnings]
     tiles = "".join(
         f'<div class="tile"><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>'
@@ -65,7 +65,7 @@ def _head(report: SfmReport, title: str) -> str:
 def _verdict(report: SfmReport, complete: bool) -> str:
     run = report.run
     if run.model is None:
-        told = f"No model: none of {len(run.images):,} images could be placed."
+        told = f"No model: none of {len(run.images):,} images could be registered."
     elif complete:
         told = f"All {len(run.images):,} images are in one model."
     else:
@@ -89,18 +89,18 @@ def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
         yield "points", f"{largest.num_points:,}"
         if largest.mean_error_px is not None:
             yield "mean error of observations", f"{largest.mean_error_px:.3f} px"
-            yield "mean error of points, COLMAP's", f"{largest.mean_point_error_px:.3f} px"
-            yield "RMS length of errors", f"{largest.rms_px:.3f} px"
-            yield "images that see a point", f"{largest.track_lengths.mean():.2f}"
+            yield "mean error of points (COLMAP's mean)", f"{largest.mean_point_error_px:.3f} px"
+            yield "RMS error (length)", f"{largest.rms_px:.3f} px"
+            yield "mean track length", f"{largest.track_lengths.mean():.2f}"
         if largest.cameras:
             yield "focal length", f"{largest.intrinsics_of(largest.cameras[0])['f']:,.1f} px"
     if run.gps is not None:
-        yield "accuracy in the world (1 σ)", f"{run.gps.accuracy_m:.3g} m"
+        yield "georeferencing accuracy (1 σ)", f"{run.gps.accuracy_m:.3g} m"
         yield "GPS positions left out", f"{len(run.gps.outliers):,}"
     if len(run.models) > 1:
         yield "models", f"{len(run.models):,}"
     matched = sum(pair.geometry.kind != "none" for pair in run.graph.pairs)
-    yield "pairs that match", f"{matched:,} / {len(run.graph.pairs):,}"
+    yield "matching pairs", f"{matched:,} / {len(run.graph.pairs):,}"
 
 
 def _plan(report: SfmReport) -> str:
@@ -114,6 +114,6 @@ def _plan(report: SfmReport) -> str:
     if not colors.any():
         colors = np.full_like(colors, 128)
     picture = top_view(world.points[world.known] @ turn.T, colors, poses[:, :, 3] @ turn.T)
-    image = f'<img src="{data_uri("image/png", png_bytes(picture))}" alt="the model from above">'
-    words = "from above, cameras in orange; open the 3-D view"
+    image = f'<img src="{data_uri("image/png", png_bytes(picture))}" alt="top view of the model">'
+    words = "top view, cameras in orange; click for the 3-D view"
     return f'<a class="plan" href="{VIEW}">{image}<span>{words}</span></a>'

@@ -32,10 +32,10 @@ _MOST_REASONS = 20
 _FAR_ABOVE = 1.5
 # Kinds of two-view geometry in words.
 _KINDS = {
-    "general": "match",
-    "planar": "match on a plane",
-    "rotation": "match by a rotation alone",
-    "none": "do not match",
+    "general": "match (general motion)",
+    "planar": "match (plane only)",
+    "rotation": "match (rotation only)",
+    "none": "no match",
 }
 
 
@@ -57,8 +57,8 @@ def errors(report: SfmReport) -> str:
     usual = float(np.median(means))
     marked = (means > max(usual + 4 * spread, _FAR_ABOVE * usual)).tolist()
     worst = ", ".join(html.escape(name) for name, is_marked in zip(names, marked, strict=True) if is_marked)
-    told = f'<p class="soft">Far above the others: {worst}</p>' if 0 < sum(marked) <= 8 else ""
-    words = "image, in the order of names"
+    told = f'<p class="soft">Far above the other images: {worst}</p>' if 0 < sum(marked) <= 8 else ""
+    words = "image, sorted by name"
     of_images = bars(means.tolist(), titles, x_label=words, y_label="mean error [px]", marked=marked)
     end = nice_ticks(float(np.quantile(measures.errors_px, 0.995)))[-1]
     of_errors = histogram(
@@ -68,7 +68,7 @@ def errors(report: SfmReport) -> str:
         '<div class="pair">'
         + _figure("Mean reprojection error of each image", of_images + told)
         + _figure("Reprojection errors of all observations", of_errors)
-        + _figure("Track lengths: how many images see a point", _tracks(measures))
+        + _figure("Track lengths: number of images that see a point", _tracks(measures))
         + "</div>"
     )
 
@@ -94,7 +94,7 @@ def cameras(report: SfmReport) -> str:
     rows = [_camera_row(measures.camera_dict(camera)) for camera in shown]
     head = ("camera", "images", "size", "model", "focal length [px]", "principal point [px]", "distortion")
     more = len(measures.cameras) - len(shown)
-    rest = f'<p class="soft">And {more:,} more: report.json has all.</p>' if more else ""
+    rest = f'<p class="soft">And {more:,} more; report.json lists all.</p>' if more else ""
     listed = f'<div class="tall">{_table(head, rows)}</div>'
     return listed + rest + _residual_maps(measures)
 
@@ -131,13 +131,13 @@ def _residual_maps(measures: ModelMeasures) -> str:
         found = measures.residual_map(group)
         if found is not None and np.mean(np.isfinite(found.means)) > _LEAST_TOLD:
             picture, scale = arrows(found)
-            words = f"Mean residuals of {name}; an arrow as long as a cell is {scale:g} px"
+            words = f"Mean residuals of {name}; an arrow of one cell length is {scale:g} px"
             parts.append(_figure(words, picture))
     if not parts:
         return ""
     note = (
-        "Observed minus projected, averaged over cells; the more observations, the bluer. "
-        "Arrows that follow a pattern tell of a lens that the camera model does not describe."
+        "Observed minus projected, averaged over cells; darker blue means more observations. "
+        "A regular pattern of arrows indicates distortion that the camera model does not describe."
     )
     return f'<div class="pair">{"".join(parts)}</div><p class="soft">{note}</p>'
 
@@ -155,20 +155,20 @@ def gps(report: SfmReport) -> str:
         values, titles, x_label="image", y_label="distance [m]", marked=[name in lies for name in names]
     )
     first, second, height = np.asarray(found.origin).tolist()
-    frame = f"those of the positions; its origin is {told_origin(found)}"
+    frame = f"those of the positions, with the origin at {told_origin(found)}"
     if found.geodetic:
-        frame = f"east, north, up; its origin is {first:.7f}°, {second:.7f}°, {height:.2f} m (WGS84)"
+        frame = f"east, north, up, with the origin at {first:.7f}°, {second:.7f}°, {height:.2f} m (WGS84)"
     facts = [
-        f"A GPS position has σ = {found.sigma_m:.3g} m in each coordinate, as the data tell; the model lies "
-        f"within {found.accuracy_m:.3g} m of the world (1 σ).",
-        f"Its axes are {frame}.",
+        f"Estimated σ of the GPS positions: {found.sigma_m:.3g} m per coordinate. Georeferencing accuracy of "
+        f"the model: {found.accuracy_m:.3g} m (1 σ).",
+        f"Axes: {frame}.",
     ]
     told = "".join(f"<p>{fact}</p>" for fact in facts)
     liars = [
         [html.escape(name), f"{found.residuals_m[name]:.2f}" if name in found.residuals_m else "–"]
         for name in found.outliers
     ]
-    listed = "<h3>Positions left out</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
+    listed = "<h3>Excluded positions</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
     return told + _figure("Distance of each image from its GPS position", chart) + listed
 
 
@@ -181,15 +181,15 @@ def matches(report: SfmReport) -> str:
     agreed = [np.count_nonzero(p.geometry.inliers) * (p.geometry.kind != "none") for p in pairs]
     inliers = np.array(agreed, dtype=np.intp)
     words = (
-        "Rows and columns are the images in the order of names; the stronger the colour, the more matches "
-        "agree; grey pairs were tried and do not match."
+        "Rows and columns are the images, sorted by name. A stronger colour means more verified matches; "
+        "grey pairs were tried without success."
     )
     if len(photos) <= _MOST_NAMED:
         picture = match_squares([photo.name for photo in photos], first, second, inliers)
     else:
         pixels = match_matrix(len(photos), first, second, inliers)
         uri = data_uri("image/png", png_bytes(pixels))
-        picture = f'<img class="matrix" src="{uri}" alt="which image matches which">'
+        picture = f'<img class="matrix" src="{uri}" alt="matrix of matching images">'
     matrix = f'{picture}<p class="soft">{words}</p>'
     kinds = Counter(pair.geometry.kind for pair in pairs)
     listed = [[_KINDS[kind], f"{kinds[kind]:,}"] for kind in _KINDS if kinds[kind]]
@@ -212,12 +212,12 @@ def _left_out(report: SfmReport) -> str:
         counts = [f"{facts[name]:,}" for name in ("matches", "inliers")]
         names = [html.escape(facts[name]) for name in ("first", "second")]
         rows.append([*names, *counts, facts["kind"], html.escape(facts["reason"])])
-    cut = f"the {_MOST_ROWS} with most matches of " if len(poor) > _MOST_ROWS else ""
-    head = ("first", "second", "matches", "inliers", "kind", "why")
+    cut = f"the {_MOST_ROWS} pairs with most matches of " if len(poor) > _MOST_ROWS else ""
+    head = ("first", "second", "matches", "inliers", "kind", "reason")
     return (
-        "<h3>Why pairs tell less than they could</h3>"
-        + _table(("why", "pairs"), summed)
-        + f"<details><summary>{cut}{len(poor):,} pairs one by one</summary>"
+        "<h3>Pairs with limited or no use</h3>"
+        + _table(("reason", "pairs"), summed)
+        + f"<details><summary>List {cut}{len(poor):,} pairs</summary>"
         + f'<div class="tall">{_table(head, rows)}</div></details>'
     )
 
@@ -233,11 +233,11 @@ def images(report: SfmReport, thumbnails: Mapping[str, bytes]) -> str:
         rows.append(_image_row(name, facts[name], picture, with_gps))
     numbers = ["keypoints", "observations", "mean error [px]", *["GPS [m]"] * with_gps]
     head = [("", ""), ("image", "word"), *((name, "number") for name in numbers)]
-    head += [("model", "word"), ("why not", "word")]
+    head += [("model", "word"), ("reason", "word")]
     heads = "".join(f'<th data-sort="{kind}">{name}</th>' if kind else "<th></th>" for name, kind in head)
-    note = f"Pictures of the first {_MOST_PICTURES} alone. " if len(names) > _MOST_PICTURES else ""
+    note = f"Only the first {_MOST_PICTURES} images have a picture. " if len(names) > _MOST_PICTURES else ""
     return (
-        f'<p class="soft">{note}A click on a heading sorts by it.</p><div class="scroll tall"><table>'
+        f'<p class="soft">{note}Click a heading to sort.</p><div class="scroll tall"><table>'
         f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
     )
 
@@ -263,7 +263,8 @@ def how(report: SfmReport) -> str:
     rows = {"input": report.run.source, **report.options()}
     told = [(html.escape(str(k)), html.escape(str(v))) for k, v in rows.items() if v is not None]
     listed = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in told)
-    return f'<dl>{listed}</dl><p class="soft">report.json has all of this for programs, and the times.</p>'
+    note = "report.json has all of this in machine-readable form; timings.json has the run times."
+    return f'<dl>{listed}</dl><p class="soft">{note}</p>'
 
 
 def _figure(caption: str, content: str) -> str:

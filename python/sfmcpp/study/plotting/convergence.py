@@ -1,4 +1,4 @@
-"""How the cost falls, over iterations and over time."""
+"""Convergence: cost over iterations and over time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Curve:
 def plot_convergence(
     runs: Run | Mapping[str, Run], *, best_cost: float | None = None, title: str = ""
 ) -> Figure:
-    """Plot how far the cost is above the lowest, against iterations and seconds, on a logarithmic scale.
+    """Plot the relative excess cost over the lowest cost, by iteration and time, on a logarithmic scale.
 
     A dot is an accepted step, a cross a rejected one. If every cost is zero or none is finite, the
     costs themselves are drawn.
@@ -140,7 +140,7 @@ def _curve(
 
 def _title(curves: Sequence[_Curve]) -> str:
     if len(curves) > 1:
-        return "Cost of each run above the lowest of all"
+        return "Excess cost of each run over the lowest cost"
     (curve,) = curves
     of = f"{curve.name}: " if curve.name else ""
     return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {curve.iteration[-1]} iterations"
@@ -165,9 +165,9 @@ def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best: fl
         by_iteration.set_yscale("log", nonpositive="mask")
     by_iteration.set_xlabel("iteration")
     by_iteration.xaxis.set_major_locator(MaxNLocator(integer=True))
-    by_seconds.set_xlabel("seconds")
+    by_seconds.set_xlabel("time [s]")
     by_seconds.set_xlim(left=0.0)
-    by_iteration.set_ylabel("cost" if best is None else f"cost above {best:.6g}, as a share of it")
+    by_iteration.set_ylabel("cost" if best is None else f"(cost − {best:.6g}) / {best:.6g}")
     _add_legend(by_iteration, by_seconds, curves)
 
 

@@ -1,4 +1,4 @@
-"""A map that is shown in the browser while it grows."""
+"""A live view of the growing map in the browser."""
 
 from __future__ import annotations
 

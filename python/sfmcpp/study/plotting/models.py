@@ -1,4 +1,4 @@
-"""A model beside its truth: where its cameras are, and how far off each one is."""
+"""A model compared with the ground truth: camera positions, and the errors of each camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_NAMES = 40
 
 
 def plot_model_evaluation(evaluation: ModelEvaluation) -> Figure:
-    """Plot the cameras from the side that shows most of them, and the errors of each.
+    """Plot the cameras in their two widest directions, and the errors of each.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def plot_model_evaluation(evaluation: ModelEvaluation) -> Figure:
     figure = new_figure(12, 4.5)
     cameras, centres, rotations = figure.subplots(1, 3)
     _draw_cameras(cameras, evaluation)
-    _draw_errors(centres, evaluation.centre_errors, "centre error [unit of the truth]", evaluation)
+    _draw_errors(centres, evaluation.centre_errors, "centre error [unit of ground truth]", evaluation)
     _draw_errors(rotations, evaluation.rotation_errors_deg, "rotation error [deg]", evaluation)
     for axes in (cameras, centres, rotations):
         style_axes(axes)
@@ -42,16 +42,19 @@ def _draw_cameras(axes: Axes, evaluation: ModelEvaluation) -> None:
     extents = np.ptp(evaluation.truth[:, :, 3], axis=0)
     shown = sorted(np.argsort(extents, kind="stable")[-2:].tolist())
     length = _SIGHT * (float(extents.max()) or 1.0)
-    looks = (("truth", evaluation.truth, MUTED, "o", 6), ("model", evaluation.estimate, COLORS[0], ".", 5))
+    looks = (
+        ("ground truth", evaluation.truth, MUTED, "o", 6),
+        ("model", evaluation.estimate, COLORS[0], ".", 5),
+    )
     for label, poses, color, marker, size in looks:
         centres, ends = poses[:, shown, 3], poses[:, shown, 3] + length * poses[:, shown, 2]
         segments = np.stack([centres, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
         axes.plot(*segments.T, color=color, linewidth=1.0)
         axes.plot(*centres.T, marker, color=color, markersize=size, fillstyle="none", label=label)
-    axes.set_xlabel(f"{'xyz'[shown[0]]} [unit of the truth]")
-    axes.set_ylabel(f"{'xyz'[shown[1]]} [unit of the truth]")
+    axes.set_xlabel(f"{'xyz'[shown[0]]} [unit of ground truth]")
+    axes.set_ylabel(f"{'xyz'[shown[1]]} [unit of ground truth]")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(f"{len(evaluation.names)} of {evaluation.num_images} images", fontsize=10)
+    axes.set_title(f"{len(evaluation.names)} of {evaluation.num_images} images compared", fontsize=10)
     axes.legend(fontsize=9, frameon=False)
 
 

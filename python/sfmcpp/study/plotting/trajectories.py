@@ -1,4 +1,4 @@
-"""Trajectories: beside the truth, from above with their map, and how their scale holds."""
+"""Trajectories: compared with the ground truth, from above with the map, and scale drift."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LEAST_DEVIATION = 0.05
 
 
 def plot_evaluation(evaluation: Evaluation) -> Figure:
-    """Plot both paths from the side that shows most of them, and the distance between them.
+    """Plot both trajectories in their two widest directions, and the position error.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def plot_evaluation(evaluation: Evaluation) -> Figure:
 def _draw_ways(axes: Axes, truth: FloatArray | None, estimate: FloatArray, label: str) -> None:
     """Both ways (n, 2), the true one wider, so that it shows on both sides of an estimate that lies on it."""
     if truth is not None:
-        axes.plot(*truth.T, color=COLORS[4], linewidth=5.0, alpha=0.6, label="truth")
+        axes.plot(*truth.T, color=COLORS[4], linewidth=5.0, alpha=0.6, label="ground truth")
     axes.plot(*estimate.T, color=COLORS[0], linewidth=1.6, label=label)
     axes.plot(*estimate[0], "o", color=COLORS[1], markersize=6, label="start")
 
@@ -78,7 +78,7 @@ def _draw_errors(axes: Axes, evaluation: Evaluation) -> None:
     count = evaluation.alignment.count
     if 0 < count < len(stamps):
         axes.axvspan(0.0, stamps[count - 1] - stamps[0], color=COLORS[4], alpha=0.15, linewidth=0)
-    axes.set_xlabel("seconds" if stamped else "frame")
+    axes.set_xlabel("time [s]" if stamped else "frame")
     axes.set_ylabel(f"position error [m]   (mean {evaluation.mean_3d_error_m:.3g} m)")
     axes.set_ylim(bottom=0.0)
 
@@ -123,9 +123,9 @@ def plot_top_view(
     _draw_ways(axes, None if truth is None else truth[:, [0, 2]], path[:, [0, 2]], label)
     axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
     _show(axes, low, high)
-    axes.set_title("Way of the camera from above", fontsize=11)
-    axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (scale unknown)")
-    axes.set_ylabel(f"z, ahead [{unit}]" if unit else "z, ahead (scale unknown)")
+    axes.set_title("Camera trajectory, top view", fontsize=11)
+    axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (unknown scale)")
+    axes.set_ylabel(f"z, forward [{unit}]" if unit else "z, forward (unknown scale)")
     figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=3)
     style_axes(axes)
     return figure
@@ -163,17 +163,17 @@ def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
     seconds, ratios = _ratios(pairs)
     figure = new_figure(10, 4)
     axes = figure.subplots()
-    axes.axhline(1.0, color=MUTED, linewidth=1.0, linestyle="--", label="truth")
-    label = f"step from keyframe to keyframe{', ' if scaled else ''}{scaled}"
+    axes.axhline(1.0, color=MUTED, linewidth=1.0, linestyle="--", label="ground truth")
+    label = f"step between keyframes{', ' if scaled else ''}{scaled}"
     axes.plot(seconds, ratios, ".", color=COLORS[5], markersize=5, label=label)
     if len(ratios) >= MEDIAN_WIDTH:
         smooth = running_median(ratios)
         shown = np.isfinite(smooth)
-        text = f"median of {MEDIAN_WIDTH}"
+        text = f"running median of {MEDIAN_WIDTH}"
         axes.plot(seconds[shown], smooth[shown], color=COLORS[0], linewidth=1.6, label=text)
     mean = f"   (mean {ratios.mean():.4g})" if len(ratios) else ""
-    axes.set_ylabel(f"estimated over true length{mean}")
-    axes.set_xlabel("seconds" if pairs.truth.stamped else "frame")
+    axes.set_ylabel(f"estimated length / true length{mean}")
+    axes.set_xlabel("time [s]" if pairs.truth.stamped else "frame")
     axes.set_ylim(*_limits(ratios))
     axes.legend(fontsize=9, frameon=False, loc="best")
     style_axes(axes)

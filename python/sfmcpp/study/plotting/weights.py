@@ -1,4 +1,4 @@
-"""How much each sensor counted over a SLAM run, and the curves that its weights were chosen from."""
+"""Weights of the sensors over a SLAM run, and the trade-off curves behind them."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
         _draw_weights(weights, name, color, _series(records, "weights", name, start))
         conflicts.plot(*_series(records, "conflicts", name, start), ".-", color=color, linewidth=1.0)
     weights.set_title(
-        "How much a sensor counts at each keyframe: the larger λ, the less the images may differ from it"
+        "Weight of each sensor at each keyframe: a larger λ keeps the solution closer to the sensor"
     )
-    conflicts.set_title("How far images and sensor disagree: above the dashed line that is more than chance")
+    conflicts.set_title("Disagreement of sensor and images: significant above the dashed line")
     weights.set_ylabel("weight λ")
     conflicts.set_ylabel("disagreement [σ]")
-    conflicts.set_xlabel("seconds")
+    conflicts.set_xlabel("time [s]")
     conflicts.set_ylim(bottom=0.0)
     conflicts.axhline(CONFLICT_SIGMAS, color=MUTED, linewidth=1.0, linestyle="--")
     for axes in (weights, conflicts):
@@ -112,7 +112,7 @@ def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
     figure = new_figure(10, 4 * max(len(names), 1))
     panels = figure.subplots(max(len(names), 1), 2, squeeze=False)
     figure.suptitle(
-        "How the weight of a sensor was chosen at some keyframes: a curve each, a dot for the choice"
+        "Choice of the sensor weight at some keyframes: one curve per keyframe, a dot at the chosen weight"
     )
     for name, (errors, scores) in zip(names, panels, strict=True):
         for chosen, color in zip(_spread([*_of_sensor(records, name, start)]), COLORS, strict=False):
@@ -189,8 +189,8 @@ def _first(records: Sequence[KeyframeRecord], name: str) -> WeightSelection:
 
 
 def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> None:
-    errors.set_title(f"{name}: ignored at the right end of a curve, obeyed at the left", fontsize=10)
-    scores.set_title(f"{name}: chosen is the lowest score within the bounds", fontsize=10)
+    errors.set_title(f"{name}: trade-off; low weights to the right, high weights to the left", fontsize=10)
+    scores.set_title(f"{name}: the lowest score within the bounds is chosen", fontsize=10)
     errors.set_xscale("log")
     errors.set_yscale("log")
     scores.set_xscale("log")
@@ -198,7 +198,7 @@ def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> 
     scores.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     scores.xaxis.set_minor_locator(NullLocator())
     errors.set_xlabel(f"mean squared error of the {name} [{example.unit}²]")
-    errors.set_ylabel("relative increase of that of the images")
+    errors.set_ylabel("relative increase of the image error")
     scores.set_xlabel("weight λ")
-    scores.set_ylabel(f"score of {example.method}, scaled")
+    scores.set_ylabel(f"score of {example.method} (scaled to 0…1)")
     errors.legend(fontsize=8, frameon=False)

@@ -79,8 +79,8 @@ def test_what_the_offset_may_be_off_is_no_less_than_it_scatters_by_and_not_much_
 @pytest.mark.parametrize(
     ("factor", "told"),
     [
-        (180 / np.pi, "57.3 times those seen by the camera: degrees declared as radians?"),
-        (np.pi / 180, "0.0175 times those seen by the camera: radians declared as degrees?"),
+        (180 / np.pi, "57.3 times those of the camera: degrees declared as radians?"),
+        (np.pi / 180, "0.0175 times those of the camera: radians declared as degrees?"),
     ],
 )
 def test_a_wrong_unit_is_named(factor: float, told: str) -> None:
@@ -94,8 +94,8 @@ def test_a_wrong_unit_is_named(factor: float, told: str) -> None:
 )
 def test_wrong_axes_are_named(mounting: Mounting) -> None:
     told = check_rotations(slow_gyro(), mounting, keyframes()).complaint("imu")
-    assert told.startswith("imu: where it turns most its rotations are ")
-    assert "its axes, its mounting or its unit" in told
+    assert told.startswith("imu: in the strongest turns its rotations differ by ")
+    assert "check the declared axes, mounting and unit" in told
 
 
 def test_a_constant_rate_tells_no_offset_and_raises_no_complaint() -> None:

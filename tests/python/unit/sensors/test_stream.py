@@ -111,7 +111,7 @@ def test_a_long_gap_gives_no_measurement_to_any_interval_that_touches_it() -> No
     (gap,) = stream.gaps()
     assert (gap.start_s, gap.end_s) == (pytest.approx(0.5), pytest.approx(1.5))
     assert describe_gaps([stream]) == [
-        "stream 'wheel': gap of 1.000 s from 0.500 to 1.500 s, longer than 0.500 s: no measurement there"
+        "stream 'wheel': gap of 1.000 s from 0.500 to 1.500 s, longer than 0.500 s: no measurements in it"
     ]
     for start_s, end_s in [(0.4, 0.6), (0.7, 0.9), (1.4, 1.6), (0.1, 1.9)]:
         assert travelled_distance(stream, start_s, end_s) is None
@@ -162,8 +162,8 @@ def test_a_single_sample_measures_its_own_moment_alone() -> None:
 def test_a_stream_that_does_not_last_as_long_as_the_images_is_told() -> None:
     assert describe_coverage([speeds()], -0.4, 2.4) == []
     assert describe_coverage([speeds()], -1.0, 5.0) == [
-        "stream 'wheel': begins at 0.000 s, 1.000 s after the images: no measurement before",
-        "stream 'wheel': ends at 2.000 s, 3.000 s before the images: no measurement after",
+        "stream 'wheel': begins at 0.000 s, 1.000 s after the images: no measurements before",
+        "stream 'wheel': ends at 2.000 s, 3.000 s before the images: no measurements after",
     ]
 
 

@@ -83,7 +83,7 @@ def test_images_apart_from_the_others_are_left_out_with_a_reason() -> None:
     found = reconstruct_projective(image_tracks(truth.camera_index, track, truth.pixels))
     assert found.images.tolist() == [0, 1, 2, 3, 4, 5]
     assert sorted(found.left_out) == [6, 7, 8]
-    assert "agrees with another image" in found.left_out[7]
+    assert "is consistent with another image" in found.left_out[7]
 
 
 def test_an_image_without_block_is_resected() -> None:

@@ -205,7 +205,7 @@ def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
     assert not found.outliers
     assert tilt_deg(problem, truth) < 1
     (warning,) = found.warnings
-    assert "hangs on the position of 6 alone" in warning
+    assert "depends on the position of 6 alone" in warning
 
 
 def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
@@ -223,9 +223,9 @@ GRID = np.stack(np.meshgrid(np.arange(4) * 12.0, np.arange(3) * 20.0), axis=2).r
     ("sigma_m", "axes", "told"),
     [
         (0.03, [0, 1, 2], None),
-        (0.03, [1, 0, 2], "x and y of the positions may be swapped.*: mirrored they would fit"),
+        (0.03, [1, 0, 2], "x and y of the positions may be swapped.*: mirrored, they fit"),
         (2.0, [0, 1, 2], None),
-        (2.0, [1, 0, 2], "x and y of the positions may be swapped.*: the cameras look up to the sky"),
+        (2.0, [1, 0, 2], "x and y of the positions may be swapped.*: the cameras look at the sky"),
     ],
 )
 def test_swapped_axes_are_told_by_the_fit_or_by_where_cameras_look(
@@ -250,7 +250,7 @@ def test_cameras_on_their_heads_are_named() -> None:
     truth = scene(2)
     gps = truth.centres * [1.0, -1.0, -1.0] + np.random.default_rng(2).normal(0, 0.3, truth.centres.shape)
     (warning,) = georeference(in_a_frame_of_its_own(truth, 2), gps).outcome.warnings
-    assert warning.endswith("or z is not up: the cameras stand on their heads")
+    assert warning.endswith("or z is not up: the cameras are upside down")
 
 
 def test_what_a_problem_lacks_is_refused() -> None:

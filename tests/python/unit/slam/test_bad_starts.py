@@ -38,7 +38,7 @@ def test_no_frame_gives_a_message_and_no_map() -> None:
     require_no_map(run_slam(TrackSequence([], [], [], np.empty((0, 2)), INTRINSICS)), "there is no frame")
 
 
-@pytest.mark.parametrize(("frames", "told"), [(1, "frame 0 is alone"), (2, "the image moves")])
+@pytest.mark.parametrize(("frames", "told"), [(1, "frame 0 is the only frame"), (2, "the image moves")])
 def test_one_frame_or_two_give_a_message_and_no_map(frames: int, told: str) -> None:
     require_no_map(run_slam(drive(path(np.zeros((frames, 3)), np.zeros((frames, 3))), 0.5)), told)
 
@@ -47,7 +47,7 @@ def test_frames_that_share_nothing_give_a_message_and_no_map() -> None:
     pixels = np.random.default_rng(0).uniform(0, 480, (200, 2))
     frames, tracks = np.repeat(np.arange(4), 50), np.arange(200)
     sequence = TrackSequence(STEP_S * np.arange(4), frames, tracks, pixels, INTRINSICS)
-    require_no_map(run_slam(sequence), "share 0 tracks only")
+    require_no_map(run_slam(sequence), "share only 0 tracks")
 
 
 def test_tracks_of_noise_give_no_map() -> None:

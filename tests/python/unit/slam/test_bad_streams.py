@@ -111,7 +111,7 @@ def test_a_sensor_that_covers_no_interval_changes_no_bit(seed: int) -> None:
     [
         (lambda s: replace(s, values=np.rad2deg(s.values)), AT_CAMERA, "degrees declared as radians"),
         (lambda s: replace(s, values=np.deg2rad(s.values)), AT_CAMERA, "radians declared as degrees"),
-        (lambda s: s, Mounting.forward_looking(), "its axes, its mounting or its unit"),
+        (lambda s: s, Mounting.forward_looking(), "check the declared axes, mounting and unit"),
     ],
 )
 @pytest.mark.parametrize("seed", SEEDS)
@@ -213,7 +213,7 @@ def test_an_odometer_that_tells_no_motion_is_named() -> None:
     dead = replace(drive.odometer, values=np.zeros_like(drive.odometer.values))
     result = run_slam(drive.sequence, sensors=[Odometer(dead)])
     assert not result.metric
-    assert "odometer: tells too little of a motion to bring the map to metres" in result.warnings
+    assert "odometer: measures too little motion to scale the map to metres" in result.warnings
 
 
 def test_a_sensor_of_ones_own_cannot_be_fed() -> None:

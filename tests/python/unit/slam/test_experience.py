@@ -64,7 +64,7 @@ def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
-        assert "disagrees with the images at 6 keyframes in a row" in told[0]
+        assert "disagrees with the images at 6 consecutive keyframes" in told[0]
 
 
 def test_what_leads_to_a_conflict_belongs_to_it() -> None:
@@ -84,7 +84,7 @@ def test_one_strong_conflict_is_named_where_it_is_not_usual(others: float, named
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
-        assert "disagrees with the images at a keyframe, by up to 9 σ" in told[0]
+        assert "disagrees with the images at 1 keyframe, by up to 9 σ" in told[0]
 
 
 def test_a_lie_that_lasts_for_half_of_a_run_is_named() -> None:
@@ -92,7 +92,7 @@ def test_a_lie_that_lasts_for_half_of_a_run_is_named() -> None:
     for k in range(9):
         known.add(report(100.0 if k > 3 else 0.5, sensor_sigma=0.02), STEP)
     (told,) = known.describe("odometer")
-    assert "disagrees with the images at 5 keyframes in a row, by up to 100 σ" in told
+    assert "disagrees with the images at 5 consecutive keyframes, by up to 100 σ" in told
 
 
 @pytest.mark.parametrize(("points", "named"), [(21, False), (22, True)])

@@ -92,7 +92,7 @@ def test_frames_that_share_too_little_begin_again_with_the_last() -> None:
     other = second.frame(2)
     strange = Frame(2, other.t_s, View(other.view.tracks + 1000, other.view.pixels))
     assert initialiser.try_frame(strange) is None
-    assert initialiser.reason == "frames 0 and 2 share 0 tracks only"
+    assert initialiser.reason == "frames 0 and 2 share only 0 tracks"
     assert initialiser.frames == [strange]
 
 
@@ -108,7 +108,7 @@ def test_a_map_of_too_few_of_the_shared_tracks_is_none() -> None:
         frames.append(Frame(frame.number, frame.t_s, View(frame.view.tracks, pixels)))
     initialiser = Initialiser(INTRINSICS, SETTINGS)
     assert all(initialiser.try_frame(frame) is None for frame in frames)
-    assert "points only, from" in initialiser.reason
+    assert "points from" in initialiser.reason
     easy = Initialiser(INTRINSICS, SlamSettings(start_point_ratio=0.2))
     assert any(easy.try_frame(frame) is not None for frame in frames)
 

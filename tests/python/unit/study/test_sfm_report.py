@@ -257,7 +257,7 @@ def test_the_origin_of_a_page_is_in_the_frame_of_the_positions(tmp_path: Path) -
         gps_outcome(run, liar=3), origin=np.array([691_000.0, 5_334_000.0, 0.0]), geodetic=False
     )
     SfmReport(run, thumbnail).write(tmp_path)
-    assert "its origin is x_m 691000, y_m 5334000, z_m 0" in (tmp_path / "report.html").read_text()
+    assert "with the origin at x_m 691000, y_m 5334000, z_m 0" in (tmp_path / "report.html").read_text()
 
 
 def test_the_same_run_gives_the_same_files(tmp_path: Path) -> None:
@@ -282,7 +282,7 @@ def test_one_file_that_fails_keeps_no_other_from_being_written(tmp_path: Path) -
 def test_without_a_model_the_report_and_its_page_say_why(tmp_path: Path) -> None:
     report = SfmReport(run_without_model(), thumbnail)
     assert [path.name for path in report.write(tmp_path)] == ["report.json", "timings.json", "report.html"]
-    assert report.verdict().startswith("no model: none of 4 images could be placed (set/photo 0000.jpg")
+    assert report.verdict().startswith("no model: none of 4 images could be registered (set/photo 0000.jpg")
     content = json.loads((tmp_path / "report.json").read_text())
     assert (content["models"], content["cameras"], content["mean_error_px"]) == ([], [], None)
     assert NO_MATCH in (tmp_path / "report.html").read_text()
@@ -300,7 +300,7 @@ def test_further_models_are_written_beside_the_largest(tmp_path: Path) -> None:
     content = report.to_dict()
     assert [model["images"] for model in content["models"]] == [5, 3]
     assert content["images"]["set/photo 0000.jpg"]["observations"] > 0
-    assert "in model 1, which nothing joins to the largest" in report.left_out()
+    assert "in model 1, which is not connected to the largest" in report.left_out()
     assert report.is_partial
 
 

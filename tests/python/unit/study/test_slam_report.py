@@ -49,7 +49,7 @@ def test_what_is_wrong_with_a_stream_is_in_the_table_and_in_the_report() -> None
 
 def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
     assert "images" not in measured().table().replace("the images", "")
-    told = "images          0.500 of these seconds with their corners, 125 ms an image"
+    told = "images          0.500 s of these for images and corners, 125 ms per image"
     assert told in measured(0.5).table()
 
 
@@ -57,7 +57,7 @@ def test_a_rate_that_is_assumed_is_a_warning_where_sensors_count_seconds() -> No
     report = measured()
     assert "assumed" not in report.table()
     report.run.drive.frames.assumed_fps = 10.0
-    told = "10 frames a second are assumed: there is no times.txt, nor --fps"
+    told = "10 frames per second assumed: neither times.txt nor --fps is given"
     assert f"warning         {told}; where that is wrong, so are the scale" in report.table()
     alone = SlamReport(replace(report.run, sensors=()))
     assert f"times           {told}\n" in alone.table()

@@ -97,7 +97,7 @@ def test_a_standing_camera_says_nothing_of_an_odometer() -> None:
     odometer = PoseConstraint("scale", distance=1.0, previous=pose, name="wheel")
     report = conflict(drive.view, odometer, pose)
     assert (report.degrees_of_freedom, report.sigmas, report.conflicting) == (0, 0.0, False)
-    assert report.describe() == "wheel: the pose does not move its error, so the images say nothing of it"
+    assert report.describe() == "wheel: its error does not depend on the pose, so the images cannot test it"
 
 
 def test_sentence_names_sensor_distance_unit_and_sigmas() -> None:

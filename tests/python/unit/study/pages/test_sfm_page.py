@@ -102,7 +102,7 @@ def test_positions_that_lie_stand_out() -> None:
 
 def test_without_a_model_the_page_says_why() -> None:
     page = sfm_page(SfmReport(run_without_model()))
-    assert "No model: none of 4 images could be placed." in page
+    assert "No model: none of 4 images could be registered." in page
     assert "Reprojection errors" not in page
     assert NO_MATCH in page
 
@@ -131,7 +131,7 @@ def test_a_thousand_images_make_a_page_that_a_browser_can_hold() -> None:
     assert page.count('<td class="name">') == 1000
     assert len(page) < 4e6
     assert "all 1,000 cameras of 640 × 480 together" in page
-    assert 'alt="which image matches which"' in page
+    assert 'alt="matrix of matching images"' in page
 
 
 def test_a_browser_shows_the_summary_first(tmp_path: Path) -> None:

@@ -54,8 +54,8 @@ def test_cost_above_the_lowest_is_drawn_against_iterations_and_against_seconds()
     by_iteration, by_seconds = plot_convergence(RUN).axes
     assert points_of(by_iteration, "None") == [(0, 49), (1, 4), (2, 4), (3, 0.3 * 4)]
     assert points_of(by_seconds, "None") == [(0, 49), (0.5, 4), (1.0, 4), (1.5, 0.3 * 4)]
-    assert by_iteration.get_ylabel() == "cost above 2, as a share of it"
-    assert (by_iteration.get_xlabel(), by_seconds.get_xlabel()) == ("iteration", "seconds")
+    assert by_iteration.get_ylabel() == "(cost − 2) / 2"
+    assert (by_iteration.get_xlabel(), by_seconds.get_xlabel()) == ("iteration", "time [s]")
     assert by_iteration.get_yscale() == by_seconds.get_yscale() == "log"
 
 
@@ -87,7 +87,7 @@ def test_a_summary_is_drawn_as_its_iterations() -> None:
 def test_the_title_says_from_where_to_where_or_what_it_is_told() -> None:
     title = [plot_convergence(RUN).get_suptitle(), plot_convergence(RUN, title="mine").get_suptitle()]
     assert title == ["cost 100 → 2 in 3 iterations", "mine"]
-    assert "above the lowest of all" in plot_convergence({"a": RUN, "b": RUN}).get_suptitle()
+    assert "over the lowest cost" in plot_convergence({"a": RUN, "b": RUN}).get_suptitle()
 
 
 def test_the_lowest_of_all_runs_is_the_reference_of_each() -> None:

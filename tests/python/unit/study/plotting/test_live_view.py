@@ -137,9 +137,9 @@ def test_a_picture_is_not_due_right_after_another(view: LiveView, result: SlamRe
 
 
 def test_a_run_without_a_map_shows_its_status_alone(view: LiveView) -> None:
-    view.show(SlamResult(), "looking for a start")
+    view.show(SlamResult(), "initialising")
     assert view.num_points == 0
-    assert view._status.content == "looking for a start"
+    assert view._status.content == "initialising"
 
 
 def test_the_next_free_port_is_taken_and_nothing_is_printed(

@@ -24,7 +24,7 @@ def test_each_step_is_drawn_over_the_true_one_where_it_ends() -> None:
     t_s = np.array([5.0, 6.0, 7.0, 9.0])
     estimate = along_x(t_s, np.array([0.0, 1.1, 2.9, 6.9]))
     lines = drawn(plot_scale_ratio(Matched(estimate, along_x(t_s, np.array([0.0, 1.0, 3.0, 7.0])))))
-    np.testing.assert_allclose(lines["step from keyframe to keyframe"], [[1, 1.1], [2, 0.9], [4, 1.0]])
+    np.testing.assert_allclose(lines["step between keyframes"], [[1, 1.1], [2, 0.9], [4, 1.0]])
     assert not any("median" in name for name in lines)
 
 
@@ -33,7 +33,7 @@ def test_steps_of_a_standing_camera_are_left_out() -> None:
     truth = along_x(t_s, np.array([0.0, 1.0, 1.001, 2.0]))
     pairs = Matched(along_x(t_s, np.array([0.0, 0.5, 0.7, 1.2])), truth)
     lines = drawn(plot_scale_ratio(pairs, scaled="aligned"))
-    found = lines["step from keyframe to keyframe, aligned"]
+    found = lines["step between keyframes, aligned"]
     np.testing.assert_allclose(found, [[1, 0.5], [3, 0.5 / 0.999]])
 
 
@@ -43,7 +43,7 @@ def test_one_wild_step_does_not_move_the_median() -> None:
     steps[14] = 3.0
     estimate = along_x(t_s, np.concatenate([[0.0], np.cumsum(steps)]))
     figure = plot_scale_ratio(Matched(estimate, along_x(t_s, t_s)))
-    median = drawn(figure)["median of 11"]
+    median = drawn(figure)["running median of 11"]
     np.testing.assert_allclose(median[:, 0], np.arange(6.0, 25.0))
     np.testing.assert_allclose(median[:, 1], 0.8)
     low, high = figure.axes[0].get_ylim()
@@ -54,4 +54,4 @@ def test_one_wild_step_does_not_move_the_median() -> None:
 
 def test_a_single_keyframe_is_drawn_empty() -> None:
     one = along_x(np.zeros(1), np.zeros(1))
-    assert drawn(plot_scale_ratio(Matched(one, one)))["step from keyframe to keyframe"].size == 0
+    assert drawn(plot_scale_ratio(Matched(one, one)))["step between keyframes"].size == 0

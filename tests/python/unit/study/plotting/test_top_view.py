@@ -25,15 +25,17 @@ def test_x_goes_right_and_z_goes_up() -> None:
     assert lines["estimate"] == [[0, 0], [1, 2], [1.5, 8]]
     assert lines["keyframes"] == [[0, 0], [1.5, 8]]
     assert lines["start"] == [[0, 0]]
-    assert "truth" not in lines
+    assert "ground truth" not in lines
     assert "unknown" in figure.axes[0].get_xlabel()
 
 
 def test_truth_is_drawn_beside_an_estimate_whose_alignment_is_named() -> None:
-    figure = plot_top_view(PATH, PATH, POINTS, truth=PATH + 1, alignment="aligned to all of it", unit="m")
+    figure = plot_top_view(
+        PATH, PATH, POINTS, truth=PATH + 1, alignment="aligned to the whole trajectory", unit="m"
+    )
     lines = drawn(figure)
-    assert lines["truth"] == [[1, 1], [2, 3], [2.5, 9]]
-    assert lines["estimate, aligned to all of it"] == [[0, 0], [1, 2], [1.5, 8]]
+    assert lines["ground truth"] == [[1, 1], [2, 3], [2.5, 9]]
+    assert lines["estimate, aligned to the whole trajectory"] == [[0, 0], [1, 2], [1.5, 8]]
     assert "[m]" in figure.axes[0].get_xlabel()
 
 
@@ -52,7 +54,7 @@ def test_the_truth_shows_where_the_estimate_lies_on_it() -> None:
     lines = {
         str(line.get_label()): line for line in plot_top_view(PATH, PATH, POINTS, truth=PATH).axes[0].lines
     }
-    assert lines["truth"].get_linewidth() > 2 * lines["estimate"].get_linewidth()
+    assert lines["ground truth"].get_linewidth() > 2 * lines["estimate"].get_linewidth()
 
 
 def test_a_standing_camera_is_drawn_without_a_warning(tmp_path: Path) -> None:

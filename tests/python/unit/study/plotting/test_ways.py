@@ -33,7 +33,7 @@ def picture(centres: np.ndarray) -> Figure:
 def test_the_truth_shows_under_an_estimate_that_lies_on_it(name: str, tmp_path: Path) -> None:
     figure = picture(WAYS[name])
     lines = {str(line.get_label()): line for line in figure.axes[0].lines}
-    assert lines["truth"].get_linewidth() > 2 * lines["estimate"].get_linewidth()
+    assert lines["ground truth"].get_linewidth() > 2 * lines["estimate"].get_linewidth()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         save_figure(figure, tmp_path / "a.png")
