@@ -18,8 +18,8 @@ std::string_view isa_name(Isa isa);
 // The best instruction set of this machine.
 Isa best_isa();
 
-// That, or the lower one that the environment variable SFMCPP_ISA (baseline, avx2, avx512) asks for.
-// Read once.
+// That, or the lower one that the environment variable SFMCPP_ISA (baseline, avx2, avx512) asks
+// for. Read once.
 Isa active_isa();
 
 }  // namespace sfmcpp
