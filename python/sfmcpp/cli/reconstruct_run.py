@@ -10,7 +10,7 @@ from typing import Any
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.running import made, require_folder
+from sfmcpp.cli.running import made, require_results_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -18,7 +18,7 @@ from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
-from sfmcpp.study.sfm_files import PAGE
+from sfmcpp.study.sfm_files import FILES, MODEL, PAGE
 
 # What an interrupted run has done, for `--resume`; in the folder of the results.
 CACHE = "cache"
@@ -44,7 +44,7 @@ def run_reconstruction(
     InvalidArgument
         If an option asks for what there is not.
     """
-    require_folder(folder)
+    require_results_folder(folder, FILES, MODEL)
     if not source.exists():
         raise DatasetError(source, "no such file or directory")
     targets.check(source)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, require_regular_file
 
 
-def require_folder(folder: Path) -> None:
-    """Raise a DatasetError if `folder` is a file."""
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(folder, "is a file, a folder is wanted")
+def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
+    """Raise a DatasetError if `folder` or its `model` is a file, or one of its `files` is a folder."""
+    for path in (folder, folder / model):
+        if path.exists() and not path.is_dir():
+            raise DatasetError(path, "is a file, a folder is wanted")
+    for name in files:
+        require_regular_file(folder / name)
 
 
 @contextmanager

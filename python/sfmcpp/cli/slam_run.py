@@ -15,7 +15,7 @@ import numpy as np
 from sfmcpp import slam
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.running import made, require_folder
+from sfmcpp.cli.running import made, require_results_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.terminal import stderr_console
 from sfmcpp.errors import InvalidArgument
@@ -50,7 +50,9 @@ def run_slam_files(
         If an option asks for what there is not.
     """
     require_pictures(folder)
-    require_folder(folder)
+    from sfmcpp.study.slam_files import FILES, MODEL  # which draws pictures
+
+    require_results_folder(folder, FILES, MODEL)
     checkpoints.check()
     drive = open_drive(source, **opening)
     count = len(drive.frames)

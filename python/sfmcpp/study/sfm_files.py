@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _MODEL_FILES = (*text.FILES, *binary.FILES, ORIGIN)
 MODEL = "model"
 REPORT, TIMINGS, PAGE = "report.json", "timings.json", "report.html"
+TRANSFORMS, POINTS = "transforms.json", "points.ply"
+FILES = (REPORT, TIMINGS, PAGE, VIEW, TRANSFORMS, POINTS)
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000
 _READERS = 4
@@ -73,8 +75,8 @@ def _steps(report: SfmReport) -> Iterator[Step]:
         name = MODEL if number == 0 else f"{MODEL}_{number}"
         yield name, partial(_write_model, problem)
         if number == 0:
-            yield "transforms.json", partial(_write_transforms, report, problem)
-            yield "points.ply", partial(write_ply, problem, cameras=False)
+            yield TRANSFORMS, partial(_write_transforms, report, problem)
+            yield POINTS, partial(write_ply, problem, cameras=False)
             yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     yield TIMINGS, lambda path: write_report(report.timings(), path)

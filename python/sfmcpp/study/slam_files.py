@@ -24,7 +24,16 @@ if TYPE_CHECKING:
     from sfmcpp.slam import SlamRun
     from sfmcpp.study.slam_report import SlamReport
 
-REPORT = "report.json"
+MODEL = "model"
+TRAJECTORY, KEYFRAMES, POINTS, VIEW, REPORT = (
+    "trajectory.txt",
+    "keyframes.txt",
+    "points.ply",
+    "view.html",
+    "report.json",
+)
+TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE = "trajectory.png", "weights.png", "trade_off.png", "scale.png"
+FILES = (TRAJECTORY, KEYFRAMES, POINTS, VIEW, REPORT, TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE)
 # Counts that the page shows.
 _FACTS = ("frames", "keyframes", "points", "bridged", "lost")
 
@@ -45,21 +54,21 @@ def _steps(report: SlamReport) -> Iterator[Step]:
     if world is not None:
         problem, records = world.whole_problem(min_views=2).problem, run.result.records
         trajectory, keyframes = run.trajectory(), run.result.keyframe_trajectory()
-        yield "trajectory.txt", partial(write_trajectory, trajectory)
-        yield "keyframes.txt", partial(write_trajectory, keyframes)
-        yield "model", partial(_write_model, problem)
-        yield "points.ply", partial(write, problem)
-        yield "trajectory.png", partial(_draw, report, trajectory, problem)
-        yield "view.html", lambda path: save_scene_page(_scene(report, trajectory, problem), path)
+        yield TRAJECTORY, partial(write_trajectory, trajectory)
+        yield KEYFRAMES, partial(write_trajectory, keyframes)
+        yield MODEL, partial(_write_model, problem)
+        yield POINTS, partial(write, problem)
+        yield TOP_VIEW, partial(_draw, report, trajectory, problem)
+        yield VIEW, lambda path: save_scene_page(_scene(report, trajectory, problem), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     if world is not None:
         if any(record.weights for record in records):
-            yield "weights.png", lambda path: save_figure(plot_weights(records), path)
+            yield WEIGHTS, lambda path: save_figure(plot_weights(records), path)
         if has_curves(records):
-            yield "trade_off.png", lambda path: save_figure(plot_trade_off(records), path)
+            yield TRADE_OFF, lambda path: save_figure(plot_trade_off(records), path)
         pairs = _true_keyframes(report, keyframes)
         if pairs is not None:
-            yield "scale.png", partial(_draw_scale, report, pairs)
+            yield SCALE, partial(_draw_scale, report, pairs)
 
 
 def _write_model(problem: Problem, folder: Path) -> None:

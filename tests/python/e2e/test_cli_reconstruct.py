@@ -155,6 +155,23 @@ def test_bad_usage_is_one_line_and_runs_nothing(
     assert not Path("out").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("model", "is a file, a folder is wanted"), ("report.json/", "is a directory, a file is wanted")],
+)
+def test_results_whose_names_are_taken_are_refused_before_the_work(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str, told: str
+) -> None:
+    taken = Path("out") / name
+    (taken if name.endswith("/") else taken.parent).mkdir(parents=True)
+    if not name.endswith("/"):
+        taken.write_text("")
+    asked = ending(monkeypatch, complete_run())
+    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert f"{taken}: {told}" in capsys.readouterr().err
+    assert asked == {}
+
+
 @pytest.mark.parametrize("resume", [False, True])
 def test_resume_keeps_what_an_earlier_run_has_computed(
     photos: Path, monkeypatch: pytest.MonkeyPatch, resume: bool

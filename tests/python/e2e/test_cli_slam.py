@@ -209,6 +209,18 @@ def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
     assert names_in(tmp_path) == before
 
 
+def test_results_whose_names_are_taken_are_refused_before_the_work(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive.csv", corridor(4))
+    for taken in ("points.ply", "weights.png"):
+        folder = tmp_path / f"out_{taken}"
+        (folder / taken).mkdir(parents=True)
+        result = run_here("slam", "drive.csv", "-o", folder.name, cwd=tmp_path)
+        assert result.returncode == 2
+        assert is_one_error_line(result)
+        assert f"{taken}: is a directory, a file is wanted" in result.stderr
+        assert names_in(folder) == [taken]
+
+
 def test_an_odometer_in_a_file_brings_the_map_to_metres(tmp_path: Path) -> None:
     scene = corridor()
     source = write_drive(tmp_path / "drive.csv", scene)
