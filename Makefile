@@ -103,14 +103,13 @@ asan tsan: $(BUILD_PACKAGES_STAMP)
 
 # In the build folders of the C++ tests: the objects of the core are the same.
 asan-python: install ## the Python tests of the bindings under these sanitizers
-tsan-python: install ## those that solve from several threads, in callbacks, or are interrupted
-asan-python: SANITIZED_TESTS = tests/python/bindings
-tsan-python: SANITIZED_TESTS = tests/python/bindings/test_solve.py tests/python/bindings/test_callers_arrays.py
+tsan-python: install ## the same under the thread sanitizer
 
 asan-python tsan-python:
 	cmake --preset $(@:-python=) $(with_python)
 	cmake --build --preset $(@:-python=) --target _core
-	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python build/$(@:-python=) $(SANITIZED_TESTS)
+	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python build/$(@:-python=) tests/python/bindings \
+	  --numprocesses $(TEST_PROCESSES) --dist loadfile
 
 FUZZ_INPUTS ?= 1000000
 fuzz: install ## every reader on a million damaged files (FUZZ_INPUTS), of FUZZ_SEED
