@@ -83,7 +83,7 @@ class Covariances:
         """What the covariances refer to."""
         if self.freedoms == 0:
             return "the frame that fixed parameters or positions give"
-        return f"the mean of all cameras and points, as {self.freedoms} freedoms of the world are left"
+        return f"the mean of all cameras and points, as {self.freedoms} gauge freedoms are left"
 
     def to_dict(self) -> dict[str, Any]:
         """What a report says of them."""

@@ -44,7 +44,7 @@ def test_standard_deviations_are_those_of_the_linear_model_at_the_result(tmp_pat
     weighted = np.sum(model.observation_weights[:, None] * model.residuals**2)
     factor = weighted / (2 * solved.num_observations - model.num_determined)
     assert told["covariances"]["variance_factor"] == pytest.approx(factor)
-    assert "7 freedoms of the world are left" in " ".join(result.stdout.split())
+    assert "7 gauge freedoms are left" in " ".join(result.stdout.split())
 
 
 def test_covariances_as_arrays_are_not_numbers_where_nothing_was_estimated(tmp_path: Path) -> None:
