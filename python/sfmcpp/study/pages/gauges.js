@@ -8,7 +8,7 @@ document.body.insertAdjacentHTML("beforeend", `<style>
   #compass ellipse { fill: none; stroke: #8d99a5; } #compass text { fill: #d7dde3; font-size: 12px; text-anchor: middle; dominant-baseline: central; }
   #bar { box-sizing: border-box; margin-top: 4px; height: 5px; border: solid #d7dde3; border-width: 0 1.5px 1.5px; }
   @media (max-width: 1000px) { #gauges { bottom: 108px; } }
-  @media (max-width: 600px) { #gauges { left: auto; bottom: auto; right: 16px; top: 16px; display: flex; flex-direction: column; align-items: flex-end; } }
+  @media (max-width: 600px), (max-height: 600px) { #gauges { left: auto; bottom: auto; right: 16px; top: 16px; display: flex; flex-direction: column; align-items: flex-end; } }
 </style>
 <div id="gauges">
   <svg id="compass" viewBox="-32 -32 64 64" role="img" aria-label="north" hidden><ellipse rx="${NEEDLE}"/>

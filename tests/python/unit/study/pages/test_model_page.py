@@ -196,6 +196,34 @@ def test_a_click_on_a_camera_shows_its_photo_and_its_name(tmp_path: Path) -> Non
         assert value_of(ask, "document.getElementById('photo').hidden") is True
 
 
+@pytest.mark.parametrize(("width", "height"), [(420, 800), (730, 415), (1400, 800)])
+def test_bar_and_compass_are_beside_the_panels(tmp_path: Path, width: int, height: int) -> None:
+    facts = {
+        "images": "8 of 8",
+        "points": "2,224",
+        "mean error of observations": "0.026 px",
+        "focal": "1380 px",
+    }
+    save_model_page(circle(facts=facts, unit="m", east_north_up=True), tmp_path / "view.html")
+    with opened("about:blank", tmp_path) as ask:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        ask("Emulation.setDeviceMetricsOverride", **size)
+        ask("Page.navigate", url=(tmp_path / "view.html").as_uri())
+        value_of(ask, "new Promise(requestAnimationFrame)")
+        gauges, *panels = value_of(
+            ask,
+            """[element("gauges"), ...document.querySelectorAll(".panel")].map(shown => {
+                const box = shown.getBoundingClientRect();
+                return [box.left, box.right, box.top, box.bottom]; })""",
+        )
+    assert len(panels) >= 2
+    left, right, top, bottom = gauges
+    assert 0 <= left < right <= width
+    assert 0 <= top < bottom <= height
+    for panel in panels:
+        assert right <= panel[0] or panel[1] <= left or bottom <= panel[2] or panel[3] <= top
+
+
 def test_a_page_can_be_opened_at_a_camera(tmp_path: Path) -> None:
     save_model_page(circle(), tmp_path / "view.html")
     with opened((tmp_path / "view.html").as_uri() + "#photo%200003.jpg", tmp_path) as ask:
