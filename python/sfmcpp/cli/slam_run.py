@@ -169,8 +169,8 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
 
 
 def _keep_serving(quiet: bool) -> None:
-    if not quiet:
-        tell("the page stays open until Ctrl-C")
-    with ctrl_c_noted() as asked_to_stop:
+    with ctrl_c_noted() as asked_to_stop:  # before it is said: who reads that may be quick
+        if not quiet:
+            tell("the page stays open until Ctrl-C")
         while not asked_to_stop():
             time.sleep(_POLL_S)

@@ -51,6 +51,32 @@ def test_the_page_stays_after_the_run_until_ctrl_c(drive: Path, tmp_path: Path) 
     assert "viser" not in output
 
 
+# Interrupts the command as soon as it has said until when the page stays.
+QUICK_READER = """
+import os, signal, sys
+from sfmcpp.cli import slam_run
+from sfmcpp.cli.main import main
+
+said = slam_run.tell
+
+def tell(text):
+    said(text)
+    if text.endswith("until Ctrl-C"):
+        os.kill(os.getpid(), signal.SIGINT)
+
+slam_run.tell = tell
+sys.exit(main())
+"""
+
+
+def test_ctrl_c_ends_the_page_as_soon_as_it_is_offered(drive: Path, tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="viser is not installed: pip install 'sfmcpp[view]'")
+    command = [sys.executable, "-c", QUICK_READER, "slam", str(drive), "--view", "-o", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
+    assert (result.returncode, result.stderr.count("interrupted")) == (0, 0)
+    assert result.stderr.endswith("sfmcpp: the page stays open until Ctrl-C\n")
+
+
 def test_a_missing_viser_is_told_before_anything_is_read(drive: Path, tmp_path: Path) -> None:
     code = "import sys; sys.modules['viser'] = None; from sfmcpp.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "slam", str(drive), "--view", "-o", str(tmp_path / "out")]
