@@ -9,12 +9,13 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
-#include "sfmcpp/core/error.hpp"
+#include "support/refusal.hpp"
 #include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba::check_test {
 namespace {
 
+using support::message_of;
 using support::OwnedProblem;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -26,16 +27,6 @@ OwnedProblem legal_scene() {
   options.camera_model = CameraModelId::kBal;
   options.varied_sigma = true;
   return make_circle_scene(options);
-}
-
-template <class F>
-std::string message_of(const F& f) {
-  try {
-    f();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "no error";
 }
 
 std::string check(const OwnedProblem& scene) {

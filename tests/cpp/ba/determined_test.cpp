@@ -4,23 +4,14 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/check.hpp"
-#include "sfmcpp/core/error.hpp"
 #include "support/linearized_problem.hpp"
+#include "support/refusal.hpp"
 
 namespace sfmcpp::ba::determined_test {
 namespace {
 
+using support::message_of;
 using support::OwnedProblem;
-
-template <class F>
-std::string message_of(const F& f) {
-  try {
-    f();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "no error";
-}
 
 std::string check_counts(const OwnedProblem& scene) {
   const support::LinearizedProblem work(scene);

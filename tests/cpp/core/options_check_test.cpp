@@ -6,19 +6,12 @@
 
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "support/refusal.hpp"
 
 namespace sfmcpp::options_check_test {
 namespace {
 
-template <class F>
-std::string message_of(const F& f) {
-  try {
-    f();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "no error";
-}
+using support::message_of;
 
 TEST(OptionsCheck, IsSilentWhenEveryRuleHolds) {
   OptionsCheck check;
