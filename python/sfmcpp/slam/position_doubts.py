@@ -9,6 +9,7 @@ import numpy as np
 
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.rigs import composed
 from sfmcpp.sensors import camera_displacement, check_bends, check_position_clock
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensing import Gps, Gyroscope, MotionSensor, Odometer
@@ -68,14 +69,14 @@ def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: Sensor
 def _seen(world: WorldMap, sensors: SensorSuite) -> Trajectory:
     """Rotations of the keyframes by pairs of images, else by a gyroscope, else by the map."""
     told = {(turn.start_s, turn.end_s): turn.rotation for turn in sensors.turns}
-    poses = [np.eye(3, 4)]
+    steps = []
     for before, after in pairwise(world.keyframes):
         turn = told.get((before.t_s, after.t_s))
         if turn is None:
             turn = sensors.rotation(before.t_s, after.t_s)
         mapped = before.pose[:, :3].T @ after.pose[:, :3]
-        poses.append(poses[-1][:, :3] @ np.column_stack([mapped if turn is None else turn, np.zeros(3)]))
-    return Trajectory(np.array([keyframe.t_s for keyframe in world.keyframes]), np.stack(poses))
+        steps.append(np.column_stack([mapped if turn is None else turn, np.zeros(3)]))
+    return Trajectory(np.array([keyframe.t_s for keyframe in world.keyframes]), _chained(steps))
 
 
 def _reckoned(times: Sequence[float], sensors: Sequence[MotionSensor]) -> Trajectory | None:
@@ -87,11 +88,16 @@ def _reckoned(times: Sequence[float], sensors: Sequence[MotionSensor]) -> Trajec
     steps = [_step(odometer, gyro, *span) for span in pairwise(times)]
     lost = [-1, *(k for k, step in enumerate(steps) if step is None), len(steps)]
     before, end = max(pairwise(lost), key=lambda span: span[1] - span[0])
-    poses = [np.eye(3, 4)]
-    for step in steps[before + 1 : end]:
-        assert step is not None
-        poses.append(poses[-1][:, :3] @ step + np.column_stack([np.zeros((3, 3)), poses[-1][:, 3]]))
-    return Trajectory(np.array(times[before + 1 : end + 1]), np.stack(poses))
+    poses = _chained([step for step in steps[before + 1 : end] if step is not None])
+    return Trajectory(np.array(times[before + 1 : end + 1]), poses)
+
+
+def _chained(steps: Sequence[FloatArray]) -> FloatArray:
+    """Poses (n + 1, 3, 4) along steps (3, 4), each in the axes of the pose before it."""
+    poses = [np.eye(3, 4)[None]]
+    for step in steps:
+        poses.append(composed(poses[-1], step[None]))
+    return np.concatenate(poses)
 
 
 def _step(odometer: Odometer, gyro: Gyroscope, start_s: float, end_s: float) -> FloatArray | None:
