@@ -56,8 +56,10 @@ class Targets:
         """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions."""
         if self.positions is not None and not problem.is_metric:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
-        if self.page is not None and not problem.is_metric:
-            raise DatasetError(self.page, f"{problem.camera_model} cameras have no world to show")
+        if self.page is not None:
+            from sfmcpp.study.pages.problem_scene import require_world
+
+            require_world(problem, self.page)
         if self.covariances is not None:
             from sfmcpp.study.covariance_files import require_covariances
 

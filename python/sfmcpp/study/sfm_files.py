@@ -20,7 +20,7 @@ from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.sources.io.ply import write_ply
 from sfmcpp.sources.io.transforms import folder_from, write_transforms
-from sfmcpp.study.pages.model_page import ModelScene, save_model_page
+from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
 from sfmcpp.study.pages.parts import save_page
 from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
 from sfmcpp.study.report_files import Step, write_report, write_steps
@@ -142,7 +142,7 @@ def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
 def image_corners(measures: ModelMeasures, images: NDArray[np.intp]) -> FloatArray:
     """(i, 4) left, top, right and bottom of images at distance 1 from their cameras, without distortion."""
     world = measures.world
-    corners = []
+    rows = []
     for camera in world.image_cameras[images].tolist():
         values = measures.intrinsics_of(camera)
         f, cx, cy = values["f"], values.get("cx", 0.0), values.get("cy", 0.0)
@@ -151,9 +151,8 @@ def image_corners(measures: ModelMeasures, images: NDArray[np.intp]) -> FloatArr
             width, height = (2 * cx, 2 * cy) if min(cx, cy) > 0 else (f, 0.75 * f)
         if "cx" not in values:  # pixels counted from the middle
             cx, cy = width / 2, height / 2
-        sides = np.array([-cx, -cy, width - cx, height - cy]) / f
-        corners.append(sides / (1.0, values.get("aspect", 1.0), 1.0, values.get("aspect", 1.0)))
-    return np.array(corners, dtype=np.float64).reshape(-1, 4)
+        rows.append((f, values.get("aspect", 1.0), cx, cy, width, height))
+    return corners_at_distance_one(*np.array(rows, dtype=np.float64).reshape(-1, 6).T)
 
 
 def _note(report: SfmReport, image: int) -> str:

@@ -116,6 +116,14 @@ def save_model_page(scene: ModelScene, path: str | PathLike[str]) -> None:
     save_page(model_page(scene), path)
 
 
+def corners_at_distance_one(
+    f: FloatArray, aspect: FloatArray, cx: FloatArray, cy: FloatArray, width: FloatArray, height: FloatArray
+) -> FloatArray:
+    """(n, 4) left, top, right and bottom of n images, at distance 1 from cameras without distortion."""
+    sides = np.stack([-cx, -cy / aspect, width - cx, (height - cy) / aspect], axis=1)
+    return np.asarray(sides / f[:, None])
+
+
 def _data(scene: ModelScene) -> dict[str, Any]:
     turn = np.eye(3) if scene.east_north_up else turn_upright(scene.cameras)
     points, centres = scene.points @ turn.T, scene.cameras[:, :, 3] @ turn.T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,12 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.world_origin import WorldOrigin
 from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
 from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
-from sfmcpp.study.pages.model_page import ModelScene, save_model_page
+from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
 
 _BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
 
 
-def write_problem_page(
-    problem: Problem, path: Path, title: str, facts: Mapping[str, str] | None = None
-) -> None:
+def write_problem_page(problem: Problem, path: Path, title: str) -> None:
     """Write a page of a problem in three dimensions: points that are seen, cameras and their mean errors.
 
     Parameters
@@ -33,25 +30,28 @@ def write_problem_page(
         Where to.
     title : str
         Heading of the page.
-    facts : mapping of str to str, optional
-        Names and values for the panel, below those of the problem.
 
     Raises
     ------
     DatasetError
         If the cameras are projective, metadata do not fit the problem, or the file cannot be written.
     """
-    save_model_page(_scene(problem, path, title, facts or {}), path)
+    save_model_page(_scene(problem, path, title), path)
 
 
-def _scene(problem: Problem, path: Path, title: str, facts: Mapping[str, str]) -> ModelScene:
+def require_world(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError if a problem has projective cameras, whose world is no place to show."""
     if not problem.is_metric:
         raise DatasetError(path, f"{problem.camera_model} cameras have no world to show")
+
+
+def _scene(problem: Problem, path: Path, title: str) -> ModelScene:
+    require_world(problem, path)
     require_valid(problem, path)
     errors = np.linalg.norm(residuals_px(problem), axis=1)
     seen = np.bincount(problem.point_index, minlength=problem.num_points) > 0
     origin = WorldOrigin.of(problem.metadata)
-    told = {
+    facts = {
         "cameras": f"{problem.num_cameras:,}",
         "points": f"{np.count_nonzero(seen):,}",
         "mean error": f"{errors.mean():.3g} px" if len(errors) else "no observations",
@@ -65,7 +65,7 @@ def _scene(problem: Problem, path: Path, title: str, facts: Mapping[str, str]) -
         image_names(problem, path),
         _notes(problem, errors),
         [None] * problem.num_cameras,
-        told | dict(facts),
+        facts,
         "" if origin is None else "m",
         origin is not None and origin.geodetic,
     )
@@ -76,8 +76,7 @@ def _corners(problem: Problem, path: Path) -> FloatArray:
     lenses = lenses_from_corner(problem, path)
     f, aspect, cx, cy = lenses.values[:, perspective_columns("f", "aspect", "cx", "cy")].T
     width, height = np.asarray(lenses.sizes, dtype=np.float64).T
-    rows = np.stack([-cx / f, -cy / (aspect * f), (width - cx) / f, (height - cy) / (aspect * f)], axis=1)
-    return np.asarray(rows[problem.intrinsics_index])
+    return corners_at_distance_one(f, aspect, cx, cy, width, height)[problem.intrinsics_index]
 
 
 def _notes(problem: Problem, errors: FloatArray) -> list[str]:
