@@ -2,12 +2,19 @@
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
-from sfmcpp.sensors.gps import earth_centred, east_north_up, geodetic_of, local_positions, position_at
+from sfmcpp.sensors.gps import (
+    earth_centred,
+    east_north_up,
+    geodetic_of,
+    local_positions,
+    position_at,
+)
 from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
+from sfmcpp.sensors.position_jumps import displaced_positions
 from sfmcpp.sensors.prediction import (
     interpolate_poses,
     interpolate_rotations,
@@ -43,6 +50,7 @@ __all__ = [
     "check_turns",
     "describe_coverage",
     "describe_gaps",
+    "displaced_positions",
     "doubtful_stretches",
     "earth_centred",
     "east_north_up",

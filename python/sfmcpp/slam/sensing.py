@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
@@ -14,6 +15,7 @@ from sfmcpp.sensors import (
     Mounting,
     camera_displacement,
     carried_over,
+    displaced_positions,
     doubtful_stretches,
     pose_at,
     position_at,
@@ -284,9 +286,20 @@ class Gps:
     name: str = "gps"
     sigma_m: float | None = 1.0
 
+    @cached_property
+    def displaced(self) -> NDArray[np.bool_]:
+        """Which positions have jumped away from the others, (n,)."""
+        return displaced_positions(self.stream, self.sigma_m or 1.0)
+
+    @cached_property
+    def trusted(self) -> SensorStream:
+        """The positions that have not."""
+        kept = ~self.displaced
+        return replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
+
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""
-        antenna = position_at(self.stream, time_s)
+        antenna = position_at(self.trusted, time_s)
         if antenna is None or self.mounting is None:
             return antenna
         return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)

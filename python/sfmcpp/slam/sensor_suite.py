@@ -259,7 +259,7 @@ class SensorSuite:
         return self._experience.setdefault(name, Experience())
 
     def remarks(self) -> list[str]:
-        """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
+        """What is wrong with the streams by themselves, a sentence each: gaps, and what leaps."""
         doubts = [
             f"stream {sensor.stream.name!r}: the speed jumps by more than a vehicle can; {stretch} "
             + ("it is bridged by inertia" if stretch in sensor.carried_stretches else "it gets no weight")
@@ -267,7 +267,13 @@ class SensorSuite:
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches
         ]
-        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
+        jumps = [
+            f"stream {gps.stream.name!r}: {gps.displaced.sum()} of {len(gps.stream)} positions jump "
+            f"away from the others, first at {gps.stream.t_s[gps.displaced][0]:.3f} s: they get no weight"
+            for gps in self.sensors
+            if isinstance(gps, Gps) and gps.displaced.any()
+        ]
+        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + jumps
 
     def shortcomings(self, start_s: float, end_s: float, *, metric: bool) -> list[str]:
         """What the streams lack of a run over these times, a sentence each; `metric`: the map has metres."""

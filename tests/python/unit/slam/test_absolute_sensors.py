@@ -86,6 +86,17 @@ def test_the_map_waits_for_positions_far_enough_apart_for_a_scale() -> None:
     assert len(result.poses) == scene.num_cameras
 
 
+def test_positions_that_jump_away_and_back_are_named_and_get_no_weight() -> None:
+    scene, sigma_m = bent(), 0.3
+    honest = gps_of(scene.cameras, sigma_m)
+    away = np.zeros_like(honest.stream.values)
+    away[50:74] = [9.0, -12.0, 0.0]
+    stream = SensorStream(honest.stream.t_s, honest.stream.values + away, "position")
+    result = run_slam(sequence_of(scene), sensors=[Gps(stream, MOUNTING, sigma_m=sigma_m)])
+    assert any("24 of 120 positions jump away from the others" in warning for warning in result.warnings)
+    assert errors(result, scene.cameras)[0] < 2 * sigma_m
+
+
 def test_positions_that_are_missing_leave_the_map_in_its_own_world() -> None:
     scene = straight()
     late = gps_of(scene.cameras, 0.05)

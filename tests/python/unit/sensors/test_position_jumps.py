@@ -1,0 +1,75 @@
+"""Positions that jump away and back are found, and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model import SensorStream
+from sfmcpp.sensors import displaced_positions
+
+ASIDE = np.array([9.0, -12.0, 0.0])  # 15 m
+
+
+def winding_way(period_s: float = 0.1, seconds: float = 30.0) -> tuple[np.ndarray, np.ndarray]:
+    """A car that winds at 10 m/s, with up to 4 m/s² across."""
+    t_s = np.arange(0.0, seconds, period_s)
+    heading = 0.8 * np.sin(0.5 * t_s)
+    steps = 10 * period_s * np.stack([np.cos(heading), np.sin(heading), 0 * t_s], axis=1)
+    return t_s, np.cumsum(steps, axis=0)
+
+
+def found(t_s: np.ndarray, places: np.ndarray, seed: int, sigma_m: float = 1.0) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0, sigma_m, places.shape)
+    return displaced_positions(SensorStream(t_s, places + noise, "position"), sigma_m)
+
+
+@pytest.mark.parametrize("period_s", [0.05, 0.1, 0.25, 1.0])
+@pytest.mark.parametrize("sigma_m", [0.02, 1.0])
+def test_honest_positions_are_all_kept(period_s: float, sigma_m: float) -> None:
+    t_s, places = winding_way(period_s, 120.0)
+    assert not any(found(t_s, places, seed, sigma_m).any() for seed in range(20))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_stretch_that_is_displaced_is_found_to_within_two_positions(seed: int) -> None:
+    t_s, places = winding_way()
+    displaced = (t_s >= 12) & (t_s < 18)
+    marked = found(t_s, places + np.outer(displaced, ASIDE), seed)
+    assert np.count_nonzero(marked != displaced) <= 2
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_single_positions_that_are_off_are_found(seed: int) -> None:
+    t_s, places = winding_way()
+    rows = np.random.default_rng(100 + seed).choice(len(t_s), 12, replace=False)
+    places[rows] += 1.3 * ASIDE
+    np.testing.assert_array_equal(np.flatnonzero(found(t_s, places, seed)), np.sort(rows))
+
+
+def test_noise_that_was_not_declared_is_not_taken_for_jumps_of_most() -> None:
+    t_s, places = winding_way()
+    noisy = places + np.random.default_rng(0).normal(0, 4.0, places.shape)
+    marked = displaced_positions(SensorStream(t_s, noisy, "position"), 1.0)
+    assert 2 * np.count_nonzero(marked) <= len(t_s)
+
+
+def test_nothing_is_said_of_a_jump_without_return_nor_of_few_positions() -> None:
+    t_s, places = winding_way()
+    assert not found(t_s, places + np.outer(t_s > 20, ASIDE), 0).any()
+    assert not found(t_s[:7], places[:7] + np.outer(t_s[:7] == t_s[3], ASIDE), 0).any()
+
+
+def test_a_gap_is_no_jump() -> None:
+    t_s, places = winding_way()
+    kept = (t_s < 10) | (t_s > 16)
+    assert not any(found(t_s[kept], places[kept], seed).any() for seed in range(10))
+
+
+def test_other_streams_and_no_sigma_are_refused() -> None:
+    t_s, places = winding_way()
+    with pytest.raises(InvalidArgument, match="kind"):
+        displaced_positions(SensorStream(t_s, np.ones((len(t_s), 1)), "speed"))
+    with pytest.raises(InvalidArgument, match="sigma_m"):
+        displaced_positions(SensorStream(t_s, places, "position"), 0.0)
