@@ -8,6 +8,7 @@ from sfmcpp.sensors.gps import (
     geodetic_of,
     local_positions,
     position_at,
+    smoothed_positions,
 )
 from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
@@ -74,6 +75,7 @@ __all__ = [
     "require_overlap",
     "rotation_increment",
     "sampling_variance",
+    "smoothed_positions",
     "travelled_distance",
     "without_bias",
 ]

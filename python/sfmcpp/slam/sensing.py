@@ -21,6 +21,7 @@ from sfmcpp.sensors import (
     position_at,
     rotation_increment,
     sampling_variance,
+    smoothed_positions,
     travelled_distance,
 )
 
@@ -293,9 +294,10 @@ class Gps:
 
     @cached_property
     def trusted(self) -> SensorStream:
-        """The positions that have not."""
+        """The positions that have not, smoothed."""
         kept = ~self.displaced
-        return replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
+        rest = replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
+        return smoothed_positions(rest)
 
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""

@@ -14,6 +14,7 @@ from sfmcpp.sensors import (
     geodetic_of,
     local_positions,
     position_at,
+    smoothed_positions,
 )
 from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M
 
@@ -100,3 +101,22 @@ def test_positions_between_fixes_lie_on_the_line_and_go_on_after_the_last() -> N
 def test_a_latitude_beyond_the_pole_is_refused() -> None:
     with pytest.raises(InvalidArgument, match=r"geodetic\[1\]: latitude 91.0°"):
         earth_centred([[0, 0, 0], [91, 0, 0]])
+
+
+def test_smoothing_halves_white_noise_of_ten_positions_a_second_and_keeps_a_parabola() -> None:
+    t_s = np.arange(0.0, 40.0, 0.1)
+    way = np.stack([4e5 + 8 * t_s, 5e6 + 0.5 * t_s**2, 300 + 0 * t_s], axis=1)
+    np.testing.assert_allclose(smoothed_positions(SensorStream(t_s, way, "position")).values, way, atol=1e-6)
+    noise = np.random.default_rng(0).normal(size=way.shape)
+    smooth = smoothed_positions(SensorStream(t_s, way + noise, "position")).values - way
+    in_the_middle = np.sqrt(3 * (3 * 11**2 - 7) / (4 * 11 * (11**2 - 4)))  # of 11 places, one apart
+    assert smooth[10:-10].std() == pytest.approx(in_the_middle, rel=0.1)
+    assert smooth.std() < 0.55
+
+
+def test_smoothing_does_not_reach_over_gaps_and_leaves_sparse_positions_alone() -> None:
+    t_s = np.concatenate([np.arange(0.0, 3.0, 0.1), np.arange(10.0, 13.0, 0.1)])
+    way = np.where(t_s[:, None] < 5, 0.0, 100.0) + np.zeros(3)
+    np.testing.assert_array_equal(smoothed_positions(SensorStream(t_s, way, "position")).values, way)
+    sparse = SensorStream(np.arange(20.0), np.random.default_rng(1).normal(size=(20, 3)), "position")
+    np.testing.assert_array_equal(smoothed_positions(sparse).values, sparse.values)
