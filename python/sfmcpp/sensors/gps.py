@@ -15,6 +15,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 SEMI_MAJOR_AXIS_M = 6_378_137.0
@@ -29,6 +30,8 @@ LEAST_POSITIONS = 5
 _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 # Parabolas go through positions within so long, at least so many, and at most so many on either side.
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
+# Positions that are farther from a parabola than noise puts them are not on one.
+_LARGEST_VARIANCE_RATIO = 2.0
 
 
 @checked()
@@ -59,8 +62,8 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
 
 
 @checked()
-def smoothed_positions(stream: SensorStream) -> SensorStream:
-    """Put each position on the parabola through those within half a second of it.
+def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStream:
+    """Put each position on the parabola through those within half a second of it, if these are on one.
 
     A vehicle is on it to a decimetre or two. White noise of ten positions a second is halved; what lasts
     longer stays.
@@ -69,18 +72,22 @@ def smoothed_positions(stream: SensorStream) -> SensorStream:
     ----------
     stream : SensorStream
         Of kind ``"position"``.
+    sigma_m : float
+        What a position may be off, along each axis [m].
 
     Returns
     -------
     SensorStream
-        With the same stamps. Positions with fewer than five within reach are as they were.
+        With the same stamps. Positions stay as they were with fewer than five within reach, or where the mean
+        square distance from the parabola is more than twice what `sigma_m` explains.
 
     Raises
     ------
     InvalidArgument
-        If the stream is of another kind.
+        If the stream is of another kind, or `sigma_m` is not positive.
     """
     require_kind(stream, "position")
+    require_positive("sigma_m", sigma_m)
     count = min(int(_SMOOTHED_WITHIN_S / stream.period_s + 1e-6), _MOST_SMOOTHED) if len(stream) > 1 else 0
     if count < 2:
         return stream
@@ -88,13 +95,17 @@ def smoothed_positions(stream: SensorStream) -> SensorStream:
     rows = np.clip(about, 0, len(stream) - 1)
     away = (stream.t_s[rows] - stream.t_s[:, None]) / _SMOOTHED_WITHIN_S
     within = (about == rows) & (np.abs(away) <= 1 + 1e-9)
-    powers = within[..., None] * np.stack([np.ones_like(away), away, away**2], axis=-1)
     enough = np.count_nonzero(within, axis=1) >= _LEAST_SMOOTHED
-    normal = np.swapaxes(powers, 1, 2) @ powers
-    offsets = stream.values[rows] - stream.values[:, None]  # small numbers: places may be far from the origin
+    away, within, rows = away[enough], within[enough, :, None], rows[enough]
+    powers = within * np.stack([np.ones_like(away), away, away**2], axis=-1)
+    offsets = within * (stream.values[rows] - stream.values[enough, None])  # small, however far the origin is
+    transposed = np.swapaxes(powers, 1, 2)
+    parabolas = np.linalg.solve(transposed @ powers, transposed @ offsets)
+    freedom = 3 * (np.count_nonzero(within, axis=(1, 2)) - 3)
+    squares = np.sum((offsets - powers @ parabolas) ** 2, axis=(1, 2))
+    on_one = squares <= _LARGEST_VARIANCE_RATIO * sigma_m**2 * freedom
     values = stream.values.copy()
-    right = np.swapaxes(powers, 1, 2) @ offsets
-    values[enough] += np.linalg.solve(normal[enough], right[enough])[:, 0]
+    values[enough] += np.where(on_one[:, None], parabolas[:, 0], 0.0)
     return replace(stream, values=values)
 
 

@@ -45,7 +45,7 @@ def doubt_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
 
 
 def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
-    bends = check_bends(gps.trusted, seen, gps.up_in_camera, gps.sigma_m or 1.0)
+    bends = check_bends(gps.trusted, seen, gps.up_in_camera, gps.likely_sigma_m)
     if bends.is_mirrored:
         return [
             f"{gps.name}: where its positions bend most, by {np.degrees(bends.told_rad):.0f}°, the camera "

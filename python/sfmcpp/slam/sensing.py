@@ -290,14 +290,29 @@ class Gps:
     @cached_property
     def displaced(self) -> NDArray[np.bool_]:
         """Which positions have jumped away from the others, (n,)."""
-        return displaced_positions(self.stream, self.sigma_m or 1.0)
+        return displaced_positions(self.stream, self.likely_sigma_m)
 
     @cached_property
     def trusted(self) -> SensorStream:
         """The positions that have not, smoothed."""
         kept = ~self.displaced
         rest = replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
-        return smoothed_positions(rest)
+        return smoothed_positions(rest, self.likely_sigma_m)
+
+    @property
+    def likely_sigma_m(self) -> float:
+        """What a position may be off, along each axis, as far as that is known at the start [m]."""
+        return 1.0 if self.sigma_m is None else self.sigma_m
+
+    def remarks(self) -> list[str]:
+        """What is wrong with the stream by itself, a sentence each."""
+        if not self.displaced.any():
+            return []
+        away = self.stream.t_s[self.displaced]
+        return [
+            f"stream {self.stream.name!r}: {len(away)} of {len(self.stream)} positions jump away from the "
+            f"others, first at {away[0]:.3f} s: they get no weight"
+        ]
 
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""

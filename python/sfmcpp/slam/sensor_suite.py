@@ -267,12 +267,7 @@ class SensorSuite:
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches
         ]
-        jumps = [
-            f"stream {gps.stream.name!r}: {gps.displaced.sum()} of {len(gps.stream)} positions jump "
-            f"away from the others, first at {gps.stream.t_s[gps.displaced][0]:.3f} s: they get no weight"
-            for gps in self.sensors
-            if isinstance(gps, Gps) and gps.displaced.any()
-        ]
+        jumps = [found for gps in self.sensors if isinstance(gps, Gps) for found in gps.remarks()]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + jumps
 
     def shortcomings(self, start_s: float, end_s: float, *, metric: bool) -> list[str]:

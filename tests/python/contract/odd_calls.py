@@ -124,6 +124,8 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "sensors.local_positions": {"stream": GEODETIC},
     "sensors.pose_at": {"stream": POSE},
     "sensors.position_at": {"stream": POSITION},
+    "sensors.smoothed_positions": {"stream": POSITION},
+    "sensors.displaced_positions": {"stream": POSITION},
     "sensors.register_by_distances": {"vision": POSES},
     "sensors.register_by_poses": {"vision": POSES, "measured": POSES},
     "sensors.register_by_positions": {"vision": POSES},

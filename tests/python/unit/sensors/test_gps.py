@@ -114,6 +114,14 @@ def test_smoothing_halves_white_noise_of_ten_positions_a_second_and_keeps_a_para
     assert smooth.std() < 0.55
 
 
+def test_exact_positions_at_a_corner_are_left_alone() -> None:
+    t_s = np.arange(0.0, 10.0, 0.1)
+    corner = np.stack([8 * np.minimum(t_s, 5), 8 * np.maximum(t_s - 5, 0), 0 * t_s], axis=1)
+    kept = smoothed_positions(SensorStream(t_s, corner, "position"), 0.02).values
+    np.testing.assert_allclose(kept, corner, atol=0.02)
+    assert np.abs(smoothed_positions(SensorStream(t_s, corner, "position"), 1.0).values - corner).max() > 0.3
+
+
 def test_smoothing_does_not_reach_over_gaps_and_leaves_sparse_positions_alone() -> None:
     t_s = np.concatenate([np.arange(0.0, 3.0, 0.1), np.arange(10.0, 13.0, 0.1)])
     way = np.where(t_s[:, None] < 5, 0.0, 100.0) + np.zeros(3)
