@@ -89,7 +89,7 @@ class Gps:
         if self.source == Path("exif") and not self.source.exists():
             raise InvalidArgument("--gps exif: where are the photos? --gps FOLDER takes what they tell")
         if self.source.is_dir():
-            from sfmcpp.sfm.gps_wish import positions_of_photos
+            from sfmcpp.sfm.positions import positions_of_photos
 
             return positions_of_photos(self.source)
         return read_position_csv(self.source, numbered=True)

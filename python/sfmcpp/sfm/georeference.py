@@ -25,8 +25,7 @@ from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjusting import FINE
-from sfmcpp.sfm.handedness import swapped_axes
-from sfmcpp.sfm.position_checks import beyond_judgement, unchecked
+from sfmcpp.sfm.position_checks import beyond_judgement, swapped_axes, unchecked
 from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings

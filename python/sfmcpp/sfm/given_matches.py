@@ -1,19 +1,22 @@
-"""Keypoints and matches that come from elsewhere, as arrays, made into a match graph."""
+"""Match graphs from keypoints and matches of other programs: as arrays, or from a COLMAP database."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
+from sfmcpp.model.threads import Progress, in_order, silent, thread_count
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
+from sfmcpp.sources.io.colmap.database import read_database
 
 ImagePair = tuple[int, int]
 
@@ -204,3 +207,55 @@ def _checked_numbers(name: str, found: ArrayLike, counts: tuple[int, int]) -> Ma
             twice = ordered[:-1][np.diff(ordered) == 0][0]
             raise InvalidArgument(f"{name}: keypoint {twice:g} of column {side} matches more than one")
     return values.astype(np.int32)
+
+
+def match_graph_of_database(
+    path: str | PathLike[str],
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> MatchGraph:
+    """Make a match graph of a database of COLMAP; only its two-view geometry is computed.
+
+    Parameters
+    ----------
+    path : path-like
+        ``database.db``; it is not changed.
+    seed : int
+        Of every random sample; same seed, same result.
+    threads : int, optional
+        Threads at most; the result does not depend on it. Default: as many as the process may use.
+    progress : callable
+        As of :func:`match_graph_of_arrays`.
+
+    Returns
+    -------
+    MatchGraph
+        Images in the order of their names, with the keypoints that COLMAP detected and the matches that it
+        has verified (all matches where it has verified none). Images of one camera share it; its focal
+        length counts where the files told it, and so do their positions if they are WGS84.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing, damaged or no such database, or a camera model is not supported.
+    KeyboardInterrupt
+        If `progress` asked to stop.
+    """
+    found = read_database(path)
+    try:
+        graph = match_graph_of_arrays(
+            found.keypoints,
+            {pair: one_for_one(some) for pair, some in found.matches.items()},
+            [photo.size for photo in found.photos],
+            [photo.name for photo in found.photos],
+            found.scales,
+            intrinsics=found.intrinsics,
+            seed=seed,
+            threads=threads,
+            progress=progress,
+        )
+    except InvalidArgument as error:
+        raise DatasetError(path, str(error)) from error
+    return replace(graph, photos=found.photos)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
-from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
+from sfmcpp.sfm.contradictions import (
+    contradicting_pairs,
+    pairs_with_missing_matches,
+    warning_of,
+    warning_of_missing,
+)
 from sfmcpp.sfm.incremental import Grown
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
-from sfmcpp.sfm.missing_matches import pairs_with_missing_matches, warning_of_missing
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.vision.images import photos_of_video

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike, fspath
+from pathlib import Path, PurePath, PureWindowsPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.gps import east_north_up, require_metres
-from sfmcpp.sfm.position_names import named_alike
+from sfmcpp.model.photos import Photo
+from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, require_metres
+from sfmcpp.sources.io.position_csv import NamedPositions, Triple, read_position_csv
+from sfmcpp.sources.vision.photos import open_photos
 
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].
 _GRID_M = 1000.0
@@ -152,3 +158,140 @@ def positions_of(
 
 def _in_order(told: list[str | None], known: Mapping[str, tuple[float, float, float]]) -> FloatArray:
     return np.array([(np.nan,) * 3 if name is None else known[name] for name in told]).reshape(-1, 3)
+
+
+def named_alike(images: Iterable[str], told: Iterable[str]) -> dict[str, str]:
+    """Find for each image the name that a table has for it.
+
+    It is the same; else it may have more or fewer folders in front, and a suffix of another case or none, if
+    it is the only one like it.
+
+    Parameters
+    ----------
+    images, told : iterable of str
+        Names of images, and those in the table.
+
+    Returns
+    -------
+    dict of str to str
+        Names in the table by names of images, of those that have one.
+
+    Raises
+    ------
+    InvalidArgument
+        If a name may be that of several images, or an image has several.
+    """
+    told, images = set(told), list(images)
+    found = {name: name for name in images if name in told}
+    left = defaultdict(list)
+    for name in sorted(told - found.keys()):
+        left[_parts(name)[-1]].append(name)
+    users: dict[str, str] = {}
+    for image in images:
+        if image not in found:
+            for name in _alike(image, left):
+                _require_single(image, name, found, users)
+                found[image], users[name] = name, image
+    return found
+
+
+def _alike(image: str, told: dict[str, list[str]]) -> Iterator[str]:
+    *folders, file = _parts(image)
+    for called in dict.fromkeys((file, PurePath(file).stem)):
+        parts = (*folders, called)
+        for name in told.get(called, ()):
+            others = _parts(name)
+            shared = min(len(parts), len(others))
+            if parts[-shared:] == others[-shared:]:
+                yield name
+
+
+def _require_single(image: str, name: str, found: dict[str, str], users: dict[str, str]) -> None:
+    if image in found:
+        raise InvalidArgument(
+            f"gps: the positions of {found[image]} and of {name} may both be those of {image}"
+        )
+    if name in users:
+        raise InvalidArgument(f"gps: the position of {name} may be that of {users[name]} or of {image}")
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    """Folders and file, the suffix in lower case; names may come from Windows."""
+    *folders, file = PureWindowsPath(name).parts or (name,)
+    path = PurePath(file)
+    return (*folders, path.stem + path.suffix.lower())
+
+
+WORDS = ("auto", "exif", "none")
+
+
+def known_positions(gps: str | PathLike[str]) -> NamedPositions | None:
+    """Read the file that the argument `gps` of :func:`sfmcpp.sfm.reconstruct` names; None if it is a word.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read.
+    """
+    return None if fspath(gps) in WORDS else read_position_csv(gps)
+
+
+def positions_of_photos(folder: Path) -> NamedPositions:
+    """What the EXIF blocks of the photos in a folder tell of where they were taken.
+
+    Raises
+    ------
+    DatasetError
+        If there is no photo, or none tells.
+    InvalidArgument
+        If Pillow is not installed.
+    """
+    try:
+        photos = open_photos(folder).photos
+    except ModuleNotFoundError as error:  # it says how to install what is missing
+        raise InvalidArgument(str(error)) from None
+    told = _told_by(photos)
+    if not told:
+        raise DatasetError(folder, "no photo tells its position")
+    return NamedPositions(told, geodetic=True)
+
+
+def _told_by(photos: Sequence[Photo]) -> dict[str, Triple]:
+    """Positions with their heights: without one a photo is anywhere on a plumb line."""
+    told = {photo.name: photo.position for photo in photos if photo.position is not None}
+    return {name: position for name, position in told.items() if math.isfinite(position[2])}
+
+
+def positions_wanted(
+    gps: str | PathLike[str], known: NamedPositions | None, photos: Sequence[Photo]
+) -> Positions | None:
+    """Positions of images, or None where none are to be used.
+
+    Parameters
+    ----------
+    gps : str or path-like
+        ``"none"``; ``"exif"``: those that the files tell; ``"auto"``: the same, if enough files do; or the
+        file that `known` was read from.
+    known : NamedPositions or None
+        What the file holds.
+    photos : sequence of Photo
+        The images.
+
+    Returns
+    -------
+    Positions or None
+
+    Raises
+    ------
+    InvalidArgument
+        If positions are asked for and there are none.
+    """
+    names = [photo.name for photo in photos]
+    if known is not None:
+        return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
+    told = _told_by(photos)
+    if gps == "none" or (gps == "auto" and len(told) < LEAST_POSITIONS):
+        return None
+    if not told:
+        raise InvalidArgument("gps = 'exif': no image tells its position with its height")
+    return positions_of(names, told, geodetic=True)

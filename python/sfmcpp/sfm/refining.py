@@ -9,8 +9,8 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
 from sfmcpp.model.photos import Photo
+from sfmcpp.model.threads import Progress, silent
 from sfmcpp.sfm.adjusting import FINE, adjust_all
-from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
 

@@ -19,20 +19,18 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
+from sfmcpp.model.threads import Progress, silent
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
-from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
-from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
+from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, Cameras, CameraWish, camera_wish
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
-from sfmcpp.sfm.given_database import match_graph_of_database
+from sfmcpp.sfm.given_matches import match_graph_of_database
 from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
-from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
-from sfmcpp.sfm.in_order import Progress, silent
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of, warnings_of_folder
-from sfmcpp.sfm.positions import Positions
+from sfmcpp.sfm.positions import Positions, known_positions, positions_wanted
 from sfmcpp.sfm.refining import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene

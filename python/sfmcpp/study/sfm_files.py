@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.on_threads import on_threads
+from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.formats import write_colmap_of_both_kinds
 from sfmcpp.sources.io.files import failures_named

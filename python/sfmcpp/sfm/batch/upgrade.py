@@ -18,11 +18,12 @@ from sfmcpp.sfm.batch.metric_model import (
     AdjustmentPlan,
     MetricModel,
     calibration_matrices,
+    close_gaps,
     kept_of,
     model_in_frame,
+    refine,
     share_intrinsics,
 )
-from sfmcpp.sfm.batch.refining import close_gaps, refine
 from sfmcpp.sfm.batch.verdict import (
     contradiction,
     critical_motion,

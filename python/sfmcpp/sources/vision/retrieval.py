@@ -22,8 +22,8 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_seed
-from sfmcpp.model.on_threads import on_threads
 from sfmcpp.model.photos import Features
+from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.vision.matching import Descriptors, match
 
 if TYPE_CHECKING:

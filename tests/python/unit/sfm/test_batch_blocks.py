@@ -9,10 +9,16 @@ from numpy.typing import NDArray
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
 from sfmcpp.ba.image_frames import matrices_to_pixels
-from sfmcpp.sfm.batch.blocks import Block, factorised_blocks
+from sfmcpp.sfm.batch.blocks import (
+    Block,
+    Factors,
+    balanced,
+    chained_depths,
+    depth_ratios,
+    factorise,
+    factorised_blocks,
+)
 from sfmcpp.sfm.batch.constraints import connected_blocks, joint_cameras
-from sfmcpp.sfm.batch.depths import chained_depths, depth_ratios
-from sfmcpp.sfm.batch.factorisation import Factors, balanced, factorise
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 from sfmcpp.study.evaluation.projective import projective_errors_px
 

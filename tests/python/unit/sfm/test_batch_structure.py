@@ -6,8 +6,7 @@ import numpy as np
 
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
-from sfmcpp.sfm.batch.cameras import resect
-from sfmcpp.sfm.batch.structure import reprojection_errors_px, triangulate, without_worst
+from sfmcpp.sfm.batch.direct_linear import reprojection_errors_px, resect, triangulate, without_worst
 
 
 def test_exact_observations_give_exact_points_in_any_frame() -> None:

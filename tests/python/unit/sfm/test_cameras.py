@@ -9,8 +9,7 @@ import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.camera_wish import camera_wish
-from sfmcpp.sfm.cameras import PERSPECTIVE, cameras_of, shared_by
+from sfmcpp.sfm.cameras import PERSPECTIVE, camera_wish, cameras_of, shared_by
 
 LARGE, SMALL = (3000, 2000), (1500, 1000)
 

@@ -22,8 +22,7 @@ from sfmcpp.sensors.gps import east_north_up, geodetic_of
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
-from sfmcpp.sfm.position_names import named_alike
-from sfmcpp.sfm.positions import Positions, local_positions, positions_of
+from sfmcpp.sfm.positions import Positions, local_positions, named_alike, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 

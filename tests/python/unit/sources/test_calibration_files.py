@@ -9,7 +9,7 @@ import pytest
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import to_pixels
-from sfmcpp.sfm.camera_wish import camera_wish
+from sfmcpp.sfm.cameras import camera_wish
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 
 pytest.importorskip("yaml", reason="PyYAML is not installed: pip install 'sfmcpp[vision]'")

@@ -13,7 +13,7 @@ from sfm_scenes import match_graph
 from sfmcpp.geometry import Similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.sfm.cameras import cameras_of
-from sfmcpp.sfm.joining import join
+from sfmcpp.sfm.incremental import merge_models
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
@@ -54,7 +54,7 @@ def part_of(whole: Map, images: slice) -> Map:
 def test_a_map_of_another_frame_is_put_in_its_place() -> None:
     whole, first, last = two_halves()
     last.transform(MOVE)
-    assert join(first, last, SETTINGS)
+    assert merge_models(first, last, SETTINGS)
     assert first.poses == pytest.approx(whole.poses, abs=1e-6)
 
 
@@ -63,7 +63,7 @@ def test_points_that_lie_do_not_matter() -> None:
     last.transform(MOVE)
     wrong = np.flatnonzero(last.known)[::4]
     last.points[wrong] += np.random.default_rng(0).normal(0, 5.0, (len(wrong), 3))
-    assert join(first, last, SETTINGS)
+    assert merge_models(first, last, SETTINGS)
     assert first.poses == pytest.approx(whole.poses, abs=1e-6)
 
 
@@ -71,11 +71,11 @@ def test_maps_that_do_not_fit_stay_as_they_are() -> None:
     _, first, last = two_halves()
     last.points[:] = np.random.default_rng(1).permutation(last.points)
     before = first.poses.copy()
-    assert not join(first, last, SETTINGS)
+    assert not merge_models(first, last, SETTINGS)
     assert np.array_equal(first.poses, before, equal_nan=True)
 
 
 def test_maps_that_share_nothing_are_not_joined() -> None:
     _, first, last = two_halves()
     last.points[:] = np.nan
-    assert not join(first, last, SETTINGS)
+    assert not merge_models(first, last, SETTINGS)

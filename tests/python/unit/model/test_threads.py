@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from sfmcpp.model.on_threads import on_threads
+from sfmcpp.model.threads import on_threads
 
 
 def square(number: int) -> int:

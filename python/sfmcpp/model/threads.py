@@ -1,16 +1,38 @@
-"""Many tasks on some threads, their results in the order of the tasks."""
+"""Tasks on threads, their results in the order of the tasks, with progress."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import TypeVar
 
-from sfmcpp.model.on_threads import on_threads
-
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+
+def on_threads(
+    function: Callable[[Task], Result], tasks: Sequence[Task], threads: int
+) -> Generator[Result, None, None]:
+    """Results of `function` for each task, in their order; what it raises.
+
+    Tasks that run by then are finished, the others are not begun. Where a thread cannot start, tasks may be
+    done twice.
+    """
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        try:
+            results = pool.map(function, tasks)
+        except RuntimeError:
+            pool.shutdown(cancel_futures=True)
+            results = map(function, tasks)
+        try:
+            yield from results
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
 # Told the stage, how much of it is done and of how much; True asks to stop.
 Progress = Callable[[str, int, int], bool]
 
