@@ -12,11 +12,15 @@ from sfmcpp.geometry._poselib import (
     refined_relative_camera,
 )
 from sfmcpp.geometry._significance import chance_near_line, least_significant
-from sfmcpp.geometry.homography import homography_errors_px, normalised_homography
+from sfmcpp.geometry.relative_pose import likely_cameras
 from sfmcpp.geometry.rotation_fit import refit_rotation
 from sfmcpp.geometry.so3 import nearest_rotation
-from sfmcpp.geometry.two_view_ambiguity import likely_cameras
-from sfmcpp.geometry.two_view_matrices import FOUR_POINTS, limited
+from sfmcpp.geometry.two_view_matrices import (
+    FOUR_POINTS,
+    homography_errors_px,
+    limited,
+    normalised_homography,
+)
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 # A homography explains two components of noise where epipolar geometry explains one: with Gaussian noise it

@@ -21,8 +21,8 @@ from sfmcpp.geometry._poselib import RansacOptions, relative_camera
 from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
+from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals
 from sfmcpp.geometry.rotation_fit import angles_rad
-from sfmcpp.geometry.two_view_ambiguity import ambiguity_message, best_and_rivals
 from sfmcpp.geometry.two_view_matrices import (
     fundamental_linear,
     limited,

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry.epipolar import fundamental_matrix, sampson_errors_px
+from sfmcpp.geometry.epipolar import closest_depths, dot, fundamental_matrix, sampson_errors_px
 from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows, to_normalised
-from sfmcpp.geometry.two_rays import closest_depths, dot
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.match_graph import MatchGraph, Pair

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
+from sfmcpp.geometry.so3 import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files

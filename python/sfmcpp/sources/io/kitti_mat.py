@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry.quaternions import rotation_from_angle_axis
-from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.geometry.so3 import nearest_rotation, rotation_from_angle_axis
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray

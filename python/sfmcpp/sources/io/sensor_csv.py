@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import angle_axis_from_rotation, rotation_from_quaternion
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample

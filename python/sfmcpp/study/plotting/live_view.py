@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry.quaternions import quaternion_from_rotation
+from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import SlamResult
 from sfmcpp.study.pages.placing import view_from_world

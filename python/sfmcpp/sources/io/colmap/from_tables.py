@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.geometry.so3 import rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.metadata import SECOND_SIGHTINGS, keypoint_entries

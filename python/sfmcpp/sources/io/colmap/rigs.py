@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.metadata import FRAME_IDS, RIG_IDS, SENSOR_ROWS

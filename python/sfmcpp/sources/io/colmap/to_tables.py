@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry import mean_reprojection_errors_px
-from sfmcpp.geometry.quaternions import quaternion_from_rotation
+from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.checks import (
