@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.html import html_table
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import Loss
+from sfmcpp.model.problem import html_table
 from sfmcpp.model.weight_selection import WeightSelection
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sfmcpp.cli.exit_codes import tell
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions

@@ -13,7 +13,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model import ConstraintGroup, Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 
 FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
 _SCALE = FREEDOMS.index("scale")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,6 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
-from sfmcpp.model.html import html_table
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.rigs import Rigs
@@ -361,3 +361,9 @@ def _require_private_intrinsics(groups: int, cameras: int) -> None:
         raise InvalidArgument(
             f"intrinsics: {groups} rows for {cameras} cameras, must be equal unless intrinsics_index is given"
         )
+
+
+def html_table(rows: Iterable[tuple[str, str]]) -> str:
+    """Table of names and values, in order; both are text, whatever they hold."""
+    lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return f"<table>{''.join(lines)}</table>"

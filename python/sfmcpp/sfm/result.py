@@ -12,7 +12,7 @@ from sfmcpp.map import Map, problem_of_map
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sfm.match_graph import MatchGraph
 
 

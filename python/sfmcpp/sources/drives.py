@@ -12,7 +12,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up
-from sfmcpp.model.sensor_kinds import SENSORS
+from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.euroc import EurocFolder, euroc_folder

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.model import Problem
-from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS, WorldOrigin
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.files import read_bytes
 
 ORIGIN = "sfmcpp_origin.json"

@@ -11,8 +11,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.checks import looked_up, require_count, require_seed
-from sfmcpp.model.natural_order import natural_order, words_and_numbers
-from sfmcpp.model.photos import Features, Photo
+from sfmcpp.model.photos import Features, Photo, natural_order, words_and_numbers
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.vision.retrieval import IndexPair, alike_pairs
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.checks import require_count
-from sfmcpp.model.natural_order import natural_order
-from sfmcpp.model.photos import Photo
+from sfmcpp.model.photos import Photo, natural_order
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.natural_order import natural_order
+from sfmcpp.model.photos import natural_order
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 from sfmcpp.study.evaluation.image_poses import ImagePoses
 

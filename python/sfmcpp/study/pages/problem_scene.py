@@ -10,7 +10,7 @@ from sfmcpp.ba import residuals_px
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
 from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
 from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
