@@ -15,12 +15,11 @@ from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotatio
 from sfmcpp.doctor.connections import connections
 from sfmcpp.doctor.conventions import behind, conventions
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
-from sfmcpp.doctor.far_start import far_start
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
 from sfmcpp.doctor.image_fill import image_fill
+from sfmcpp.doctor.initial_state import far_start, no_image
 from sfmcpp.doctor.mounting import mounting
-from sfmcpp.doctor.no_image import no_image
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution

@@ -1,4 +1,4 @@
-"""Initial states far from the minimum, as of problems that were changed after their last adjustment."""
+"""Findings about the initial state: points without an image, and a state far from the minimum."""
 
 from __future__ import annotations
 
@@ -6,10 +6,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, numbers
+from sfmcpp.doctor.finding import Finding, counted, named, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
+from sfmcpp.model import Problem
+
+
+def no_image(problem: Problem) -> Iterator[Finding]:
+    """Find points at the centre or at depth zero of a camera that observes them."""
+    rows = observations_without_image(problem)
+    if len(rows):
+        points = np.unique(problem.point_index[rows])
+        yield Finding(
+            "no-image",
+            "error",
+            f"{counted(len(rows), 'observation')} of a point at the camera centre or at depth zero: the cost "
+            "is undefined",
+            "use --fix to drop them, or triangulate these points again",
+            named("point", numbers(points)),
+            points=numbers(points),
+            observations=numbers(rows),
+        )
+
 
 # Tens of pixels, and of what an adjustment leaves.
 _FAR_PX, _TIMES = 20.0, 10.0
