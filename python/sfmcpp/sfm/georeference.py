@@ -30,7 +30,7 @@ from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.agreeing import LIE_SIGMAS
+from sfmcpp.weighting.conflict import LIE_SIGMAS
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:

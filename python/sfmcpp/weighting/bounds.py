@@ -18,7 +18,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.criteria import MEDIAN_WIDTH
-from sfmcpp.weighting.pose_constraint import PoseConstraint
+from sfmcpp.weighting.pose_inputs import PoseConstraint
 
 WeightBoundsName = Literal["declared", "none"]
 WEIGHT_BOUNDS: tuple[str, ...] = get_args(WeightBoundsName)

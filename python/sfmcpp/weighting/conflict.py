@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
+from sfmcpp.ba.linearize import linearize
+from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
+from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import ConflictReport
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.units import ConstraintUnit
 
 CONFLICT_SIGMAS = 3.0
@@ -224,3 +226,39 @@ def _limit(count: int, members: int) -> float:
     """
     rare = -NormalDist().inv_cdf(NormalDist().cdf(-CONFLICT_SIGMAS) / count)
     return rare * (1 + _MEDIAN_SPREAD / math.sqrt(members))
+
+
+# Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
+LIE_SIGMAS = 4.6
+
+
+def agreeing_members(
+    group: Group, unit: ConstraintUnit, problem: Problem, sigma: float | None = None
+) -> BoolArray:
+    """Find the members that chance explains.
+
+    Parameters
+    ----------
+    group : ConstraintGroup or ResidualGroup
+        All members; of those without weight none is judged, and all agree.
+    unit : ConstraintUnit
+        Unit, spread and freedom of its kind.
+    problem : Problem
+        The state they are judged at.
+    sigma : float, optional
+        Standard deviation of a number of a member of weight one, in the unit. Default: that of which the
+        median member is typical.
+
+    Returns
+    -------
+    (n,) bool
+        Which members are within `LIE_SIGMAS` of the state.
+    """
+    (rows,) = linearize(problem, constraints=[group]).groups
+    squared = np.bincount(rows.member, rows.errors**2, minlength=group.num_members) * unit.spread
+    if sigma is None:
+        judged = np.unique(rows.member)
+        variance = float(np.median(squared[judged])) / chi_square_median(unit.freedom)
+    else:
+        variance = sigma**2
+    return np.asarray(squared <= LIE_SIGMAS**2 * unit.freedom * variance)

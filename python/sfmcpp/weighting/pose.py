@@ -17,8 +17,7 @@ from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, declared_bounds
 from sfmcpp.weighting.conflict import conflict
 from sfmcpp.weighting.criteria import admissible_weights, running_median
 from sfmcpp.weighting.methods import WeightMethod, selection_method
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.sweep import WeightedConstraint, WeightSweep, refine_pose, sweep_weights, weight_grid
 from sfmcpp.weighting.units import sigma_of_weight
 

@@ -13,8 +13,7 @@ from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import WeightSelection
-from sfmcpp.weighting.agreeing import agreeing_members
-from sfmcpp.weighting.conflict import member_conflict
+from sfmcpp.weighting.conflict import agreeing_members, member_conflict
 from sfmcpp.weighting.fits import WeightFit, WeightFits
 from sfmcpp.weighting.methods import selection_method
 from sfmcpp.weighting.statistics import FitStatistics

@@ -14,8 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import require_count
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 
 INLIER_PX = 2.0
 FOLD_ITERATIONS = 3
