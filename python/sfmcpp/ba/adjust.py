@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
-from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
-from sfmcpp.ba.let_go import warnings_about_the_loss
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -278,3 +278,34 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     values["linear_solver_changes"] = [LinearSolverChange(**change) for change in core.linear_solver_changes]
     used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
     return Summary(**values, **used, options=options.to_dict(), version=_core.__version__)
+
+
+def goes_on(answer: object) -> bool:
+    """Whether a run goes on after this answer of a callback: only False, Python's or NumPy's, stops."""
+    return not isinstance(answer, bool | np.bool_) or bool(answer)
+
+
+LITTLE_WEIGHT, MOST = 0.1, 0.5
+# Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
+# as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be counted.
+_LEAST_RMS = 0.4
+
+
+def warnings_about_the_loss(
+    arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None
+) -> list[str]:
+    """What to know of the weights at the end of a solve of these arrays, of which each rank has a part."""
+    if summary.loss == "squared" or summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px:
+        return []
+    squared = np.square(_core.residuals(arrays)).sum(axis=1)
+    _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)
+    counts = np.array([np.count_nonzero(weights < LITTLE_WEIGHT), len(weights)])
+    little, count = counts if ranks is None else np.sum(ranks.everyones(counts), axis=0)
+    if little <= MOST * count:
+        return []
+    instead = "" if summary.loss == "auto" else ', or loss "auto"'
+    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} px"
+    return [
+        f"{share} of the observations are beyond the scale of the loss ({scale}) and have less than a tenth "
+        f"of their weight: start from a better state, with a larger scale{instead}"
+    ]

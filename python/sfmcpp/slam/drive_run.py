@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.ba.callbacks import goes_on
+from sfmcpp.ba.adjust import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory

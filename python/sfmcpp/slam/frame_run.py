@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from sfmcpp.ba.callbacks import goes_on
+from sfmcpp.ba.adjust import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
 from sfmcpp.slam.result import SlamResult

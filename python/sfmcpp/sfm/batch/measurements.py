@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.image_frames import image_frames
+from sfmcpp.ba.projective import image_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 
 Indices = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import SolveOptions, adjust, projection_matrices, projective_problem
-from sfmcpp.ba.image_frames import matrices_to_frames, matrices_to_pixels
+from sfmcpp.ba.projective import matrices_to_frames, matrices_to_pixels
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed

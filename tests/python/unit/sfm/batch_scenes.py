@@ -6,7 +6,7 @@ import numpy as np
 
 import sfmcpp
 from sfmcpp import Problem
-from sfmcpp.ba.image_frames import matrices_to_frames
+from sfmcpp.ba.projective import matrices_to_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
 from sfmcpp.sfm.batch.measurements import Measurements, measure

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
-from sfmcpp.ba.image_frames import matrices_to_pixels
+from sfmcpp.ba.projective import matrices_to_pixels
 from sfmcpp.sfm.batch.blocks import (
     Block,
     Factors,
