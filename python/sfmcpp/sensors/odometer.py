@@ -12,8 +12,7 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.prediction import interpolate_vectors
-from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
+from sfmcpp.sensors.stream import interpolate_vectors, measured_at, require_interval, require_kind, segments
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0

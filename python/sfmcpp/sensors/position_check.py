@@ -17,9 +17,8 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
-from sfmcpp.sensors.prediction import interpolate_vectors
 from sfmcpp.sensors.registration import UP_IN_CAMERA
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import interpolate_vectors, require_kind
 
 # A bend of the way is told by two chords of so many standard deviations, to some ten degrees.
 _CHORD_SIGMAS = 10.0

@@ -17,10 +17,9 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
-from sfmcpp.sensors.imu import rotations_at_samples
+from sfmcpp.sensors.inertial import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.prediction import interpolate_rotations
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import interpolate_rotations, require_kind
 
 # An offset known less well than this counts as unknown.
 LARGEST_SIGMA_S = 0.02

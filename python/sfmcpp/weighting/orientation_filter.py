@@ -19,7 +19,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.sensors import Mounting, orientations, rotation_increment
-from sfmcpp.sensors.imu import rotations_at_samples
+from sfmcpp.sensors.inertial import rotations_at_samples
 
 PREDICTORS = ("images", "sensor")
 # Variance of an orientation of which nothing is known [rad²].
