@@ -70,7 +70,7 @@ def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None
         say("no pictures; to draw them: pip install 'sfmcpp[plot]'")
         return
     from sfmcpp.study.plotting import save_figure
-    from sfmcpp.study.plotting.trajectories import plot_top_view
+    from sfmcpp.study.plotting.evaluations import plot_top_view
 
     centres, points, true = (
         from_above[:, [0, 2, 1]] for from_above in (solved.centres, solved.points, truth.centres)

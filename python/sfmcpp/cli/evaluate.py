@@ -149,7 +149,7 @@ def _write(names: dict[str, str], found: Evaluation, targets: Targets) -> None:
         write_report({"input": names, **found.to_dict()}, targets.report)
     if targets.picture is not None:
         from sfmcpp.study.plotting import save_figure
-        from sfmcpp.study.plotting.trajectories import plot_evaluation
+        from sfmcpp.study.plotting.evaluations import plot_evaluation
 
         save_figure(plot_evaluation(found), targets.picture)
 

@@ -38,7 +38,7 @@ def evaluate_model_files(
         write_report(content, targets.report)
     if targets.picture is not None:
         from sfmcpp.study.plotting import save_figure
-        from sfmcpp.study.plotting.models import plot_model_evaluation
+        from sfmcpp.study.plotting.evaluations import plot_model_evaluation
 
         save_figure(plot_model_evaluation(found), targets.picture)
     if not quiet:

@@ -161,7 +161,7 @@ def _finished(
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
-        from sfmcpp.study.gps_rows import gps_rows
+        from sfmcpp.study.report_table import gps_rows
 
         placed = () if gps is None else (*gps_rows(gps), *(("warning", told) for told in gps.warnings))
         precise = () if known is None else known.rows()

@@ -57,7 +57,7 @@ class Targets:
         if self.positions is not None and not problem.is_metric:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.page is not None:
-            from sfmcpp.study.pages.problem_scene import require_world
+            from sfmcpp.study.pages.model_page import require_world
 
             require_world(problem, self.page)
         if self.covariances is not None:
@@ -88,7 +88,7 @@ def write_page(problem: Problem, path: Path, source: Path) -> None:
     DatasetError
         If the cameras are projective, or the file cannot be written.
     """
-    from sfmcpp.study.pages.problem_scene import write_problem_page
+    from sfmcpp.study.pages.model_page import write_problem_page
 
     write_problem_page(problem, path, source.resolve().name)
 

@@ -1,10 +1,79 @@
-"""Reports that are shown as a table of names and values."""
+"""Tables of reports: rows of names and values, reasons in groups, the georeference of a model."""
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sfmcpp.sfm import GpsOutcome
+
+
+T = TypeVar("T")
+NAMES_LISTED = 4
+_NUMBER = re.compile(r"\b\d[\d.,]*\b")
+
+
+def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
+    """Group members by their reason, the largest group first.
+
+    Reasons that differ only in numbers or after a colon form one group, which is named by their common
+    text.
+
+    Parameters
+    ----------
+    entries : iterable of (str, member)
+        Reasons, and what was left out for them.
+    """
+    groups: dict[str, list[tuple[str, T]]] = {}
+    for reason, member in entries:
+        shared = _NUMBER.sub("…", reason.split(":")[0])
+        groups.setdefault(shared, []).append((reason, member))
+    named = {}
+    for shared, group in sorted(groups.items(), key=lambda item: -len(item[1])):
+        named[_name(shared, {reason for reason, _ in group})] = [member for _, member in group]
+    return named
+
+
+def _name(shared: str, reasons: set[str]) -> str:
+    """What reasons have in common: all of it, all but the numbers, or what is in front of the colon."""
+    for told in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
+        if len(told) == 1:
+            return told.pop()
+    return shared
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, and how many more there are."""
+    shown = ", ".join(names[:NAMES_LISTED])
+    more = len(names) - NAMES_LISTED
+    return f"{shown} and {more:,} more" if more > 0 else shown
+
+
+def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
+    """σ of the positions, accuracy of the model, positions that were left out, origin."""
+    yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)"
+    if gps.outliers:
+        yield "GPS left out", listed(gps.outliers)
+    if np.any(gps.origin):
+        yield "origin", told_origin(gps)
+
+
+def told_origin(gps: GpsOutcome) -> str:
+    """The numbers of the origin with their names."""
+    return ", ".join(f"{name} {value:.10g}" for name, value in gps.world_origin.to_dict().items())
+
+
+def _stated(gps: GpsOutcome) -> str:
+    if gps.stated_sigma_m is None:
+        return ""
+    same = gps.sigma_m == gps.stated_sigma_m
+    return " as stated" if same else f" (stated: {gps.stated_sigma_m:.3g} m)"
 
 
 class ReportTable(ABC):

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfmcpp.study.gps_rows import gps_rows
-from sfmcpp.study.reasons import NAMES_LISTED, by_reason, listed
 from sfmcpp.study.report_files import peak_memory_bytes, plain
-from sfmcpp.study.report_table import ReportTable
+from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, by_reason, gps_rows, listed
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.pages.scene_page import Scene, save_scene_page
 from sfmcpp.study.plotting import save_figure
-from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
+from sfmcpp.study.plotting.evaluations import plot_scale_ratio, plot_top_view
 from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
 from sfmcpp.study.report_files import Step, write_report, write_steps
 

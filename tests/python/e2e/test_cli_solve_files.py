@@ -15,7 +15,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model import Metadata
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.study import covariance_files
-from sfmcpp.study.pages.problem_scene import write_problem_page
+from sfmcpp.study.pages.model_page import write_problem_page
 
 
 def rows_of(path: Path) -> list[dict[str, Any]]:

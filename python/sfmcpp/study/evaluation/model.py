@@ -22,18 +22,15 @@ from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, fit_alignmen
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S
 from sfmcpp.study.evaluation.image_poses import (
     ImagePoses,
-    images_asked_for,
-    is_problem_file,
-    read_image_poses,
-)
-from sfmcpp.study.evaluation.match_images import (
     MatchedImages,
     Rows,
+    images_asked_for,
+    is_problem_file,
     match_by_name,
     match_with_trajectory,
+    read_image_poses,
 )
-from sfmcpp.study.evaluation.metrics import Statistics
-from sfmcpp.study.evaluation.relative_poses import auc, relative_pose_errors_deg
+from sfmcpp.study.evaluation.metrics import Statistics, auc, relative_pose_errors_deg
 
 AUC_THRESHOLDS_DEG = (1.0, 3.0, 5.0, 10.0)
 MODEL_ALIGNMENTS = ("all", "robust", "none")

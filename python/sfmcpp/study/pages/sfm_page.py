@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfmcpp.study.pages.charts import top_view
 from sfmcpp.study.pages.parts import data_uri, png_bytes, template
 from sfmcpp.study.pages.placing import turn_upright
-from sfmcpp.study.pages.rasters import top_view
 from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, how, images, matches, section
 
 if TYPE_CHECKING:

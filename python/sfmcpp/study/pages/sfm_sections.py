@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfmcpp.study.gps_rows import told_origin
-from sfmcpp.study.pages.charts import arrows, bars, histogram, match_squares, nice_ticks
+from sfmcpp.study.pages.charts import arrows, bars, histogram, match_matrix, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
-from sfmcpp.study.pages.rasters import match_matrix
-from sfmcpp.study.reasons import by_reason
+from sfmcpp.study.report_table import by_reason, told_origin
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures

@@ -27,8 +27,8 @@ from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
 from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.study import SfmReport
-from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.report_files import UNFINISHED
+from sfmcpp.study.report_table import by_reason
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 FILES = ["model", "points.ply", "report.html", "report.json", "timings.json", "transforms.json", "view.html"]
