@@ -16,7 +16,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
-from sfmcpp.slam.calibrating import remove_biases
+from sfmcpp.slam.calibration import remove_biases
 from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new

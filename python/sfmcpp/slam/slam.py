@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,21 +12,32 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
 from sfmcpp.slam.between import settle_between, settled
-from sfmcpp.slam.calibrating import calibrate
-from sfmcpp.slam.clock import Clock
-from sfmcpp.slam.ending import finish_map
+from sfmcpp.slam.calibration import calibrate, doubt_positions
+from sfmcpp.slam.checkpoints import State
 from sfmcpp.slam.fusing import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
-from sfmcpp.slam.mapping import adjust, triangulate_new
-from sfmcpp.slam.position_doubts import doubt_positions
+from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
 from sfmcpp.slam.registering import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
-from sfmcpp.slam.saving import State
 from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
+
+
+class Clock:
+    """Milliseconds of each stage."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Note what has passed since the last lap."""
+        now = time.perf_counter()
+        self.laps[name] = 1e3 * (now - self._last)
+        self._last = now
 
 
 class Slam:
