@@ -1,7 +1,8 @@
-"""Clocks that are not the camera's and gyroscopes with a bias: estimated from rotations and corrected during a run.
+"""Clocks and biases of sensors, estimated from the rotations of images and corrected during a run.
 
-Half a second or a few degrees per second bend a map before the run is over, and no weight mends it: sometimes
-the sensor is right, sometimes the images are. Clocks and axes of positions are checked at the end of the run.
+A clock is not the camera's, a gyroscope has a bias: half a second or a few degrees per second bend a map
+before the run is over, and no weight corrects it, because either the sensor or the images may be right. The
+clocks and axes of positions are checked at the end of the run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: the loop between two frames as plain arrays, without pickle, and what it was run on."""
+"""Checkpoints of a run: the loop between two frames as plain arrays, without pickle; what it was run on."""
 
 from __future__ import annotations
 

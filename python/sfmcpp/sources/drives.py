@@ -15,11 +15,11 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
-from sfmcpp.sources.euroc import EurocFolder, euroc_folder
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
@@ -236,3 +236,42 @@ def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajector
     streams = {} if folder.rates is None else read_sensor_csv(folder.rates)
     truth = None if mounting is None else folder.camera_truth(mounting)
     return truth, _Sensors(streams, mounting)
+
+
+_ROOT, _IMAGES, _RATES = "mav0", "cam0/data", "imu0/data.csv"
+_TRUTH = "state_groundtruth_estimate0/data.csv"
+
+
+@dataclass(frozen=True)
+class EurocFolder:
+    """What a folder of EuRoC holds.
+
+    Attributes
+    ----------
+    images : Path
+        Those of the first camera.
+    rates : Path or None
+        What the IMU measured.
+    truth : Path or None
+        Poses of the body.
+    """
+
+    images: Path
+    rates: Path | None
+    truth: Path | None
+
+    def camera_truth(self, mounting: Mounting) -> Trajectory | None:
+        """True poses of a camera that sits so on the body; None where the folder knows none."""
+        if self.truth is None:
+            return None
+        body = read_trajectory(self.truth)
+        return Trajectory(body.t_s, mounting.camera_poses(body.poses))
+
+
+def euroc_folder(path: Path) -> EurocFolder | None:
+    """Find what ``mav0``, or the folder that holds it, has; None if `path` is no such folder."""
+    root = path / _ROOT if (path / _ROOT).is_dir() else path
+    if not (root / _IMAGES).is_dir():
+        return None
+    rates, truth = (file if file.is_file() else None for file in (root / _RATES, root / _TRUTH))
+    return EurocFolder(root / _IMAGES, rates, truth)

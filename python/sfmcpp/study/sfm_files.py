@@ -15,9 +15,8 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.io.colmap import binary, text
-from sfmcpp.sources.io.colmap.formats import write_colmap_of_both_kinds
+from sfmcpp.sources.io.colmap.formats import ORIGIN, write_colmap_of_both_kinds
 from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.sources.io.ply import write_ply
 from sfmcpp.sources.io.transforms import folder_from, write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page

@@ -20,7 +20,7 @@ from sfmcpp.geometry.so3 import nearest_rotation, rotation_from_angle_axis
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.mat import mat_variables, number_array, require_finite
+from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 
 NOT_SEEN = -1.0
 

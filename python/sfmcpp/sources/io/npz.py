@@ -26,9 +26,8 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem, Rigs
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.files import open_content
+from sfmcpp.sources.io.files import expands_too_far, largest_expansion, open_content
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
 from sfmcpp.sources.io.shares import Share
 
 VERSION = 1

@@ -13,7 +13,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
 from sfmcpp.sources.synthetic.observation import Views, keep_points_seen_twice, problem_of_views
-from sfmcpp.sources.synthetic.street_drive import track_lengths
+from sfmcpp.sources.synthetic.streets import track_lengths
 
 _POINTS_PER_CAMERA = 100
 # A landmark is the southern half of a round tower; photos show it from so far, and at least so far apart.

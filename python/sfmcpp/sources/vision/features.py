@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_one_of
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.sources.vision.corners import find_corners
+from sfmcpp.sources.vision.detectors import find_blobs, find_corners
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.keypoints import SearchImage
 from sfmcpp.sources.vision.photos import read_color, read_mask
-from sfmcpp.sources.vision.sift import find_blobs
 
 FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 

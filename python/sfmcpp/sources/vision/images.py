@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.limits import MAX_IMAGE, largest_image
+from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
 
 GreyImage = NDArray[np.uint8]
 

@@ -22,8 +22,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.frames import View
-from sfmcpp.sources.vision.buckets import HARRIS_K, cells_of, rank_within
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
+from sfmcpp.sources.vision.keypoints import HARRIS_K, cells_of, rank_within
 
 Corners = NDArray[np.float32]
 

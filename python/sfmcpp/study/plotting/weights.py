@@ -11,7 +11,6 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
 from sfmcpp.weighting import WeightSelection

@@ -25,7 +25,7 @@ from sfm_runs import (
 from sfmcpp.errors import DatasetError
 from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
-from sfmcpp.sources.io.origin_file import ORIGIN
+from sfmcpp.sources.io.colmap.formats import ORIGIN
 from sfmcpp.study import SfmReport
 from sfmcpp.study.report_files import UNFINISHED
 from sfmcpp.study.report_table import by_reason

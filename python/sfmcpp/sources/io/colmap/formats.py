@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.atomic import atomic_folder
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.from_tables import problem_from_tables
@@ -24,8 +26,8 @@ from sfmcpp.sources.io.colmap.rig_files import (
 from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.origin_file import ORIGIN, origin_files, with_origin
 
 
 def read_colmap_text(folder: Path) -> Problem:
@@ -188,3 +190,31 @@ BINARY = Format(
     target_check=_require_no_rigs,
     lacks=_LACKS,
 )
+
+
+ORIGIN = "sfmcpp_origin.json"
+
+
+def origin_files(problem: Problem) -> dict[str, list[bytes]]:
+    """Name and content, in pieces, of the file, if the metadata tell an origin."""
+    origin = WorldOrigin.of(problem.metadata)
+    return {} if origin is None else {ORIGIN: [json.dumps(origin.to_dict(), indent=1).encode(), b"\n"]}
+
+
+def with_origin(problem: Problem, folder: Path) -> Problem:
+    """Put the origin that a folder tells, if it does, into the metadata.
+
+    Raises
+    ------
+    DatasetError
+        If the file is none of an origin.
+    """
+    path = folder / ORIGIN
+    if not path.exists():
+        return problem
+    try:
+        told = json.loads(read_bytes(path))
+        WorldOrigin.from_dict(told if isinstance(told, dict) else {}).put_into(problem.metadata)
+    except (ValueError, InvalidArgument) as error:
+        raise DatasetError(path, str(error)) from error
+    return problem

@@ -12,8 +12,7 @@ import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.synthetic.image_geometry import UP, looking_at
-from sfmcpp.sources.synthetic.photos.faces import Face, Painter
-from sfmcpp.sources.synthetic.photos.textures import plain_texture
+from sfmcpp.sources.synthetic.photos.faces import Face, Painter, plain_texture
 
 
 @dataclass(frozen=True, eq=False)

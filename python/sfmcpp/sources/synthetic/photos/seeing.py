@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry, distort
-from sfmcpp.sources.synthetic.photos.faces import Face
-from sfmcpp.sources.synthetic.photos.textures import Samples
+from sfmcpp.sources.synthetic.photos.faces import Face, Samples
 
 Picture = NDArray[np.uint8]
 

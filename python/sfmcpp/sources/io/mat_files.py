@@ -1,16 +1,10 @@
-"""MATLAB files of version 5 to 7, read without trust: the arrays of numbers in them.
-
-SciPy's reader takes tags and sizes as they come, and a file with one wrong byte ends the process. What would
-have to be checked before it is called is all that there is to reading a matrix. The layout: a header of 128
-bytes, then elements of a tag, the type and the number of bytes, and their content, which is compressed or a
-matrix: four elements or more, its flags, its shape, its name and its numbers (MathWorks, MAT-File Format).
-"""
+"""MATLAB files of version 5 to 7, read without trust: arrays of finite numbers."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -20,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.limits import expands_too_far
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.files import expands_too_far, failures_named, largest_expansion, require_regular_file
 
 _HEADER_BYTES, _TAG_BYTES, _ALIGNMENT = 128, 8, 8
 _VERSION, _ENDIAN = slice(124, 126), slice(126, 128)
@@ -165,3 +160,36 @@ def _holds(shape: list[int], count: int) -> bool:
     for length in shape:
         product *= length
     return min(shape) >= 0 and product == count
+
+
+def mat_variables(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Arrays of numbers of a MATLAB file by name, as they are.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, is no MATLAB file of version 5 to 7, lacks one of `names`, or holds
+        something else under it.
+    """
+    with failures_named(path):
+        require_regular_file(path)
+        data = path.read_bytes()
+    content = read_matrices(path, data, names.__contains__, largest_expansion(len(data)))
+    missing = [name for name in names if name not in content]
+    if missing:
+        raise DatasetError(path, f"lacks the variables {', '.join(missing)}")
+    return content
+
+
+def number_array(path: Path, name: str, value: Any, dimensions: int, shown: str) -> FloatArray:
+    """A variable as float64; a DatasetError, with the wanted shape as `shown`, if it has other dimensions."""
+    if value.ndim != dimensions:
+        raise DatasetError(path, f"{name} is {value.dtype} {value.shape}: must be numbers, {shown}")
+    return np.asarray(value, dtype=np.float64)
+
+
+def require_finite(path: Path, name: str, array: FloatArray) -> None:
+    """Raise a DatasetError at the first element that is not finite."""
+    if not np.isfinite(array).all():
+        where = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise DatasetError(path, f"{name}{where} is {array[tuple(where)]}: must be finite")
