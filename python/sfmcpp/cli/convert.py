@@ -6,21 +6,27 @@ from pathlib import Path
 
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.convert_trajectory import convert_trajectory, refuse_trajectory
-from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.console import ExitCode, say
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed
-from sfmcpp.cli.targets import PAGE_SUFFIXES, Targets, require_writable_problem, write_page
+from sfmcpp.cli.targets import (
+    PAGE_SUFFIXES,
+    Targets,
+    require_writable_file,
+    require_writable_problem,
+    write_page,
+)
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model import Problem
+from sfmcpp.model import Problem, Trajectory
+from sfmcpp.sources.frame_times import read_times
 from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
-from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
+from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS, read_trajectory, write_trajectory
 
 
 def convert_file(
@@ -140,3 +146,47 @@ def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> 
     if ranks.is_root:
         say(f"{target}: {size.num_points} points, {size.num_observations} observations in {ranks.size} parts")
     return ExitCode.DONE
+
+
+def convert_trajectory(source: Path, target: Path, format: str, times: Path | None) -> ExitCode:
+    """Write a trajectory in another format; poses stay as they are, of the camera or of the body.
+
+    Raises
+    ------
+    DatasetError
+        If a file cannot be read or written; if the format needs times, and there are none, or there are
+        and others are given.
+    """
+    require_writable_file(target)
+    trajectory = read_trajectory(source)
+    if times is not None:
+        trajectory = _at_times(trajectory, source, times)
+    if format != "kitti" and not trajectory.stamped:
+        raise DatasetError(source, f"has no times, which {format} needs: --times FILE, a line for each pose")
+    write_trajectory(trajectory, target, format=format)
+    say(f"{target}: {len(trajectory):,} poses ({format})")
+    if trajectory.stamped and format == "kitti":
+        say("left out, as kitti has no place for it: times")
+    return ExitCode.DONE
+
+
+def refuse_trajectory(source: Path, error: DatasetError) -> None:
+    """Raise a better error where a file that is no problem is a trajectory."""
+    try:
+        found = read_trajectory(source)
+    except DatasetError:
+        return
+    known = ", ".join(WRITABLE_TRAJECTORY_FORMATS)
+    reason = f"is a trajectory of {len(found):,} poses: --format says what to make of it: {known}"
+    raise DatasetError(source, reason) from error
+
+
+def _at_times(trajectory: Trajectory, source: Path, times: Path) -> Trajectory:
+    if trajectory.stamped:
+        raise DatasetError(source, "has times of its own: --times is for poses without any")
+
+    def require_fit(count: int) -> None:
+        if count != len(trajectory):
+            raise DatasetError(times, f"holds {count} times for {len(trajectory)} poses: must be as many")
+
+    return Trajectory(read_times(times, require_fit), trajectory.poses)

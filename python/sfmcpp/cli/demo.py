@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.console import ExitCode, say
 from sfmcpp.cli.run import Job, solve_file
 from sfmcpp.cli.targets import Targets
 from sfmcpp.geometry.similarity import fit_similarity

@@ -18,9 +18,8 @@ from rich.text import Text
 
 from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
-from sfmcpp.cli.exit_codes import say
+from sfmcpp.cli.console import say, stderr_console
 from sfmcpp.cli.targets import Targets
-from sfmcpp.cli.terminal import stderr_console
 from sfmcpp.study.report_files import peak_memory_bytes
 
 ROWS = 8

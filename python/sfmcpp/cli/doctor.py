@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, say, with_exit_code
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.exit_codes import ExitCode, tell
+from sfmcpp.cli.console import ExitCode, tell
 from sfmcpp.cli.stopping import one_interrupt
 from sfmcpp.errors import InvalidArgument, SfmcppError
 

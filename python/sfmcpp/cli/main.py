@@ -6,7 +6,7 @@ import io
 import sys
 from collections.abc import Sequence
 
-from sfmcpp.cli.exit_codes import ExitCode, tell_error, tell_interrupted
+from sfmcpp.cli.console import ExitCode, tell_error, tell_interrupted
 from sfmcpp.cli.stopping import lost_interrupts_again, requests_as_ctrl_c
 
 

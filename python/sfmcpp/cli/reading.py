@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sfmcpp.cli.exit_codes import tell
+from sfmcpp.cli.console import tell
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.format import Format

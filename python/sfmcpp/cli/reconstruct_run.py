@@ -7,12 +7,11 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
+from sfmcpp.cli.console import ExitCode, say, tell, tell_error
 from sfmcpp.cli.display import shown_stages
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.running import made, require_results_folder
 from sfmcpp.cli.stopping import ctrl_c_noted
-from sfmcpp.cli.targets import Targets
+from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
@@ -51,7 +50,7 @@ def run_reconstruction(
     Gps(options["gps"] if isinstance(options["gps"], Path) else None).check(targets.positions)
     if not resume:
         _forget(folder / CACHE)
-    with made(folder):
+    with writable_folder(folder):
         with shown_stages(quiet=quiet) as show, ctrl_c_noted() as asked_to_stop:
 
             def progress(stage: str, done: int, total: int) -> bool:

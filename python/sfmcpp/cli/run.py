@@ -14,8 +14,8 @@ from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.choices import RIGS, as_options
+from sfmcpp.cli.console import ExitCode, tell, tell_error
 from sfmcpp.cli.covariances import Precision
-from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.launched import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed, tell_left_out

@@ -14,10 +14,9 @@ import numpy as np
 
 from sfmcpp import slam
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.running import made, require_results_folder
+from sfmcpp.cli.console import ExitCode, say, stderr_console, tell, tell_error
 from sfmcpp.cli.stopping import ctrl_c_noted
-from sfmcpp.cli.terminal import stderr_console
+from sfmcpp.cli.targets import require_results_folder, writable_folder
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
@@ -56,7 +55,10 @@ def run_slam_files(
     checkpoints.check()
     drive = open_drive(source, **opening)
     count = len(drive.frames)
-    with made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
+    with (
+        writable_folder(folder),
+        _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page,
+    ):
         with _shown_progress(count, quiet) as show, ctrl_c_noted() as asked_to_stop:
 
             def listen(frame: int, result: SlamResult) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from sfmcpp.cli.choices import one_of
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, say, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.sources.synthetic import SCENES, add_outliers, perturb

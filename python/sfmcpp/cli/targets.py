@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -158,3 +159,29 @@ def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:
         write(problem, folder / name)
     except DatasetError as error:
         raise DatasetError(path, error.reason) from error
+
+
+def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
+    """Raise a DatasetError if `folder` or its `model` is a file, or one of its `files` is a folder."""
+    for path in (folder, folder / model):
+        if path.exists() and not path.is_dir():
+            raise DatasetError(path, "is a file, a folder is wanted")
+    for name in files:
+        require_regular_file(folder / name)
+
+
+@contextmanager
+def writable_folder(folder: Path) -> Iterator[None]:
+    """Make a folder that can be written; a run that fails leaves none that is empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    try:
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
