@@ -28,6 +28,10 @@ Callback = Callable[[Iteration], "bool | None"]
 
 # Of derivatives that a function gives against differences, as a share of the largest.
 _LARGEST_DERIVATIVE_ERROR = 1e-3
+LITTLE_WEIGHT, MOST = 0.1, 0.5
+# Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
+# as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be counted.
+_LEAST_RMS = 0.4
 
 
 @checked()
@@ -283,12 +287,6 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
 def goes_on(answer: object) -> bool:
     """Whether a run goes on after this answer of a callback: only False, Python's or NumPy's, stops."""
     return not isinstance(answer, bool | np.bool_) or bool(answer)
-
-
-LITTLE_WEIGHT, MOST = 0.1, 0.5
-# Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
-# as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be counted.
-_LEAST_RMS = 0.4
 
 
 def warnings_about_the_loss(

@@ -8,7 +8,7 @@ from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, say
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.launched import launched_ranks, together
+from sfmcpp.cli.mpi_launch import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed
 from sfmcpp.cli.targets import (
     PAGE_SUFFIXES,
@@ -22,8 +22,8 @@ from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.frame_times import read_times
 from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
+from sfmcpp.sources.io.conversion_notes import left_out_on_writing
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
 from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS, read_trajectory, write_trajectory

@@ -19,20 +19,6 @@ if TYPE_CHECKING:
 
 # Those of the readers, named here so that --help imports none of them.
 FORMATS = ("tum", "kitti", "euroc", "mat")
-
-
-def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
-    listed = f"{what}: {', '.join(choices)}{otherwise}."
-    option: typer.models.OptionInfo = typer.Option(
-        name, metavar="NAME", callback=one_of(choices), help=listed
-    )
-    return option
-
-
-def _format(name: str, what: str) -> typer.models.OptionInfo:
-    return _choice(name, FORMATS, f"Format of {what}", "; default: by its name")
-
-
 Source = Annotated[
     Path,
     typer.Argument(
@@ -56,6 +42,22 @@ Align = Annotated[
         "model that agree.",
     ),
 ]
+# Options of trajectories that mean nothing for images, with their defaults.
+_OF_TRAJECTORIES = {"match": "nearest", "delta": 1.0, "delta_unit": "frames", "all_pairs": False}
+_SHOWN = 8
+_COLUMNS = ("mean", "median", "max", "rmse")
+
+
+def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
+    listed = f"{what}: {', '.join(choices)}{otherwise}."
+    option: typer.models.OptionInfo = typer.Option(
+        name, metavar="NAME", callback=one_of(choices), help=listed
+    )
+    return option
+
+
+def _format(name: str, what: str) -> typer.models.OptionInfo:
+    return _choice(name, FORMATS, f"Format of {what}", "; default: by its name")
 
 
 @with_exit_code
@@ -187,12 +189,6 @@ def _error_table(title: str, content: dict[str, Any]) -> list[str]:
         for relation, values in tables.items()
     ]
     return [f"{title:<22}{header}", *rows]
-
-
-# Options of trajectories that mean nothing for images, with their defaults.
-_OF_TRAJECTORIES = {"match": "nearest", "delta": 1.0, "delta_unit": "frames", "all_pairs": False}
-_SHOWN = 8
-_COLUMNS = ("mean", "median", "max", "rmse")
 
 
 def names_images(path: Path) -> bool:

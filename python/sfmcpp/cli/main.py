@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from sfmcpp.cli.console import ExitCode, tell_error, tell_interrupted
-from sfmcpp.cli.stopping import lost_interrupts_again, requests_as_ctrl_c
+from sfmcpp.cli.interrupts import lost_interrupts_again, requests_as_ctrl_c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,8 +7,8 @@ from pathlib import Path
 from sfmcpp.cli.console import tell
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
+from sfmcpp.sources.io.conversion_notes import changed_on_writing, left_out_on_reading
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.left_out import changed_on_writing, left_out_on_reading
 
 
 def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:

@@ -10,7 +10,7 @@ from typing import Any
 from sfmcpp.cli.console import ExitCode, say, tell, tell_error
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.stopping import ctrl_c_noted
+from sfmcpp.cli.interrupts import ctrl_c_noted
 from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct

@@ -17,9 +17,9 @@ from sfmcpp.cli.choices import RIGS, as_options
 from sfmcpp.cli.console import ExitCode, tell, tell_error
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.launched import launched_ranks, together
+from sfmcpp.cli.interrupts import ctrl_c_noted
+from sfmcpp.cli.mpi_launch import launched_ranks, together
 from sfmcpp.cli.reading import read_and_tell, tell_changed, tell_left_out
-from sfmcpp.cli.stopping import ctrl_c_noted
 from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem

@@ -15,7 +15,7 @@ import numpy as np
 from sfmcpp import slam
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, say, stderr_console, tell, tell_error
-from sfmcpp.cli.stopping import ctrl_c_noted
+from sfmcpp.cli.interrupts import ctrl_c_noted
 from sfmcpp.cli.targets import require_results_folder, writable_folder
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult

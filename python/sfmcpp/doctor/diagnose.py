@@ -17,7 +17,7 @@ from sfmcpp.doctor.conventions import behind, conventions
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
-from sfmcpp.doctor.image_fill import image_fill
+from sfmcpp.doctor.image_scale import image_fill
 from sfmcpp.doctor.initial_state import far_start, no_image
 from sfmcpp.doctor.mounting import mounting
 from sfmcpp.doctor.outliers import outliers, sigmas

@@ -13,6 +13,10 @@ from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
 
+# Tens of pixels, and of what an adjustment leaves.
+_FAR_PX, _TIMES = 20.0, 10.0
+_NAMED = 3
+
 
 def no_image(problem: Problem) -> Iterator[Finding]:
     """Find points at the centre or at depth zero of a camera that observes them."""
@@ -29,11 +33,6 @@ def no_image(problem: Problem) -> Iterator[Finding]:
             points=numbers(points),
             observations=numbers(rows),
         )
-
-
-# Tens of pixels, and of what an adjustment leaves.
-_FAR_PX, _TIMES = 20.0, 10.0
-_NAMED = 3
 
 
 def far_start(case: Case) -> Iterator[Finding]:

@@ -16,6 +16,12 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_positive
 
 _SAMPLE_SIZE = 5
+# Chosen on the pairs of frames 3 m apart of six KITTI drives: of 20 poses turned wrongly by more than 5° it
+# names 19, at the price of refusing 60 of 482 that are right within 2°.
+_LOG_LIKELIHOOD_MARGIN = 10.0
+_SAME_POSE_DEG = 3.0
+# Part of the squared threshold that errors of exact matches are lifted to, so that likelihoods stay finite.
+_EXACT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -138,14 +144,6 @@ def _only_rotated(
     median = float(np.median(parallax_px[inliers]))
     message = f"rotation only: median parallax {median:.3g} px, must be at least {min_parallax_px:g} px"
     return RelativePose(np.column_stack([rotation, np.zeros(3)]), inliers, "rotation only", message, median)
-
-
-# Chosen on the pairs of frames 3 m apart of six KITTI drives: of 20 poses turned wrongly by more than 5° it
-# names 19, at the price of refusing 60 of 482 that are right within 2°.
-_LOG_LIKELIHOOD_MARGIN = 10.0
-_SAME_POSE_DEG = 3.0
-# Part of the squared threshold that errors of exact matches are lifted to, so that likelihoods stay finite.
-_EXACT = 1e-6
 
 
 def best_and_rivals(

@@ -30,6 +30,14 @@ from sfmcpp.model.uncertainty import Whitener
 _PARALLEL_RATIO = 1e-12
 # Centres coincide where their spread is this part of their distance from the origin: rounding.
 _SAME_PLACE_RATIO = 1e-14
+_FIRST_DAMPING = 1e-4
+# With less, the matrix of a point that runs away along its ray, of rank two, is singular to rounding.
+_LEAST_DAMPING = 1e-10
+# A point rests when a step promises to lower its cost by no more than this part of it, or by rounding.
+_TOLERANCE = 1e-10
+_ROUNDING_PX2 = 1e-20
+# The error of the closed form's two steps is below 1e-6 px for all but absurd noise; more cost little.
+_NUM_STEPS = 5
 
 
 @checked()
@@ -136,14 +144,6 @@ def _nan_unless(good: BoolArray, points: FloatArray) -> FloatArray:
     return np.where(good[:, None], points, np.nan)
 
 
-_FIRST_DAMPING = 1e-4
-# With less, the matrix of a point that runs away along its ray, of rank two, is singular to rounding.
-_LEAST_DAMPING = 1e-10
-# A point rests when a step promises to lower its cost by no more than this part of it, or by rounding.
-_TOLERANCE = 1e-10
-_ROUNDING_PX2 = 1e-20
-
-
 @checked()
 def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) -> FloatArray:
     """Refine points by damped Gauss–Newton steps on their reprojection errors, each with its own damping.
@@ -236,10 +236,6 @@ def _jacobians(problem: Problem, in_camera: FloatArray) -> FloatArray:
     by_camera_point /= (depth * whitener.sigma_px[:, None])[:, :, None]
     camera_from_world = np.swapaxes(problem.rotations, 1, 2)[problem.camera_index]
     return np.asarray(whitener.finish(by_camera_point) @ camera_from_world)
-
-
-# The error of the closed form's two steps is below 1e-6 px for all but absurd noise; more cost little.
-_NUM_STEPS = 5
 
 
 @checked()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfmcpp.geometry._flat_pairs import (
+from sfmcpp.geometry._degenerate_pairs import (
     adds_nothing,
     are_the_same,
     cameras_of_plane,

@@ -21,6 +21,8 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count
 
+SEVEN_POINTS, FOUR_POINTS = 7, 4
+
 
 def homography_errors_px(
     homography: FloatArray,
@@ -77,9 +79,6 @@ def normalised_homography(
     """``K₂⁻¹ H K₁`` (3, 3): the homography between image points at depth one."""
     calibration_1 = np.linalg.inv(inverse_calibration(intrinsics_1))
     return np.asarray(inverse_calibration(intrinsics_2) @ homography @ calibration_1)
-
-
-SEVEN_POINTS, FOUR_POINTS = 7, 4
 
 
 @dataclass(frozen=True)

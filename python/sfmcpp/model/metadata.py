@@ -41,6 +41,8 @@ _ARRAYS = {
     "nvm_measurement_distortion": (_NUMBERS, _LIST),
 }
 _TEXTS = ("colmap_camera_models", "unregistered_images")
+_NAMES = {True: ("latitude_deg", "longitude_deg", "height_m"), False: ("x_m", "y_m", "z_m")}
+_KEYS = {True: "origin_geodetic", False: "origin_xyz_m"}
 
 
 @dataclass(repr=False, eq=False)
@@ -255,10 +257,6 @@ def _next_of_images(images: NDArray[Any], numbers: NDArray[Any], added: NDArray[
     result = np.empty(len(added), dtype=np.int64)
     result[order] = ends[added[order]] + 1 + np.arange(len(added)) - first
     return result
-
-
-_NAMES = {True: ("latitude_deg", "longitude_deg", "height_m"), False: ("x_m", "y_m", "z_m")}
-_KEYS = {True: "origin_geodetic", False: "origin_xyz_m"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,9 @@ from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
 ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
+_TANGENT = 6
+# Central differences of a double are best at its third root.
+_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 class Evaluation(NamedTuple):
@@ -295,11 +298,6 @@ def require_kinds(groups: Iterable[Group], what: str) -> list[ConstraintGroup]:
             )
         known.append(group)
     return known
-
-
-_TANGENT = 6
-# Central differences of a double are best at its third root.
-_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 def by_pose(residuals: Callable[[FloatArray], FloatArray], poses: FloatArray) -> FloatArray:

@@ -21,6 +21,17 @@ FULL_TURN_RAD = 2 * np.pi
 
 # The largest magnitude found, of stamps and values, and the row it belongs to.
 Measure = Callable[[FloatArray, FloatArray], tuple[float, int]]
+_POSITION = ("x [m]", "y [m]", "z [m]")
+_ROTATION = ("rx [rad]", "ry [rad]", "rz [rad]")
+# Kinds of stream that each sensor of a drive can use, the best first.
+SENSORS: dict[str, tuple[str, ...]] = {
+    "odometer": ("distance", "speed", "velocity"),
+    "imu": ("angular_rate", "orientation"),
+    "ins": ("pose",),
+    "gps": ("position", "geodetic"),
+}
+# A gap of up to this many usual periods is bridged unless the stream says otherwise.
+BRIDGED_PERIODS = 5.0
 
 
 @dataclass(frozen=True)
@@ -102,8 +113,6 @@ _POSE_TURN = Limit("rotation vector", FULL_TURN_RAD, "rad", "degrees", _largest_
 _LATITUDE = Limit("latitude", 90.0, "deg", "metres, or are its columns swapped", _largest_norm(slice(0, 1)))
 _LONGITUDE = Limit("longitude", 360.0, "deg", "metres", _largest_norm(slice(1, 2)))
 
-_POSITION = ("x [m]", "y [m]", "z [m]")
-_ROTATION = ("rx [rad]", "ry [rad]", "rz [rad]")
 
 SENSOR_KINDS: dict[str, SensorKind] = {
     kind.name: kind
@@ -117,14 +126,6 @@ SENSOR_KINDS: dict[str, SensorKind] = {
         SensorKind("pose", _POSITION + _ROTATION, (_PACE, _POSE_TURN)),
         SensorKind("geodetic", ("latitude [deg]", "longitude [deg]", "height [m]"), (_LATITUDE, _LONGITUDE)),
     )
-}
-
-# Kinds of stream that each sensor of a drive can use, the best first.
-SENSORS: dict[str, tuple[str, ...]] = {
-    "odometer": ("distance", "speed", "velocity"),
-    "imu": ("angular_rate", "orientation"),
-    "ins": ("pose",),
-    "gps": ("position", "geodetic"),
 }
 
 
@@ -147,10 +148,6 @@ def sensor_kind(name: str) -> SensorKind:
         If there is no kind of that name.
     """
     return looked_up("kind", name, SENSOR_KINDS)
-
-
-# A gap of up to this many usual periods is bridged unless the stream says otherwise.
-BRIDGED_PERIODS = 5.0
 
 
 class ImplausibleSample(InvalidArgument):

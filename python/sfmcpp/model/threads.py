@@ -10,6 +10,8 @@ from typing import TypeVar
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+# Told the stage, how much of it is done and of how much; True asks to stop.
+Progress = Callable[[str, int, int], bool]
 
 
 def on_threads(
@@ -31,10 +33,6 @@ def on_threads(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-# Told the stage, how much of it is done and of how much; True asks to stop.
-Progress = Callable[[str, int, int], bool]
 
 
 def silent(stage: str, done: int, total: int) -> bool:

@@ -12,7 +12,7 @@ from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjusting import FINE, adjusted
+from sfmcpp.sfm.adjustment import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings

@@ -33,6 +33,10 @@ USUAL_FOCAL = 1.2
 # Focal lengths of lenses, from the widest to the longest, as parts of the longer side of an image.
 _SHORTEST, _LONGEST = 0.1, 100.0
 PERSPECTIVE = camera_model("perspective").intrinsics
+CameraArgument = str | float | PathLike[str] | ArrayLike
+_RULE = (
+    "must be 'auto', 'exif', a focal length in pixels, a file (K.txt, calib.txt, YAML, XML), or intrinsics"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +200,6 @@ def _require_inside(row: FloatArray, width: int, height: int) -> None:
         if side and not 0.25 * side < at < 0.75 * side:
             rule = "must be near the middle: is the calibration of images of another size?"
             raise InvalidArgument(f"camera: {name} = {at:g} px in images of {width}×{height}: {rule}")
-
-
-CameraArgument = str | float | PathLike[str] | ArrayLike
-_RULE = (
-    "must be 'auto', 'exif', a focal length in pixels, a file (K.txt, calib.txt, YAML, XML), or intrinsics"
-)
 
 
 @dataclass(frozen=True, eq=False)

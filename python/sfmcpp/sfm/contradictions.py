@@ -24,6 +24,23 @@ _MANY = 30
 # A pair contradicts the model if less than this part of its matches agrees with it.
 _AGREE = 0.5
 _NORMALISED = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+# Pairs of each image that are looked at: those with most matches, which a fold makes of what it folds.
+_PARTNERS = 6
+_FEWEST_MATCHES = 15
+# An image tells of a neighbour what it shows if it sees it from nearly there and from as far away [deg]: from
+# more to the side, something else may stand in between.
+_LARGEST_ANGLE_DEG, _LARGEST_SCALE = 6.0, 4 / 3
+# A point seen under less than this may be anywhere on its ray, and shows a turn of the camera only [deg].
+_LEAST_ANGLE_DEG, _ANY_ANGLE_DEG = 0.5, 3.0
+_FAR = 1e6
+# Of what both should show, so much must be matched: with less, nothing can be told of a part of the image.
+_FEWEST_POINTS, _LEAST_RATE = 50, 0.5
+_BORDER = 0.03
+# Nothing is matched in three by three cells of so many along the image, where so many points should be …
+_CELLS, _FEWEST_IN_CELLS = 24, 6
+# … and that of so many points, in both images, in so many pairs, and such a part of all that are looked at,
+# and of so many points of all these pairs. Of sets that are as they should be hardly a pair has one.
+_FEWEST_MISSING, _FEWEST_PAIRS, _LEAST_PART, _FEWEST_IN_ALL = 4, 2, 0.01, 16
 
 
 def contradicting_pairs(graph: MatchGraph, world: Map, settings: IncrementalSettings) -> list[Pair]:
@@ -73,25 +90,6 @@ def warning_of(graph: MatchGraph, pairs: list[Pair]) -> str:
         f"{len(pairs)} pairs of images match well but contradict the model, first {names} "
         f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded"
     )
-
-
-# Pairs of each image that are looked at: those with most matches, which a fold makes of what it folds.
-_PARTNERS = 6
-_FEWEST_MATCHES = 15
-# An image tells of a neighbour what it shows if it sees it from nearly there and from as far away [deg]: from
-# more to the side, something else may stand in between.
-_LARGEST_ANGLE_DEG, _LARGEST_SCALE = 6.0, 4 / 3
-# A point seen under less than this may be anywhere on its ray, and shows a turn of the camera only [deg].
-_LEAST_ANGLE_DEG, _ANY_ANGLE_DEG = 0.5, 3.0
-_FAR = 1e6
-# Of what both should show, so much must be matched: with less, nothing can be told of a part of the image.
-_FEWEST_POINTS, _LEAST_RATE = 50, 0.5
-_BORDER = 0.03
-# Nothing is matched in three by three cells of so many along the image, where so many points should be …
-_CELLS, _FEWEST_IN_CELLS = 24, 6
-# … and that of so many points, in both images, in so many pairs, and such a part of all that are looked at,
-# and of so many points of all these pairs. Of sets that are as they should be hardly a pair has one.
-_FEWEST_MISSING, _FEWEST_PAIRS, _LEAST_PART, _FEWEST_IN_ALL = 4, 2, 0.01, 16
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from sfmcpp.model.checks import require_count, require_positive, require_seed, r
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.model.threads import Progress, in_order, silent, thread_count
 from sfmcpp.sfm.cache import Arrays, Cache, cache_key
-from sfmcpp.sfm.given_matches import one_for_one
+from sfmcpp.sfm.imported_matches import one_for_one
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
 from sfmcpp.sources.vision import (
     FeatureSettings,

@@ -24,7 +24,7 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjusting import FINE
+from sfmcpp.sfm.adjustment import FINE
 from sfmcpp.sfm.position_checks import beyond_judgement, swapped_axes, unchecked
 from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome

@@ -17,7 +17,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sfm.adjusting import FINE, ROUGH, adjust_all, adjust_around
+from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.match_graph import Pair

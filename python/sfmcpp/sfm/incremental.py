@@ -17,6 +17,8 @@ from sfmcpp.sfm.settings import IncrementalSettings
 
 # Models that are tried to start at most: photos of nothing fall into as many parts as there are.
 _MODELS = 50
+# Points of both models agree if most are nearer than this part of the spread of the common ones.
+_MAX_DISTANCE = 0.02
 
 
 @dataclass(eq=False)
@@ -110,10 +112,6 @@ def _joined_with_one(models: list[Map], world: Map, settings: IncrementalSetting
 
 def _is_worth_it(world: Map, settings: IncrementalSettings) -> bool:
     return bool(np.count_nonzero(world.registered) >= settings.min_model_images)
-
-
-# Points of both models agree if most are nearer than this part of the spread of the common ones.
-_MAX_DISTANCE = 0.02
 
 
 def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:

@@ -18,6 +18,12 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 _LEAST_REDUNDANCY = 0.1
 # What no similarity explains of a position, in parts of its distance from the others, makes it a lie.
 _UNEXPLAINED = 0.1
+# Of fewer pairs, honest ones of 1 m in a flat scene fit a mirrored model as well by chance.
+_LEAST_PAIRS = 8
+_MUCH_BETTER = 0.5
+# Mean height of a direction of unit length over all cameras: of what is up in images, and of where they look.
+_HEADS_DOWN, _TO_THE_SKY = -0.3, 0.8
+_MIRROR = np.array([1.0, 1.0, -1.0])
 
 
 def unchecked(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> BoolArray:
@@ -80,14 +86,6 @@ def _explained(centres: FloatArray, metres: FloatArray, trusted: BoolArray, imag
     left = np.linalg.norm(placed.apply(centres[image]) - metres[image])
     lever = np.linalg.norm(metres[image] - metres[trusted].mean(axis=0))
     return bool(left <= _UNEXPLAINED * lever)
-
-
-# Of fewer pairs, honest ones of 1 m in a flat scene fit a mirrored model as well by chance.
-_LEAST_PAIRS = 8
-_MUCH_BETTER = 0.5
-# Mean height of a direction of unit length over all cameras: of what is up in images, and of where they look.
-_HEADS_DOWN, _TO_THE_SKY = -0.3, 0.8
-_MIRROR = np.array([1.0, 1.0, -1.0])
 
 
 def swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:

@@ -23,6 +23,7 @@ from sfmcpp.sources.vision.photos import open_photos
 _GRID_M = 1000.0
 # A position at zero is none where the others are farther from there than any flight goes [m].
 _FAR_M = 100e3
+WORDS = ("auto", "exif", "none")
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,9 +221,6 @@ def _parts(name: str) -> tuple[str, ...]:
     *folders, file = PureWindowsPath(name).parts or (name,)
     path = PurePath(file)
     return (*folders, path.stem + path.suffix.lower())
-
-
-WORDS = ("auto", "exif", "none")
 
 
 def known_positions(gps: str | PathLike[str]) -> NamedPositions | None:

@@ -25,13 +25,13 @@ from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, Cameras, CameraWish, camera_wish
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
-from sfmcpp.sfm.given_matches import match_graph_of_database
-from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
+from sfmcpp.sfm.imported_matches import match_graph_of_database
+from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined, photos_of
 from sfmcpp.sfm.incremental import Grown, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of, warnings_of_folder
 from sfmcpp.sfm.positions import Positions, known_positions, positions_wanted
-from sfmcpp.sfm.refining import Refinement, refine_models
+from sfmcpp.sfm.refinement import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings

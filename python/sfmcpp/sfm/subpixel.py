@@ -31,6 +31,11 @@ Numbers = NDArray[np.intp]
 
 # Of an image of a patch over its area in the reference: less is seen from the side, or from behind.
 _LEAST_AREA = 0.05
+Templates = NDArray[np.float32]
+# Templates of so many points are kept at a time: 60 MB for each size of patches.
+_POINTS_AT_ONCE = 50_000
+# A photo in grey with its smaller copies takes 130 MB where it has 24 megapixels.
+_MOST_READERS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +97,6 @@ def inverses(matrices: FloatArray) -> FloatArray:
     (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.moveaxis(np.array([[d, -b], [-c, a]]) / determinants(matrices), -1, 0))
-
-
-Templates = NDArray[np.float32]
-
-# Templates of so many points are kept at a time: 60 MB for each size of patches.
-_POINTS_AT_ONCE = 50_000
-# A photo in grey with its smaller copies takes 130 MB where it has 24 megapixels.
-_MOST_READERS = 8
 
 
 @dataclass(frozen=True)

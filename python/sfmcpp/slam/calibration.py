@@ -18,9 +18,9 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
 from sfmcpp.model.rigs import composed
 from sfmcpp.sensors import Turn, camera_displacement, check_bends, check_position_clock
-from sfmcpp.slam.fusing import presumed_weights
+from sfmcpp.slam.fusion import presumed_weights
+from sfmcpp.slam.motion_sensors import Gps, Gyroscope, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import Gps, Gyroscope, MotionSensor, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap

@@ -19,8 +19,8 @@ from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
 from sfmcpp.sensors import Turn
 from sfmcpp.slam.experience import Experience
+from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, Path, SlamResult
-from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.sources.frames import FrameSource
@@ -30,6 +30,27 @@ Order = Literal["C", "F"]
 _PLAIN = (type(None), bool, int, float, str)
 _SEQUENCES: dict[str, type] = {kind.__name__: kind for kind in (list, tuple, set, frozenset)}
 _TREE = "tree"
+_CLASSES = (
+    ConflictReport,
+    Experience,
+    FinalAdjustment,
+    Frame,
+    Gap,
+    Keyframe,
+    KeyframeRecord,
+    Measurement,
+    Path,
+    RightView,
+    SlamResult,
+    Table,
+    Tracks,
+    Turn,
+    View,
+    WeightSelection,
+    WeightedMeasurement,
+    WorldMap,
+)
+State = dict[str, Any]
 
 
 def flatten(value: Any) -> dict[str, NDArray[Any]]:
@@ -156,30 +177,6 @@ class _Unflattening:
         for attribute, node in state:
             object.__setattr__(made, attribute, self.value(node))
         return made
-
-
-_CLASSES = (
-    ConflictReport,
-    Experience,
-    FinalAdjustment,
-    Frame,
-    Gap,
-    Keyframe,
-    KeyframeRecord,
-    Measurement,
-    Path,
-    RightView,
-    SlamResult,
-    Table,
-    Tracks,
-    Turn,
-    View,
-    WeightSelection,
-    WeightedMeasurement,
-    WorldMap,
-)
-
-State = dict[str, Any]
 
 
 class SlamCheckpoints:

@@ -21,8 +21,8 @@ from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import require_metres
 from sfmcpp.slam.frame_run import run_slam
+from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive

@@ -9,8 +9,8 @@ from sfmcpp.ba.adjust import goes_on
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
 from sfmcpp.slam.checkpoints import SlamCheckpoints
+from sfmcpp.slam.motion_sensors import MotionSensor
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam
 from sfmcpp.sources.frames import FrameSource

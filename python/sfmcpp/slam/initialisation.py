@@ -17,11 +17,11 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
 from sfmcpp.slam.calibration import remove_biases
-from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
+from sfmcpp.slam.fusion import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
+from sfmcpp.slam.motion_sensors import Measurement
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit

@@ -12,9 +12,9 @@ from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.names import Loss
 from sfmcpp.sensors.registration import OPEN_ROLL_RAD
-from sfmcpp.slam.fusing import constraint_groups
+from sfmcpp.slam.fusion import constraint_groups
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, PLACE_KINDS
 from sfmcpp.slam.result import FinalAdjustment, SlamResult
-from sfmcpp.slam.sensing import METRIC_KINDS, PLACE_KINDS
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import RIGID, with_right_views
 from sfmcpp.slam.world_map import WorldMap
@@ -27,6 +27,12 @@ HELD_KEYFRAMES = 2
 # third of the first disparities is off by some 30 %. With Huber's loss they bend the scale.
 _LOSS: tuple[Loss, float] = ("huber", 2.0)
 _STEREO_LOSS: tuple[Loss, float] = ("cauchy", 1.0)
+# Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
+_LOSS_PX = 1.0
+# Digits of the cost that would be bought with what hardly any image tells.
+_TOLERANCE = 1e-5
+# The group of constraints that holds turns where positions do not.
+_AS_LEFT = "as left"
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
@@ -81,14 +87,6 @@ def drop_outliers(world: WorldMap, local: LocalProblem, settings: SlamSettings) 
     both = with_right_views(world, local)
     errors = reprojection_errors_px(both.problem, both.problem.points)
     both.drop(errors > settings.outlier_px, settings.min_views)
-
-
-# Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
-_LOSS_PX = 1.0
-# Digits of the cost that would be bought with what hardly any image tells.
-_TOLERANCE = 1e-5
-# The group of constraints that holds turns where positions do not.
-_AS_LEFT = "as left"
 
 
 def finish_map(result: SlamResult, settings: SlamSettings) -> None:

@@ -14,7 +14,7 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import predict_pose
-from sfmcpp.slam.fusing import Fused
+from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
 

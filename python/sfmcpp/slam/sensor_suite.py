@@ -25,8 +25,8 @@ from sfmcpp.sensors import (
     without_bias,
 )
 from sfmcpp.slam.experience import Experience
-from sfmcpp.slam.fusing import Fused
-from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+from sfmcpp.slam.fusion import Fused
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")

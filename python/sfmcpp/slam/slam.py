@@ -11,16 +11,16 @@ from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
-from sfmcpp.slam.between import settle_between, settled
+from sfmcpp.slam.between_keyframes import settle_between, settled
 from sfmcpp.slam.calibration import calibrate, doubt_positions
 from sfmcpp.slam.checkpoints import State
-from sfmcpp.slam.fusing import fuse
+from sfmcpp.slam.fusion import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
-from sfmcpp.slam.registering import place_in_world
+from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
+from sfmcpp.slam.registration import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
-from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap

@@ -24,6 +24,8 @@ from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
+_ROOT, _IMAGES, _RATES = "mav0", "cam0/data", "imu0/data.csv"
+_TRUTH = "state_groundtruth_estimate0/data.csv"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,10 +238,6 @@ def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajector
     streams = {} if folder.rates is None else read_sensor_csv(folder.rates)
     truth = None if mounting is None else folder.camera_truth(mounting)
     return truth, _Sensors(streams, mounting)
-
-
-_ROOT, _IMAGES, _RATES = "mav0", "cam0/data", "imu0/data.csv"
-_TRUTH = "state_groundtruth_estimate0/data.csv"
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ _LEAST_FREE = 0.3
 _MEDIAN_SPREAD = 1.17
 # The smallest probability whose quantile the normal distribution still gives.
 _LEAST_PROBABILITY = 1e-300
+# Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
+LIE_SIGMAS = 4.6
 
 
 @checked()
@@ -226,10 +228,6 @@ def _limit(count: int, members: int) -> float:
     """
     rare = -NormalDist().inv_cdf(NormalDist().cdf(-CONFLICT_SIGMAS) / count)
     return rare * (1 + _MEDIAN_SPREAD / math.sqrt(members))
-
-
-# Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
-LIE_SIGMAS = 4.6
 
 
 def agreeing_members(

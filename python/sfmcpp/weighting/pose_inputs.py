@@ -17,6 +17,8 @@ from sfmcpp.weighting.units import ConstraintUnit, unit_of
 
 # No image is measured better: perfect synthetic ones have no variance to compare with.
 LEAST_SIGMA = 1e-3
+# Constraints on intrinsics are no constraints on one pose.
+POSE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses)
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,6 @@ class PoseView:
             "sigma_px": self.sigma_px,
             "covariance_px2": self.covariance_px2,
         }
-
-
-# Constraints on intrinsics are no constraints on one pose.
-POSE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from conftest import REPOSITORY
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
-from sfmcpp.cli.stopping import lost_interrupts_again
+from sfmcpp.cli.interrupts import lost_interrupts_again
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")

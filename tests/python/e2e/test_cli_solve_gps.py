@@ -13,7 +13,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.io.position_csv import read_position_csv
-from sfmcpp.sources.synthetic.photos.writing import Told, write_photo
+from sfmcpp.sources.synthetic.photos.photo_files import Told, write_photo
 
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 

@@ -16,6 +16,7 @@ from sfmcpp.sfm.batch.pairs import PairGeometry
 _LEAST_TRACKS = 8
 _SIZES = (3, 4, 5, 6, 8, 10)
 _LEAST_PART = 0.4
+_SETTLED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +208,6 @@ def depth_ratios(fundamental: FloatArray, rays_1: FloatArray, rays_2: FloatArray
     length = (across**2).sum(axis=1)
     along = (across * (rays_2 @ fundamental.T)).sum(axis=1)
     return np.asarray(along / np.maximum(length, np.finfo(np.float64).tiny))
-
-
-_SETTLED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,8 @@ from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
 _LINEAR_ROUNDS, _ROBUST_ROUNDS = 3, 4
 _LEAST_DEPTH_RATIO = 1e-3
+_SAMPLE_SIZE, _SAMPLES, _BATCH = 6, 400, 100
+_REFITS = 5
 
 
 def triangulate(
@@ -94,10 +96,6 @@ def _turned_to_front(
     side = np.sign(np.einsum("mj,mj->m", cameras[image, 2], points[track]))
     total = np.bincount(track, np.nan_to_num(side), measured.num_tracks)
     return np.where(total[:, None] < 0, -points, points)
-
-
-_SAMPLE_SIZE, _SAMPLES, _BATCH = 6, 400, 100
-_REFITS = 5
 
 
 def resect(rays: FloatArray, points: FloatArray, limit: float, seed: int) -> tuple[FloatArray, BoolArray]:

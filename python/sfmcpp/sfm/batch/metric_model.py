@@ -32,6 +32,14 @@ _MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2.0)))
 _LEAST_LIMIT_PX = 0.1
 # Errors before the first adjustment that all count the same.
 _FAR_PX = 30.0
+_ROUNDS = 3
+# Tolerances of merging, in multiples of the largest error of an observation: wide at first, as what has
+# drifted lies beside itself, then as narrow as the errors are.
+_TOLERANCES = (1.5, 0.75, 0.4)
+# The last tolerance, in multiples of the error from which on an observation is an outlier.
+_NARROWEST = 2.0
+# Share by which the errors of tracks that were not merged may grow where others are.
+_TOLERATED_GROWTH = 0.25
 
 
 @dataclass(frozen=True)
@@ -294,16 +302,6 @@ def share_intrinsics(model: MetricModel) -> None:
 def _plain_metadata(metadata: Metadata) -> Metadata:
     """What stays true of the observations and points of the result: names, sizes, colours."""
     return replace(metadata, extra={})
-
-
-_ROUNDS = 3
-# Tolerances of merging, in multiples of the largest error of an observation: wide at first, as what has
-# drifted lies beside itself, then as narrow as the errors are.
-_TOLERANCES = (1.5, 0.75, 0.4)
-# The last tolerance, in multiples of the error from which on an observation is an outlier.
-_NARROWEST = 2.0
-# Share by which the errors of tracks that were not merged may grow where others are.
-_TOLERATED_GROWTH = 0.25
 
 
 def refine(model: MetricModel, plan: AdjustmentPlan) -> None:

@@ -19,6 +19,19 @@ from sfmcpp.sfm.batch.direct_linear import reprojection_errors_px, resect, trian
 from sfmcpp.sfm.batch.measurements import Indices, Measurements, measure
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 
+# Errors above this many robust standard deviations of one coordinate are outliers.
+OUTLIER_SIGMAS = 5.0
+# Median length of a normal deviate of two coordinates, σ = 1.
+_MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
+# What an image must see to stay: so many kept observations, and that share of the plausible ones.
+_LEAST_SEEN, _LEAST_SHARE = 10, 0.3
+_MAX_ROUNDS, _SETTLED = 10, 2e-3
+_FIRST_LIMIT = 8.0
+# From bent starts, long chains above all, Levenberg–Marquardt steps creep where those of the dog-leg do not.
+_MOST_STEPS = 100
+# Relative decrease of the cost at which adjustments end: those that others follow, and the last.
+_COARSE, _FINE = 1e-4, 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class ProjectiveReconstruction:
@@ -141,20 +154,6 @@ def _failed(tracks: ImageTracks, message: str) -> ProjectiveReconstruction:
     none = np.empty(0, dtype=np.int64)
     left_out = dict.fromkeys(range(tracks.num_images), message)
     return ProjectiveReconstruction(None, none, none, none, float("nan"), left_out, message)
-
-
-# Errors above this many robust standard deviations of one coordinate are outliers.
-OUTLIER_SIGMAS = 5.0
-# Median length of a normal deviate of two coordinates, σ = 1.
-_MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
-# What an image must see to stay: so many kept observations, and that share of the plausible ones.
-_LEAST_SEEN, _LEAST_SHARE = 10, 0.3
-_MAX_ROUNDS, _SETTLED = 10, 2e-3
-_FIRST_LIMIT = 8.0
-# From bent starts, long chains above all, Levenberg–Marquardt steps creep where those of the dog-leg do not.
-_MOST_STEPS = 100
-# Relative decrease of the cost at which adjustments end: those that others follow, and the last.
-_COARSE, _FINE = 1e-4, 1e-6
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ DEGREES = {"deg": 1.0, "rad": 180 / math.pi}
 _ALIASES = {"°": "deg", "degree": "deg", "degrees": "deg", "decimaldegrees": "deg", "radians": "rad"}
 _ALIASES |= dict.fromkeys(("metre", "metres", "meter", "meters"), "m")
 _ALIASES |= {"foot": "ft", "feet": "ft", "usft": "us-ft", "ftus": "us-ft", "us-feet": "us-ft"}
+_SEPARATORS = "\t;"
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
 def unit_factor(header: str, unit: str, units: dict[str, float]) -> float:
@@ -33,10 +35,6 @@ def unit_factor(header: str, unit: str, units: dict[str, float]) -> float:
         what = f"has the unknown unit {unit!r}" if unit else "names no unit"
         raise ValueError(f"column {header!r} {what}: must be one of {', '.join(f'[{u}]' for u in units)}")
     return units[normal]
-
-
-_SEPARATORS = "\t;"
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:

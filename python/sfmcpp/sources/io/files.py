@@ -27,6 +27,12 @@ BLANKS = b" \t\n\r\v\f"
 _PIECE_BYTES, _CHUNK_BYTES, _COMPRESSED_BYTES = 16 << 20, 1 << 20, 4096
 _GZIP_HEADER = 16 + zlib.MAX_WBITS
 _XZ_MEMORY_BYTES = 256 << 20
+MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
+# Tracks of a drive, mostly "not seen", shrink to an 86th; text shrinks to a tenth at best.
+_EXPANSION = 100
+_ALWAYS_READABLE_BYTES, _MOST_EXPANDED_BYTES = 64 << 20, 2 << 30
+_MOST_DIGITS = 18
+_MOST_PIXELS = 160_000_000  # the largest sensors have 150 million
 
 
 class _Decompressor(Protocol):
@@ -222,15 +228,6 @@ def _next_piece(path: Path, stream: _Decompressor, piece: bytes, begin: int) -> 
         else:
             reason = f"not valid {kind} data ({error})"
         raise DatasetError(path, reason) from error
-
-
-MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
-
-# Tracks of a drive, mostly "not seen", shrink to an 86th; text shrinks to a tenth at best.
-_EXPANSION = 100
-_ALWAYS_READABLE_BYTES, _MOST_EXPANDED_BYTES = 64 << 20, 2 << 30
-_MOST_DIGITS = 18
-_MOST_PIXELS = 160_000_000  # the largest sensors have 150 million
 
 
 def largest_expansion(size: int) -> int:

@@ -24,6 +24,11 @@ from sfmcpp.sources.io.number_text import NumberText
 _CENTRED = ("bal", "bundler")
 _ARRAYS = ("camera_index", "point_index", "pixels")
 _TABLE_SUFFIXES = (".txt", ".csv", ".tsv", ".tracks")
+NOT_SEEN = -1.0
+_NAMES = (("image", "track", "x", "y"), ("track", "image", "x", "y"))
+_HEAD_BYTES = 1 << 16
+_VARIABLE, _COLUMNS = "Image", 6
+_FILE = re.compile(r"Image(\d+)\.mat")
 
 
 def read_image_tracks(path: str | PathLike[str]) -> ImageTracks:
@@ -132,12 +137,6 @@ def _checked(
     return ImageTracks(found.names, found.sizes, found.centres, found.image_index, track, found.pixels)
 
 
-NOT_SEEN = -1.0
-
-_NAMES = (("image", "track", "x", "y"), ("track", "image", "x", "y"))
-_HEAD_BYTES = 1 << 16
-
-
 def read_vgg(path: Path) -> ImageTracks:
     """Read VGG's matrix: a row for each track, a pair ``x y`` for each image, ``-1 -1`` where it is not seen.
 
@@ -224,10 +223,6 @@ def _require_once(text: NumberText, images: NDArray[np.int64], tracks: NDArray[n
     if same.any():
         second = int(order[1:][same].min())
         raise text.error(f"image {images[second]} sees track {tracks[second]} twice", 4 * second)
-
-
-_VARIABLE, _COLUMNS = "Image", 6
-_FILE = re.compile(r"Image(\d+)\.mat")
 
 
 def is_malaga_folder(folder: Path) -> bool:

@@ -34,6 +34,29 @@ from sfmcpp.sources.io.csv_text import (
 
 Triple = tuple[float, float, float]
 Row = tuple[int, list[str]]
+_NAMES = (
+    *("name", "image", "file", "filename", "label", "photo", "sourcefile"),
+    *("image name", "file name", "photo name"),
+)
+_INDEX = ("index", "number", "camera")
+# Heights above the ellipsoid go before those that may be others.
+_HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
+_GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
+_METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
+_ALL_AXES = "x y z"
+_SIGMAS = (
+    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", _ALL_AXES),
+    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", _ALL_AXES),
+    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", _ALL_AXES),
+)
+_SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
+# Those of RTKLIB, in one word.
+_SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
+# Metashape names an axis in two ways at once: X/Longitude, Y/North.
+_AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
+# So many numbers are a line of a table, no header.
+_NUMBERS = 3
+_WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
 
 @dataclass(frozen=True)
@@ -159,31 +182,6 @@ def _sigmas(source: Path, line: int, cells: list[str], columns: Sequence[Column]
 def _numbers(source: Path, line: int, cells: list[str], columns: Sequence[Column]) -> Triple:
     x, y, z = (finite_number(source, line, c.header, cells[c.place], c.factor) for c in columns)
     return x, y, z
-
-
-_NAMES = (
-    *("name", "image", "file", "filename", "label", "photo", "sourcefile"),
-    *("image name", "file name", "photo name"),
-)
-_INDEX = ("index", "number", "camera")
-# Heights above the ellipsoid go before those that may be others.
-_HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
-_GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
-_METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
-_ALL_AXES = "x y z"
-_SIGMAS = (
-    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", _ALL_AXES),
-    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", _ALL_AXES),
-    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", _ALL_AXES),
-)
-_SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
-# Those of RTKLIB, in one word.
-_SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
-# Metashape names an axis in two ways at once: X/Longitude, Y/North.
-_AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
-# So many numbers are a line of a table, no header.
-_NUMBERS = 3
-_WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
 
 @dataclass(frozen=True)

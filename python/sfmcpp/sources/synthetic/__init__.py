@@ -6,8 +6,8 @@ A new one is a module with a function, and a line here.
 from collections.abc import Callable
 
 from sfmcpp.model import Problem
-from sfmcpp.sources.synthetic.around import circle_scene, sphere_scene
 from sfmcpp.sources.synthetic.body_motion import BodySensors, SyntheticDrive
+from sfmcpp.sources.synthetic.circle_and_sphere import circle_scene, sphere_scene
 from sfmcpp.sources.synthetic.corridor import corridor_scene, rig_walk_scene
 from sfmcpp.sources.synthetic.disturbances import add_outliers, hide_observations, perturb
 from sfmcpp.sources.synthetic.photo_collection import photo_collection_scene

@@ -16,6 +16,10 @@ from sfmcpp.sources.synthetic.sight import Sight
 FORWARD = np.array([1.0, 0.0, 0.0])
 """World direction in which the corridor runs."""
 _EYE_HEIGHT_SHARE = 0.6
+_SENSORS = 3
+_SWAY_RAD = 0.1
+_DOWN = np.array([0.0, 1.0, 0.0])
+_CORRIDOR_M = (3.0, 2.5)
 
 
 @checked()
@@ -98,12 +102,6 @@ def _on_section(count: int, width_m: float, height_m: float, rng: np.random.Gene
     corners_m = np.cumsum([0.0, width_m, height_m, width_m, height_m])
     around_m = rng.uniform(0, corners_m[-1], count)
     return np.stack([np.interp(around_m, corners_m, side) for side in outline.T], axis=1)
-
-
-_SENSORS = 3
-_SWAY_RAD = 0.1
-_DOWN = np.array([0.0, 1.0, 0.0])
-_CORRIDOR_M = (3.0, 2.5)
 
 
 @checked()

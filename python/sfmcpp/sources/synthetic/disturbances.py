@@ -14,6 +14,9 @@ from sfmcpp.sources.synthetic.observation import keep_points_seen_twice
 
 # Streams of their own: with that of a scene, equal seeds would tie the noise to the positions of the points.
 _PERTURBED, _OUTLIERS = (1,), (2,)
+PATTERNS = ("scattered", "runs")
+# Streams of their own, as those of noise and outliers.
+_MISSING = (3,)
 
 
 @checked()
@@ -143,11 +146,6 @@ def _moved(problem: Problem, steps: FloatArray, turns: FloatArray) -> FloatArray
         [poses[:, :, :3] @ turns[: len(poses)], poses[:, :, 3:] + steps[: len(poses), :, None]], axis=2
     )
     return moved if problem.rigs is None else problem.rigs.cameras(moved)
-
-
-PATTERNS = ("scattered", "runs")
-# Streams of their own, as those of noise and outliers.
-_MISSING = (3,)
 
 
 @checked()

@@ -17,6 +17,16 @@ from sfmcpp.sources.synthetic.observation import keep_points_seen_twice, observe
 from sfmcpp.sources.synthetic.sight import Sight
 from sfmcpp.sources.synthetic.streets import FRONT_HEIGHT_M, Route, StreetGrid, street_drive
 
+# One lap, and a part of the next to look ahead to.
+_BLOCK_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0), (1, 0))
+# How many blocks the way goes straight before a detour, and how far aside the detour leads: repeated.
+_STRAIGHT_BLOCKS = (2, 6, 3, 8, 5, 10, 4)
+_ASIDE_BLOCKS = (2, 1, 4, 3, 2)
+# After a round trip so many blocks are driven again at least.
+_BLOCKS_AGAIN = 2
+_Block = NDArray[np.int64]
+_EAST, _NORTH, _WEST, _SOUTH = np.array([1, 0]), np.array([0, 1]), np.array([-1, 0]), np.array([0, -1])
+
 
 @checked()
 def city_blocks_scene(
@@ -99,10 +109,6 @@ def _rows_and_columns(blocks: float) -> list[tuple[int, int]]:
     return rows + columns[1:]
 
 
-# One lap, and a part of the next to look ahead to.
-_BLOCK_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0), (1, 0))
-
-
 @checked()
 def street_loop_scene(
     num_cameras: int = 160,
@@ -180,16 +186,6 @@ def _fronts(count: int, grid: StreetGrid, rng: np.random.Generator) -> FloatArra
     on_length = rng.uniform(size=count) < sides_m[0] / sides_m.sum()
     on_square = np.where(on_length, [along, end], [end, along]).T
     return np.column_stack([sides_m / 2 + on_square * halves_m, rng.uniform(0, FRONT_HEIGHT_M, count)])
-
-
-# How many blocks the way goes straight before a detour, and how far aside the detour leads: repeated.
-_STRAIGHT_BLOCKS = (2, 6, 3, 8, 5, 10, 4)
-_ASIDE_BLOCKS = (2, 1, 4, 3, 2)
-# After a round trip so many blocks are driven again at least.
-_BLOCKS_AGAIN = 2
-
-_Block = NDArray[np.int64]
-_EAST, _NORTH, _WEST, _SOUTH = np.array([1, 0]), np.array([0, 1]), np.array([-1, 0]), np.array([0, -1])
 
 
 @checked()

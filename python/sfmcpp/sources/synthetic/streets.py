@@ -21,6 +21,13 @@ LOOK_AHEAD_M = 12.0
 FRONT_HEIGHT_M = 7.5
 # Balconies and bay windows: how far fronts stand out, so that no street is made of two planes.
 _RELIEF_M = 0.5
+_POINTS_PER_CAMERA = 100
+# Of the tracks of BAL's problem-49-7776 a share of about (2/k)^1.45 is of k or more observations. To begin
+# below two, and to drop what is then seen once, gives the shortest tracks their share.
+_TRACK_EXPONENT = 1.45
+SHORTEST_TRACK = 1.5
+# From a number of blocks to crossings along a way at least so long.
+Crossings = Callable[[float], list[tuple[int, int]]]
 
 
 @dataclass(frozen=True)
@@ -112,16 +119,6 @@ class Route:
 def _turned_left(angle_deg: float) -> FloatArray:
     angle = np.deg2rad(angle_deg)
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-_POINTS_PER_CAMERA = 100
-# Of the tracks of BAL's problem-49-7776 a share of about (2/k)^1.45 is of k or more observations. To begin
-# below two, and to drop what is then seen once, gives the shortest tracks their share.
-_TRACK_EXPONENT = 1.45
-SHORTEST_TRACK = 1.5
-
-# From a number of blocks to crossings along a way at least so long.
-Crossings = Callable[[float], list[tuple[int, int]]]
 
 
 def street_drive(

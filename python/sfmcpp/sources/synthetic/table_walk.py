@@ -27,6 +27,8 @@ _WALL_POINTS_PER_M2 = 6.0
 _WANDER_M = np.array([0.02, 0.02, 0.015])
 _TILT_RAD = np.deg2rad([2.0, 2.0, 1.5])
 _HAND_HZ = (0.05, 0.5)
+# A point on a box is not hidden by the surface it lies on.
+_SURFACE_M = 1e-6
 
 
 def table_walk(
@@ -151,10 +153,6 @@ def _walls(rng: np.random.Generator) -> FloatArray:
     )
     floor = rng.uniform(-0.5, 0.5, (round(_WALL_POINTS_PER_M2 * length * width), 3)) * [length, width, 0]
     return np.concatenate([walls, floor])
-
-
-# A point on a box is not hidden by the surface it lies on.
-_SURFACE_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

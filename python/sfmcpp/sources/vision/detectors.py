@@ -36,6 +36,14 @@ _CANDIDATES, _LEAST_CANDIDATES = 3.0, 8192
 # Part of the features that are the largest blobs there are: they are found again in other photos most often.
 # The others are placed most accurately.
 _LARGEST = 2 / 3
+# Sides of the squares [px] over which the structure tensor is summed, and a corner's place is refined (half).
+_BLOCK_PX, _REFINED_HALF_PX = 5, 4
+_LEAST_SIDE_PX = 2 * _REFINED_HALF_PX + 5
+_MIN_DISTANCE_PX = 4
+_FARTHEST_PX = 2.0
+# Layer 2 of 3 of octave 0: a blur of 1.6 · 2^(2/3) px, as a SIFT descriptor of that size takes it.
+_LAYER, _BLUR_PX = 2, 1.6 * 2 ** (2 / 3)
+_ORIENTATION_BLUR_PX = 1.5 * _BLUR_PX
 
 
 class _Strip(NamedTuple):
@@ -129,16 +137,6 @@ def _sift(cv2: ModuleType, settings: _Settings) -> Any:
         descriptorType=cv2.CV_8U,
         enable_precise_upscale=True,
     )
-
-
-# Sides of the squares [px] over which the structure tensor is summed, and a corner's place is refined (half).
-_BLOCK_PX, _REFINED_HALF_PX = 5, 4
-_LEAST_SIDE_PX = 2 * _REFINED_HALF_PX + 5
-_MIN_DISTANCE_PX = 4
-_FARTHEST_PX = 2.0
-# Layer 2 of 3 of octave 0: a blur of 1.6 · 2^(2/3) px, as a SIFT descriptor of that size takes it.
-_LAYER, _BLUR_PX = 2, 1.6 * 2 ** (2 / 3)
-_ORIENTATION_BLUR_PX = 1.5 * _BLUR_PX
 
 
 def find_corners(cv2: ModuleType, image: SearchImage, kind: str, count: int, quality: float) -> Keypoints:

@@ -15,6 +15,8 @@ from sfmcpp.sources.vision.images import GreyImage
 
 # Harris and Stephens' k in det − k tr².
 HARRIS_K = 0.04
+# Features that are spread over cells, by cells.
+_PER_CELL = 8
 
 
 def cells_of(pixels: NDArray[Any], shape: tuple[int, int], columns: int, rows: int) -> NDArray[np.int64]:
@@ -32,10 +34,6 @@ def rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
     ranks = np.empty(len(groups), dtype=np.int64)
     ranks[order] = np.arange(len(groups)) - np.searchsorted(ordered, ordered)
     return ranks
-
-
-# Features that are spread over cells, by cells.
-_PER_CELL = 8
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,17 @@ from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 _NAMELESS = ("bal", "sba")
 # What `sfmcpp reconstruct` writes into its folder.
 _MODEL, _REPORT = "model", "report.json"
+# What numbers in names of images count: seconds, or the ns, µs and ms of data sets. Whole ones that all stay
+# below a million are frame numbers.
+_UNITS_S = (1.0, 1e-9, 1e-6, 1e-3)
+_FRAMES = 1e6
+_SHOWN = 3
+Rows = NDArray[np.int64]
+_KEYS: dict[str, Callable[[str], str]] = {
+    "name": str,
+    "file name": lambda name: PurePosixPath(name).name,
+    "stem": lambda name: PurePosixPath(name).stem.lower(),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +179,6 @@ def _no_model(path: Path) -> str:
     )
 
 
-# What numbers in names of images count: seconds, or the ns, µs and ms of data sets. Whole ones that all stay
-# below a million are frame numbers.
-_UNITS_S = (1.0, 1e-9, 1e-6, 1e-3)
-_FRAMES = 1e6
-_SHOWN = 3
-
-Rows = NDArray[np.int64]
-
-
 @dataclass(frozen=True, eq=False)
 class MatchedImages:
     """Images of the truth, and those of them that the model has.
@@ -227,13 +229,6 @@ def match_by_name(model: ImagePoses, truth: ImagePoses) -> MatchedImages:
             f"{_some(truth.names)}"
         )
     return best
-
-
-_KEYS: dict[str, Callable[[str], str]] = {
-    "name": str,
-    "file name": lambda name: PurePosixPath(name).name,
-    "stem": lambda name: PurePosixPath(name).stem.lower(),
-}
 
 
 def match_with_trajectory(

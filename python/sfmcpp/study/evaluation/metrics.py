@@ -24,6 +24,8 @@ DELTA_UNITS = ("frames", "m")
 SHORTEST_STEP_M = 0.01
 
 Errors = dict[str, FloatArray]
+# Baselines below this share of the truth's extent have no direction.
+_NO_BASELINE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -225,10 +227,6 @@ def _all_pairs_by_path(path: FloatArray, delta: float, relative_tolerance: float
     second = np.where(nearer, before, after)
     close = np.abs(path[second] - wanted) <= relative_tolerance * delta
     return np.stack([np.arange(len(path) - 1)[close], second[close]], axis=1)
-
-
-# Baselines below this share of the truth's extent have no direction.
-_NO_BASELINE = 1e-9
 
 
 @checked(estimate=("n", 3, 4), truth=("n", 3, 4))

@@ -9,13 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.study.pages.placing import framed
+from sfmcpp.study.pages.viewpoint import framed
 from sfmcpp.study.sfm_measures import ResidualMap
 
 _WIDTH, _HEIGHT = 480, 200
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 10, 34
 # Arrows of residuals: the longest that is not cut, in cells.
 _LONGEST_ARROW = 1.0
+_CAMERA = (213, 94, 0, 255)
+# Steps from few to many inliers, even in lightness.
+_RAMP = np.array(
+    [[222, 235, 247], [158, 202, 225], [66, 146, 198], [8, 81, 156], [8, 48, 107]], dtype=np.float64
+)
+_MOST_CELLS = 500
+Pixels = NDArray[np.uint8]
 
 
 def nice_ticks(highest: float, count: int = 4) -> list[float]:
@@ -178,16 +185,6 @@ def _axis_labels(x_label: str, y_label: str) -> str:
 def _svg(width: float, height: float, body: str, name: str) -> str:
     title = html.escape(name, quote=True)
     return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">{body}</svg>'
-
-
-_CAMERA = (213, 94, 0, 255)
-# Steps from few to many inliers, even in lightness.
-_RAMP = np.array(
-    [[222, 235, 247], [158, 202, 225], [66, 146, 198], [8, 81, 156], [8, 48, 107]], dtype=np.float64
-)
-_MOST_CELLS = 500
-
-Pixels = NDArray[np.uint8]
 
 
 def top_view(

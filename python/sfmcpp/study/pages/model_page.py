@@ -19,13 +19,14 @@ from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
 from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
 from sfmcpp.study.pages.parts import data_uri, filled_page, packed, save_page
-from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
+from sfmcpp.study.pages.viewpoint import camera_size, framed, turn_upright
 
 _TEMPLATE = "model_page.html"
 # A page with more would take long to open.
 MOST_POINTS = 1_000_000
 # Where nothing is known of the colour.
 _PALE = (190, 205, 215)
+_BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +154,6 @@ def _data(scene: ModelScene) -> dict[str, Any]:
         "facts": list(scene.facts.items()),
         "omitted": stride,
     }
-
-
-_BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
 
 
 def write_problem_page(problem: Problem, path: Path, title: str) -> None:

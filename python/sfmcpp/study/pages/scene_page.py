@@ -11,7 +11,7 @@ import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.study.pages.parts import filled_page, packed, save_page
-from sfmcpp.study.pages.placing import view_from_world
+from sfmcpp.study.pages.viewpoint import view_from_world
 
 _TEMPLATE = "scene_page.html"
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from sfmcpp.study.pages.charts import top_view
 from sfmcpp.study.pages.parts import data_uri, png_bytes, template
-from sfmcpp.study.pages.placing import turn_upright
 from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, how, images, matches, section
+from sfmcpp.study.pages.viewpoint import turn_upright
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_report import SfmReport

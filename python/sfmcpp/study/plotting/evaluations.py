@@ -23,6 +23,9 @@ _TEXT_IN = 1.2
 _WIDTH_OF_ERRORS, _WIDTHS_BESIDE_ERRORS = 1.2, (0.45, 1.6)
 # The axis shows at least this much beside 1.
 _LEAST_DEVIATION = 0.05
+# Length of a line of sight, as a share of the extent of the centres.
+_SIGHT = 0.08
+_MOST_NAMES = 40
 
 
 def plot_evaluation(evaluation: Evaluation) -> Figure:
@@ -196,11 +199,6 @@ def _limits(ratios: FloatArray) -> tuple[float, float]:
     high = max(1 + _LEAST_DEVIATION, float(ratios.max(initial=1.0)))
     room = 0.05 * (high - low)
     return low - room, high + room
-
-
-# Length of a line of sight, as a share of the extent of the centres.
-_SIGHT = 0.08
-_MOST_NAMES = 40
 
 
 def plot_model_evaluation(evaluation: ModelEvaluation) -> Figure:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import SlamResult
-from sfmcpp.study.pages.placing import view_from_world
+from sfmcpp.study.pages.viewpoint import view_from_world
 
 UPDATES_PER_SECOND = 10.0
 # Of the run's time that showing it may take.

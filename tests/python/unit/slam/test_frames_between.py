@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.geometry import Similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import Measurement, Odometer, Path, SlamResult, SlamSettings, WorldMap, run_slam
-from sfmcpp.slam.between import settle_between
+from sfmcpp.slam.between_keyframes import settle_between
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, STEP_S, drive, path, small_map

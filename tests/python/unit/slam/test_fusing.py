@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.model.frames import View
 from sfmcpp.sensors import Mounting, SensorStream
 from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.between import settled
-from sfmcpp.slam.fusing import (
+from sfmcpp.slam.between_keyframes import settled
+from sfmcpp.slam.fusion import (
     constraint_groups,
     fuse,
     pose_constraint,

@@ -18,9 +18,9 @@ from sfmcpp.model.checks import (
     require_seed,
 )
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
+from sfmcpp.sources.synthetic.photos.photo_files import Told, geodetic, write_photo
+from sfmcpp.sources.synthetic.photos.rendering import Eye
 from sfmcpp.sources.synthetic.photos.scenes import PLACES, Place
-from sfmcpp.sources.synthetic.photos.seeing import Eye
-from sfmcpp.sources.synthetic.photos.writing import Told, geodetic, write_photo
 
 __all__ = ["PLACES", "WORLD_ORIGIN", "render_photos"]
 

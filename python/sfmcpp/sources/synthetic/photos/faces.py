@@ -16,6 +16,11 @@ Samples = NDArray[np.float32]
 # Of the noise before it is bent: how much of it is saturated, which makes edges and corners.
 _CONTRAST = 1.4
 _MIDDLE, _RANGE = 128.0, 105.0
+Tint = tuple[float, float, float]
+GREY: Tint = (1.0, 1.0, 1.0)
+# Textures of larger faces are coarser than asked for.
+_MOST_TEXELS = 4096
+_LEAST_TINT = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +111,6 @@ def noise_texture(size: tuple[int, int], rng: np.random.Generator, contrast: flo
 def plain_texture(grey: float) -> Texture:
     """One grey level without any detail."""
     return Texture.of(np.full((2, 2), grey, dtype=np.float32))
-
-
-Tint = tuple[float, float, float]
-GREY: Tint = (1.0, 1.0, 1.0)
-# Textures of larger faces are coarser than asked for.
-_MOST_TEXELS = 4096
-_LEAST_TINT = 0.7
 
 
 @dataclass(frozen=True, eq=False)

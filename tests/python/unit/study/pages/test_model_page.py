@@ -18,7 +18,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.synthetic import circle_scene
 from sfmcpp.study.pages.model_page import ModelScene, model_page, save_model_page
-from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
+from sfmcpp.study.pages.viewpoint import camera_size, framed, turn_upright
 
 DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 RED = (220, 30, 40)

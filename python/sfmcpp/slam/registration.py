@@ -12,9 +12,9 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
-from sfmcpp.slam.fusing import presumed_weights
+from sfmcpp.slam.fusion import presumed_weights
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, tell
-from sfmcpp.cli.stopping import one_interrupt
+from sfmcpp.cli.interrupts import one_interrupt
 from sfmcpp.errors import InvalidArgument, SfmcppError
 
 # Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.

@@ -11,9 +11,9 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam.fusing import FEWEST, Member, grouped, pose_constraint, pose_view, usual_weights
+from sfmcpp.slam.fusion import FEWEST, Member, grouped, pose_constraint, pose_view, usual_weights
+from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import PLACE_KINDS, Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap

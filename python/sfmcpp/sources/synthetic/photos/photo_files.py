@@ -12,7 +12,7 @@ import numpy as np
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.synthetic.photos.seeing import Picture
+from sfmcpp.sources.synthetic.photos.rendering import Picture
 from sfmcpp.sources.vision.images import load_pillow
 
 _EXIF_BLOCK, _GPS_BLOCK = 0x8769, 0x8825

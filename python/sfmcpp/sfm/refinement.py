@@ -10,7 +10,7 @@ from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, silent
-from sfmcpp.sfm.adjusting import FINE, adjust_all
+from sfmcpp.sfm.adjustment import FINE, adjust_all
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
 

@@ -12,7 +12,7 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, silent
-from sfmcpp.sfm.given_matches import match_graph_of_arrays
+from sfmcpp.sfm.imported_matches import match_graph_of_arrays
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.tracks import NO_TRACK, Tracks
 
