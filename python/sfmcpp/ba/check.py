@@ -1,4 +1,4 @@
-"""A problem looked over without solving it: rules, residuals, cost, derivatives."""
+"""Evaluation of a problem without solving it: rules, residuals, cost, derivatives."""
 
 from __future__ import annotations
 

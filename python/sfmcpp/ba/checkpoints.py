@@ -1,4 +1,4 @@
-"""What a run leaves behind to go on from, and how it is told that it is the same run that goes on."""
+"""Checkpoints of a run, and the check that a resumed run solves the same problem with the same options."""
 
 from __future__ import annotations
 
@@ -177,8 +177,8 @@ class RankCheckpoints:
         ranks: Ranks,
     ) -> None:
         self._ranks = ranks
-        resumed = ranks.agreed(lambda: _of_rank(resume, ranks.rank))
-        saved = ranks.agreed(lambda: _of_rank(save, ranks.rank))
+        resumed = ranks.agreed(lambda: _store_of_rank(resume, ranks.rank))
+        saved = ranks.agreed(lambda: _store_of_rank(save, ranks.rank))
         self._save, self._facts = saved, facts() if save or resume else {}
         self._facts |= {"ranks": [ranks.rank, ranks.size]}
         self.taken = None if resumed is None else self._newest_of_all(resumed)
@@ -214,7 +214,7 @@ class RankCheckpoints:
         return taken
 
 
-def _of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore | None:
+def _store_of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore | None:
     if store is None:
         return None
     if not isinstance(store, SharedCheckpointStore):
@@ -259,12 +259,12 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[st
     for name, noun in (("run", "command"), ("version", "version"), ("instruction_set", "instruction set")):
         if then.get(name) != now[name]:
             yield f"is a checkpoint of another {noun}: {then.get(name)!r}, this is {now[name]!r}"
-    if differing := _differing(then, now, "problem"):
+    if differing := _differing_entries(then, now, "problem"):
         yield (
             f"is a checkpoint of another problem: {', '.join(differing)} differ "
             "(a run goes on from the problem as it was at its start)"
         )
-    for name in _differing(then, now, "options"):
+    for name in _differing_entries(then, now, "options"):
         if name not in _MAY_CHANGE:
             yield (
                 "is a checkpoint of other options: "
@@ -272,7 +272,7 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[st
             )
 
 
-def _differing(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
+def _differing_entries(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
     before, after = dict(then.get(part, {})), now[part]
     return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
 

@@ -1,4 +1,8 @@
-"""Projective problems: made from projection matrices, or from metric problems."""
+"""Projective problems: made from projection matrices, or from metric problems.
+
+Images are normalised isotropically (thesis eq. 4.3): projective matrices are then of one size. The frame of
+an image is ``scale, cx, cy``: pixels are ``scale · (x, y) + (cx, cy)``.
+"""
 
 from __future__ import annotations
 
@@ -68,9 +72,9 @@ def projective_problem(
     frames = image_frames(cameras, seen, len(matrices))
     return Problem(
         "projective",
-        _unit("projections", matrices_to_frames(matrices, frames)),
+        _unit_rows("projections", matrices_to_frames(matrices, frames)),
         frames,
-        _unit("points", homogeneous),
+        _unit_rows("points", homogeneous),
         cameras,
         index_array("point_index", point_index),
         seen,
@@ -140,7 +144,7 @@ def _homogeneous(points: FloatArray) -> FloatArray:
     return np.concatenate([points, np.ones((len(points), 1))], axis=1)
 
 
-def _unit(name: str, values: FloatArray) -> FloatArray:
+def _unit_rows(name: str, values: FloatArray) -> FloatArray:
     flat = values.reshape(len(values), -1)
     norms = np.linalg.norm(flat, axis=1)
     good = np.isfinite(norms) & (norms > 0)

@@ -1,4 +1,4 @@
-"""What a solve did: the summary and the record of each iteration."""
+"""Summary of a solve, and the record of each iteration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a command saves checkpoints, and where it takes an earlier run up."""
+"""The options that save checkpoints and resume an earlier run."""
 
 from __future__ import annotations
 

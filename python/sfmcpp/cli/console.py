@@ -30,37 +30,37 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
-def say(text: str) -> None:
+def print_result(text: str) -> None:
     """Write results to stdout, if anybody reads it: by then all files are written."""
     if sys.stdout is None:
         return
     try:
         print(text, flush=True)
     except OSError as error:
-        give_up(sys.stdout)
+        discard_output(sys.stdout)
         if not isinstance(error, BrokenPipeError):
             raise OSError(f"standard output: {error.strerror}") from None
 
 
-def tell(message: str) -> None:
+def print_note(message: str) -> None:
     """Write exactly one line to stderr, if there is one."""
     if sys.stderr is None:
         return
     try:
         print("sfmcpp: " + "\\n".join(message.splitlines()), file=sys.stderr, flush=True)
     except OSError:  # the exit code tells
-        give_up(sys.stderr)
+        discard_output(sys.stderr)
 
 
-def tell_error(message: object) -> ExitCode:
+def print_error(message: object) -> ExitCode:
     """Tell what is wrong with the input or the usage."""
-    tell(f"error: {message}")
+    print_note(f"error: {message}")
     return ExitCode.BAD_INPUT
 
 
-def tell_interrupted() -> ExitCode:
+def print_interrupted() -> ExitCode:
     """Tell that a stop came before there was anything to keep."""
-    tell("interrupted")
+    print_note("interrupted")
     return ExitCode.INTERRUPTED
 
 
@@ -72,13 +72,13 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
         try:
             return command(*arguments, **options)
         except SfmcppError as error:
-            return tell_error(error)
+            return print_error(error)
         except KeyboardInterrupt:
-            return tell_interrupted()
+            return print_interrupted()
         except MemoryError:
-            return tell_error("not enough memory")
+            return print_error("not enough memory")
         except OSError as error:
-            return tell_error(error)
+            return print_error(error)
 
     return run
 
@@ -87,10 +87,10 @@ def stderr_console() -> Console:
     """Make the console that progress is shown on."""
     from rich.console import Console
 
-    return Console(file=cast(IO[str], _Forgiving(sys.stderr)))
+    return Console(file=cast(IO[str], _ForgivingStream(sys.stderr)))
 
 
-def give_up(stream: IO[str]) -> None:
+def discard_output(stream: IO[str]) -> None:
     """Send all that follows nowhere: what is still buffered would fail again when the interpreter ends."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
@@ -98,7 +98,7 @@ def give_up(stream: IO[str]) -> None:
         return
 
 
-class _Forgiving:
+class _ForgivingStream:
     """A stream that loses what it cannot write."""
 
     def __init__(self, stream: IO[str]) -> None:
@@ -111,11 +111,11 @@ class _Forgiving:
         try:
             return self._stream.write(text)
         except OSError:
-            give_up(self._stream)
+            discard_output(self._stream)
             return len(text)
 
     def flush(self) -> None:
         try:
             self._stream.flush()
         except OSError:
-            give_up(self._stream)
+            discard_output(self._stream)

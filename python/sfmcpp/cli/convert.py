@@ -1,4 +1,4 @@
-"""`sfmcpp convert`: from one format to another, by one process or by several ranks."""
+"""`sfmcpp convert`: problems, positions and trajectories between formats; also on several ranks."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.console import ExitCode, say
+from sfmcpp.cli.console import ExitCode, print_result
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.mpi_launch import launched_ranks, together
-from sfmcpp.cli.reading import read_and_tell, tell_changed
+from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
+from sfmcpp.cli.reading import note_changed, read_with_notes
 from sfmcpp.cli.targets import (
     PAGE_SUFFIXES,
     Targets,
@@ -59,7 +59,7 @@ def convert_file(
     if ranks is not None or parts is not None:
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
-        return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
+        return run_on_ranks(ranks, lambda heeded: _convert_on_ranks(source, target, parts, ranks))
     plain = parts is None and format is None and images is None
     if plain and target.suffix.lower() in POSITION_SUFFIXES:
         return _convert_to_positions(source, target)
@@ -67,9 +67,9 @@ def convert_file(
         return _convert_to_page(source, target)
     if parts is None:
         return _convert_one(source, target, format, images)
-    problem = read_and_tell(source)
+    problem = read_with_notes(source)
     write_parts(problem, target, parts)
-    say(f"{target}: {problem} in {parts} parts")
+    print_result(f"{target}: {problem} in {parts} parts")
     return ExitCode.DONE
 
 
@@ -90,13 +90,13 @@ def _convert_one(source: Path, target: Path, format: str | None, images: Path | 
         write(problem, target, format=chosen.name)
     else:
         transforms.write_transforms(problem, target, transforms.folder_from(target, images))
-    _tell_written(problem, target, chosen)
+    _print_written(problem, target, chosen)
     return ExitCode.DONE
 
 
 def _read(source: Path) -> Problem:
     try:
-        return read_and_tell(source)
+        return read_with_notes(source)
     except DatasetError as error:
         refuse_trajectory(source, error)
         raise
@@ -109,34 +109,36 @@ def _convert_to_positions(source: Path, target: Path) -> ExitCode:
     targets.check_fits(problem)
     Gps().check_fits(target, problem)
     write_camera_positions(target, problem, None)
-    say(f"{target}: positions of {problem.num_cameras:,} cameras")
+    print_result(f"{target}: positions of {problem.num_cameras:,} cameras")
     return ExitCode.DONE
 
 
 def _convert_to_page(source: Path, target: Path) -> ExitCode:
     targets = Targets(page=target)
     targets.check(source)
-    problem = read_and_tell(source)
+    problem = read_with_notes(source)
     targets.check_fits(problem)
     write_page(problem, target, source)
-    say(f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser")
+    print_result(
+        f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser"
+    )
     return ExitCode.DONE
 
 
-def _tell_written(problem: Problem, target: Path, chosen: Format) -> None:
+def _print_written(problem: Problem, target: Path, chosen: Format) -> None:
     counts = {
         "cameras": problem.num_cameras,
         "points": problem.num_points,
         "observations": problem.num_observations,
     }
     written = [f"{count:,} {name}" for name, count in counts.items() if name not in chosen.lacks]
-    say(f"{target}: {', '.join(written)} ({chosen.name})")
+    print_result(f"{target}: {', '.join(written)} ({chosen.name})")
     if left_out := left_out_on_writing(problem, chosen):
-        say(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
-    tell_changed(problem, target, chosen)
+        print_result(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
+    note_changed(problem, target, chosen)
 
 
-def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:
+def _convert_on_ranks(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:
     if parts not in (None, ranks.size):
         raise InvalidArgument(f"--parts {parts}: {ranks.size} ranks write one part each")
     ranks.from_root(lambda: require_writable_problem(target))
@@ -144,7 +146,9 @@ def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> 
     write_part(part, target, ranks)
     size = ProblemSize.of(part.problem, ranks)
     if ranks.is_root:
-        say(f"{target}: {size.num_points} points, {size.num_observations} observations in {ranks.size} parts")
+        print_result(
+            f"{target}: {size.num_points} points, {size.num_observations} observations in {ranks.size} parts"
+        )
     return ExitCode.DONE
 
 
@@ -160,13 +164,13 @@ def convert_trajectory(source: Path, target: Path, format: str, times: Path | No
     require_writable_file(target)
     trajectory = read_trajectory(source)
     if times is not None:
-        trajectory = _at_times(trajectory, source, times)
+        trajectory = _interpolated_at(trajectory, source, times)
     if format != "kitti" and not trajectory.stamped:
         raise DatasetError(source, f"has no times, which {format} needs: --times FILE, a line for each pose")
     write_trajectory(trajectory, target, format=format)
-    say(f"{target}: {len(trajectory):,} poses ({format})")
+    print_result(f"{target}: {len(trajectory):,} poses ({format})")
     if trajectory.stamped and format == "kitti":
-        say("left out, as kitti has no place for it: times")
+        print_result("left out, as kitti has no place for it: times")
     return ExitCode.DONE
 
 
@@ -181,7 +185,7 @@ def refuse_trajectory(source: Path, error: DatasetError) -> None:
     raise DatasetError(source, reason) from error
 
 
-def _at_times(trajectory: Trajectory, source: Path, times: Path) -> Trajectory:
+def _interpolated_at(trajectory: Trajectory, source: Path, times: Path) -> Trajectory:
     if trajectory.stamped:
         raise DatasetError(source, "has times of its own: --times is for poses without any")
 

@@ -1,4 +1,4 @@
-"""Covariances of a solve on the command line: computed and written after it, and told."""
+"""The option `--covariances`: computed after a solve, written and reported."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfmcpp.cli.choices import one_of
-from sfmcpp.cli.console import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError, InvalidArgument
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ _SHOWN = 8
 _COLUMNS = ("mean", "median", "max", "rmse")
 
 
-def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
+def _choice_option(
+    name: str, choices: tuple[str, ...], what: str, otherwise: str = ""
+) -> typer.models.OptionInfo:
     listed = f"{what}: {', '.join(choices)}{otherwise}."
     option: typer.models.OptionInfo = typer.Option(
         name, metavar="NAME", callback=one_of(choices), help=listed
@@ -57,7 +59,7 @@ def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "")
 
 
 def _format(name: str, what: str) -> typer.models.OptionInfo:
-    return _choice(name, FORMATS, f"Format of {what}", "; default: by its name")
+    return _choice_option(name, FORMATS, f"Format of {what}", "; default: by its name")
 
 
 @with_exit_code
@@ -67,10 +69,14 @@ def evaluate(
     align: Align = "all",
     scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Align with or without scale.")] = True,
     align_by: Annotated[
-        str, _choice("--align-by", ("positions", "poses"), "What to align; poses also work on straight roads")
+        str,
+        _choice_option(
+            "--align-by", ("positions", "poses"), "What to align; poses also work on straight roads"
+        ),
     ] = "positions",
     match: Annotated[
-        str, _choice("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones")
+        str,
+        _choice_option("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones"),
     ] = "nearest",
     max_difference_s: Annotated[
         float | None,
@@ -79,7 +85,7 @@ def evaluate(
         ),
     ] = None,
     delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,
-    delta_unit: Annotated[str, _choice("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
+    delta_unit: Annotated[str, _choice_option("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
     all_pairs: Annotated[bool, typer.Option("--all-pairs", help="Relative errors from every pose.")] = False,
     trajectory_format: Annotated[str | None, _format("--format", "the trajectory")] = None,
     truth_format: Annotated[str | None, _format("--truth-format", "the truth")] = None,
@@ -111,7 +117,7 @@ def evaluate(
     _write({"path": str(source), "truth": str(truth)}, found, targets)
     if not quiet:
         rows = _rows(source, truth, found, targets)
-        say("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
+        print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
     return ExitCode.DONE
 
 
@@ -215,7 +221,7 @@ def evaluate_model_files(
         save_figure(plot_model_evaluation(found), targets.picture)
     if not quiet:
         rows = _model_rows(model, truth, found, targets)
-        say("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
+        print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
     return ExitCode.DONE
 
 
@@ -223,7 +229,7 @@ def _evaluated_model(
     model: Path, truth: Path, truth_format: str | None, options: dict[str, Any], targets: Targets
 ) -> ModelEvaluation:
     from sfmcpp.study.evaluation import evaluate_model, read_image_poses, read_truth
-    from sfmcpp.study.evaluation.image_poses import images_asked_for
+    from sfmcpp.study.evaluation.image_poses import images_of_model_path
     from sfmcpp.study.evaluation.model import MODEL_ALIGNMENTS
 
     for name, default in _OF_TRAJECTORIES.items():
@@ -240,7 +246,7 @@ def _evaluated_model(
     if options["max_difference_s"] is not None:
         wanted["max_difference_s"] = options["max_difference_s"]
     try:
-        return evaluate_model(ours, true, images=images_asked_for(model), **wanted)
+        return evaluate_model(ours, true, images=images_of_model_path(model), **wanted)
     except InvalidArgument as error:
         raise DatasetError(model, f"compared with {truth}: {error}") from error
 
@@ -260,7 +266,7 @@ def _model_rows(
         ("outliers", found.outliers),
     ):
         if images:
-            yield name, _some(images)
+            yield name, _first_names(images)
     yield "aligned to", f"{alignment.rule}: {alignment.count} {alignment.by}{scaled}"
     areas = (f"{100 * area:.2f} % at {threshold}°" for threshold, area in content["auc"].items())
     yield "AUC", ", ".join(areas)
@@ -272,6 +278,6 @@ def _model_rows(
     yield from (("written", str(path)) for path in targets)
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return f"{len(names)}: " + ", ".join(names[:_SHOWN]) + more

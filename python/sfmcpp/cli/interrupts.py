@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP end commands in order: all alike, and not while results are written.
+"""Orderly ends by Ctrl-C, SIGTERM and SIGHUP, which are delayed while results are written.
 
 What comes within half a second is one stop: a session that ends sends SIGTERM and SIGHUP to each of its
 processes, and wrappers pass on a Ctrl-C that the terminal has sent to all.
@@ -22,8 +22,8 @@ _TOGETHER_S = 0.5
 _REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 
 
-class _Stops:
-    """Which signals are stops of their own; handlers are those of the process, and so is what they know."""
+class _StopSignals:
+    """Time of the last stop signal: signals shortly after it count as the same stop."""
 
     last_s = -math.inf
 
@@ -46,14 +46,14 @@ class _Stops:
 
 
 @contextmanager
-def requests_as_ctrl_c() -> Iterator[None]:
-    """Let a request to end end commands as Ctrl-C does: with the best state and a report."""
+def termination_as_ctrl_c() -> Iterator[None]:
+    """Handle SIGTERM and SIGHUP like Ctrl-C: the command ends with the best state and a report."""
     plain = (signal.SIG_DFL, signal.default_int_handler)
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, *_REQUESTS)} if _in_main_thread() else {}
     taken = {number: handler for number, handler in before.items() if handler in plain}
-    _Stops.forget()
+    _StopSignals.forget()
     for number in taken:
-        signal.signal(number, _Stops.interrupt)
+        signal.signal(number, _StopSignals.interrupt)
     try:
         yield
     finally:
@@ -62,8 +62,8 @@ def requests_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def lost_interrupts_again() -> Iterator[None]:
-    """Let an interrupt come again that fell into a callback, whose exceptions the interpreter ignores.
+def repeated_lost_interrupts() -> Iterator[None]:
+    """Repeat an interrupt that was raised in a callback whose exceptions the interpreter ignores.
 
     Modules that are loaded have such callbacks: the command would go on to its end. What has not come again
     when it ends comes before that, not later into what called it.
@@ -78,7 +78,7 @@ def lost_interrupts_again() -> Iterator[None]:
         if not issubclass(ignored.exc_type, KeyboardInterrupt):
             before(ignored)
             return
-        _Stops.forget()
+        _StopSignals.forget()
         waiting.append(threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT)))
         waiting[-1].daemon = True
         waiting[-1].start()
@@ -93,54 +93,54 @@ def lost_interrupts_again() -> Iterator[None]:
 
 
 @contextmanager
-def ctrl_c_noted() -> Iterator[Callable[[], bool]]:
-    """Take note of the first stop, so that nothing is left half done; the next one ends at once."""
+def noted_interrupt() -> Iterator[Callable[[], bool]]:
+    """Record the first stop instead of raising it; the next one ends at once."""
     if not _in_main_thread():
         yield lambda: False
         return
-    asked = threading.Event()
+    requested = threading.Event()
 
     def note(number: int, frame: FrameType | None) -> None:
-        if _Stops.is_new():
-            asked.set()
+        if _StopSignals.is_new():
+            requested.set()
             restore()
 
     def restore() -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    before = {number: signal.signal(number, note) for number in _heeded()}
+    before = {number: signal.signal(number, note) for number in _handled_signals()}
     try:
-        yield asked.is_set
+        yield requested.is_set
     finally:
         restore()
 
 
 @contextmanager
-def one_interrupt() -> Iterator[Callable[[], None]]:
-    """Heed a stop once: what a terminal sends to all, a launcher of processes sends again.
+def single_interrupt() -> Iterator[Callable[[], None]]:
+    """Handle a stop once: a launcher of processes repeats what a terminal sends to all.
 
     What it gives is called where the one has come to another process, and is heeded already.
     """
-    asked = threading.Event()
+    requested = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if not asked.is_set():
-            asked.set()
+        if not requested.is_set():
+            requested.set()
             raise KeyboardInterrupt
 
     if not _in_main_thread():
-        yield asked.set
+        yield requested.set
         return
-    before = {number: signal.signal(number, interrupt) for number in _heeded()}
+    before = {number: signal.signal(number, interrupt) for number in _handled_signals()}
     try:
-        yield asked.set
+        yield requested.set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _heeded() -> list[signal.Signals]:
+def _handled_signals() -> list[signal.Signals]:
     return [n for n in (signal.SIGINT, *_REQUESTS) if signal.getsignal(n) is not signal.SIG_IGN]
 
 

@@ -1,4 +1,4 @@
-"""Processes that a launcher of MPI has started together for one command: one of them speaks for all."""
+"""Detection of an MPI launcher; rank 0 reports for all processes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable
 
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.console import ExitCode, tell
-from sfmcpp.cli.interrupts import one_interrupt
+from sfmcpp.cli.console import ExitCode, print_note
+from sfmcpp.cli.interrupts import single_interrupt
 from sfmcpp.errors import InvalidArgument, SfmcppError
 
 # Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.
@@ -50,7 +50,7 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
     return ranks if ranks.size > 1 else None
 
 
-def together(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
+def run_on_ranks(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
     """Run a command on all ranks; where one fails alone, it says why and ends all.
 
     Parameters
@@ -67,22 +67,22 @@ def together(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) ->
         The same on all.
     """
     try:
-        with one_interrupt() as heeded:
+        with single_interrupt() as heeded:
             return command(heeded)
     except SfmcppError:
         if ranks.is_root:
             raise
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt:
-        return _end_all(ranks, "interrupted", ExitCode.INTERRUPTED)
+        return _end_all_ranks(ranks, "interrupted", ExitCode.INTERRUPTED)
     except MemoryError:
-        return _end_all(ranks, "error: not enough memory", ExitCode.BAD_INPUT)
+        return _end_all_ranks(ranks, "error: not enough memory", ExitCode.BAD_INPUT)
     except Exception as error:
-        return _end_all(ranks, f"error: {type(error).__name__}: {error}", ExitCode.BAD_INPUT)
+        return _end_all_ranks(ranks, f"error: {type(error).__name__}: {error}", ExitCode.BAD_INPUT)
 
 
-def _end_all(ranks: Ranks, message: str, code: ExitCode) -> ExitCode:
-    tell(f"rank {ranks.rank}: {message}")
+def _end_all_ranks(ranks: Ranks, message: str, code: ExitCode) -> ExitCode:
+    print_note(f"rank {ranks.rank}: {message}")
     sys.stdout.flush()
     ranks.communicator.Abort(int(code))
     return code

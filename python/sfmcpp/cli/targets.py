@@ -1,4 +1,4 @@
-"""The files a command will write, checked before any work is done."""
+"""Output files and folders of a command, checked before any work is done."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ class Targets:
     covariances: Path | None = None
 
     def __iter__(self) -> Iterator[Path]:
-        return (path for path in (self.problem, *self._beside) if path is not None)
+        return (path for path in (self.problem, *self._other_files) if path is not None)
 
     @property
-    def _beside(self) -> tuple[Path | None, ...]:
+    def _other_files(self) -> tuple[Path | None, ...]:
         return self.report, self.picture, self.positions, self.page, self.covariances
 
     def check(self, source: Path) -> None:
         """Raise a DatasetError if one of them could not be written, or would overwrite another."""
         if self.problem is not None:
             require_writable_problem(self.problem)
-        for path in self._beside:
+        for path in self._other_files:
             if path is not None:
                 require_writable_file(path)
         if self.picture is not None:

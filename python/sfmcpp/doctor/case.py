@@ -1,4 +1,4 @@
-"""A problem under examination: what the examinations share, each thing computed once and only if wanted."""
+"""The problem under examination, with lazily computed quantities that the examinations share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pixels that belong to images of another size: photos resized after their calibration."""
+"""Pixels of images of another size: photos that were resized after their calibration."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def image_fill(case: Case) -> Iterator[Finding]:
     """Find pixels that fill only a part of the images or exceed them, where a scaled K fits better."""
     if case.is_misread or case.problem.camera_model == "bal":
         return
-    scale = _scale(case.sample)
+    scale = _apparent_scale(case.sample)
     if scale is None:
         return
     medians = _medians_px(case, scale)
@@ -39,7 +39,7 @@ def image_fill(case: Case) -> Iterator[Finding]:
         return
     case.is_misread = True
     reached = np.quantile(case.sample.pixels, _NEARLY_ALL[1], axis=0)
-    width, height = np.median(_sizes(case.sample), axis=0)
+    width, height = np.median(_image_sizes_px(case.sample), axis=0)
     yield Finding(
         "pixels-of-another-size",
         "warning",
@@ -64,7 +64,7 @@ def _medians_px(case: Case, scale: float) -> tuple[float, float] | None:
     return case.trial.median_px, fitted.median_px
 
 
-def _sizes(problem: Problem) -> FloatArray:
+def _image_sizes_px(problem: Problem) -> FloatArray:
     """(M, 2) width and height of the image of each observation [px]; none where they are not known."""
     sizes = problem.metadata.image_sizes
     if sizes is None or len(sizes) != problem.num_cameras:
@@ -72,9 +72,9 @@ def _sizes(problem: Problem) -> FloatArray:
     return np.asarray(sizes, dtype=np.float64)[problem.camera_index]
 
 
-def _scale(problem: Problem) -> float | None:
+def _apparent_scale(problem: Problem) -> float | None:
     """What the images that the pixels are of seem to be scaled by; None if they are those of the problem."""
-    sizes = _sizes(problem)
+    sizes = _image_sizes_px(problem)
     if len(sizes) < _LEAST_OBSERVATIONS or not sizes.all():
         return None
     low, high = np.quantile(problem.pixels / sizes, _NEARLY_ALL, axis=0)

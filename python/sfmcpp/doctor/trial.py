@@ -1,4 +1,4 @@
-"""A trial: a copy of the problem adjusted by a robust loss, to see what remains."""
+"""Trial adjustments: a copy of the problem adjusted with a robust loss."""
 
 from __future__ import annotations
 
@@ -77,12 +77,12 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
     except InvalidArgument as error:
         return str(error)
     errors = reprojection_errors_px(moved, moved.points)
-    kept = _kept(moved, summary) if loss == "auto" else slice(None)
+    kept = _inlier_mask(moved, summary) if loss == "auto" else slice(None)
     return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
 
 
-def _kept(problem: Problem, summary: Summary) -> BoolArray:
-    """(M,) what a loss that is constant beyond its scale has not let go of; all, if that is hardly any."""
+def _inlier_mask(problem: Problem, summary: Summary) -> BoolArray:
+    """(M,) observations within the scale of a loss that is constant beyond it; all, if these are too few."""
     kept = np.linalg.norm(residuals(problem), axis=1) <= summary.loss_scale_px
     return kept if kept.mean() >= _LEAST_SHARE else np.ones_like(kept)
 

@@ -1,4 +1,4 @@
-"""Pairs that one homography explains: the same photo, a turn on the spot, or a plane."""
+"""Degenerate pairs, which one homography explains: identical photos, pure rotation, or a plane."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.geometry.two_view_matrices import (
     FOUR_POINTS,
     homography_errors_px,
-    limited,
     normalised_homography,
+    with_sample_limit,
 )
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
@@ -37,7 +37,7 @@ _DIRECTION = 2
 _SAME_PART, _SAME_PX = 0.8, 0.5
 
 
-def are_the_same(pixels_1: FloatArray, pixels_2: FloatArray) -> BoolArray | None:
+def unmoved_matches(pixels_1: FloatArray, pixels_2: FloatArray) -> BoolArray | None:
     """Matches that stay where they are, if they are so many that the photos must be the same."""
     still = np.asarray(np.linalg.norm(pixels_2 - pixels_1, axis=1) <= _SAME_PX)
     return still if np.count_nonzero(still) >= _SAME_PART * len(still) else None
@@ -45,23 +45,25 @@ def are_the_same(pixels_1: FloatArray, pixels_2: FloatArray) -> BoolArray | None
 
 def homography_of_inliers(matches: Matches, inliers: BoolArray, options: RansacOptions) -> FloatArray:
     """Homography (3, 3) that most of the inliers of an epipolar geometry agree with."""
-    search = limited(options, _LEAST_FLAT_PART, FOUR_POINTS)
+    search = with_sample_limit(options, _LEAST_FLAT_PART, FOUR_POINTS)
     return homography_by_ransac(matches.pixels_1[inliers], matches.pixels_2[inliers], search)
 
 
-def near_homography(matches: Matches, homography: FloatArray, threshold_px: float) -> BoolArray:
+def homography_inliers(matches: Matches, homography: FloatArray, threshold_px: float) -> BoolArray:
     """(N,) matches that a homography explains."""
     lenses = matches.slopes_1, matches.slopes_2
     errors = homography_errors_px(homography, matches.pixels_1, matches.pixels_2, *lenses)
     return np.asarray(errors <= _TWO_COMPONENTS * threshold_px)
 
 
-def near_rotation(matches: Matches, rotation: FloatArray, threshold_px: float) -> BoolArray:
+def rotation_inliers(matches: Matches, rotation: FloatArray, threshold_px: float) -> BoolArray:
     """(N,) matches that a rotation explains."""
     return np.asarray(matches.parallax_px(rotation) <= _rotation_limit_px(threshold_px))
 
 
-def adds_nothing(matches: Matches, inliers: BoolArray, explained: BoolArray, threshold_px: float) -> bool:
+def is_explained_by_smaller_model(
+    matches: Matches, inliers: BoolArray, explained: BoolArray, threshold_px: float
+) -> bool:
     """Whether the `inliers` of a larger model that a smaller one does not explain are few or chance."""
     beyond = np.count_nonzero(inliers & ~explained)
     chance = chance_near_line(matches.pixels_1, matches.pixels_2, threshold_px)

@@ -1,4 +1,4 @@
-"""What two cameras say of a match: epipolar geometry, Sampson error, cheirality."""
+"""Epipolar geometry of two cameras: fundamental matrix, Sampson error, closest points of rays, cheirality."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def sampson_errors_px(
     """
     line_1 = np.einsum("...ij,...j->...i", fundamental, homogeneous(pixels_2))
     line_2 = np.einsum("...ji,...j->...i", fundamental, homogeneous(pixels_1))
-    normal_1, normal_2 = _carried(line_1, slopes_1), _carried(line_2, slopes_2)
+    normal_1, normal_2 = _line_gradients(line_1, slopes_1), _line_gradients(line_2, slopes_2)
     slope = np.sqrt((normal_1**2).sum(-1) + (normal_2**2).sum(-1))
     algebraic = np.abs((homogeneous(pixels_1) * line_1).sum(-1))
     errors: FloatArray = np.divide(algebraic, slope, out=np.full_like(slope, np.inf), where=slope > 0)
     return errors
 
 
-def _carried(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
+def _line_gradients(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
     """Gradients (N, 2) of ``line · (u, v, 1)`` with respect to the positions seen."""
     normals = lines[..., :2]
     return normals if slopes is None else np.einsum("ni,nij->nj", normals, slopes)

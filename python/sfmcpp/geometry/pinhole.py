@@ -1,4 +1,4 @@
-"""The camera without its pose: pixels from and to normalised image points, with or without distortion.
+"""Projection without the pose: pixels from and to normalised image points, with or without distortion.
 
 With intrinsics ``(f, aspect, cx, cy, skew)``: ``u = f x + skew y + cx``, ``v = aspect f y + cy``. Seven
 more numbers, ``(k1, …, k5, p1, p2)``, distort (x, y) before: see :class:`sfmcpp.model.CameraModel`.

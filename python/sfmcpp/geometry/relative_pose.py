@@ -1,4 +1,8 @@
-"""The pose of one calibrated camera relative to another, from matches with outliers."""
+"""Relative pose of two calibrated cameras from matches with outliers, and tests for ambiguity.
+
+Few matches, or points near a plane or far away, can leave two poses, often tens of degrees apart, between
+which the pixels hardly choose. RANSAC returns one of them; this module searches for the others as well.
+"""
 
 from __future__ import annotations
 
@@ -115,19 +119,21 @@ def relative_pose(
     # A rotation of most matches decides it at once: five points would search long for a baseline.
     still = parallax_px < min_parallax_px
     if np.count_nonzero(still) > len(matches) / 2:
-        return _only_rotated(rotation, still, parallax_px, min_parallax_px)
+        return _rotation_only_pose(rotation, still, parallax_px, min_parallax_px)
     camera = relative_camera(*matches.arrays, options)
     inliers = matches.inliers(camera, threshold_px)
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(matches)))
     if np.count_nonzero(inliers) < least:
         return _failed(matches, *too_few("inliers", int(np.count_nonzero(inliers)), least))
     if np.median(parallax_px[inliers]) < min_parallax_px:
-        return _only_rotated(rotation, inliers, parallax_px, min_parallax_px)
+        return _rotation_only_pose(rotation, inliers, parallax_px, min_parallax_px)
     camera, rivals = best_and_rivals(matches, camera, rotation, options)
-    return _found(matches, camera, rivals, threshold_px)
+    return _successful_pose(matches, camera, rivals, threshold_px)
 
 
-def _found(matches: Matches, camera: FloatArray, rivals: FloatArray, threshold_px: float) -> RelativePose:
+def _successful_pose(
+    matches: Matches, camera: FloatArray, rivals: FloatArray, threshold_px: float
+) -> RelativePose:
     inliers = matches.inliers(camera, threshold_px)
     median = float(np.median(matches.parallax_px(camera[:, :3])[inliers]))
     failure, message = ("ambiguous", ambiguity_message(camera, rivals)) if len(rivals) else ("", "")
@@ -138,7 +144,7 @@ def _failed(matches: Matches, failure: str, message: str) -> RelativePose:
     return RelativePose(unknown_camera(), np.zeros(len(matches), dtype=np.bool_), failure, message, np.nan)
 
 
-def _only_rotated(
+def _rotation_only_pose(
     rotation: FloatArray, inliers: BoolArray, parallax_px: FloatArray, min_parallax_px: float
 ) -> RelativePose:
     median = float(np.median(parallax_px[inliers]))
@@ -187,12 +193,12 @@ def likely_cameras(
     scores = np.array([_log_likelihood(matches, c, threshold_px) for c in cameras])
     best = int(np.argmax(scores))
     likely = scores >= scores[best] - _LOG_LIKELIHOOD_MARGIN
-    return cameras[best], cameras[likely & (_turns_deg(cameras, cameras[best]) > _SAME_POSE_DEG)]
+    return cameras[best], cameras[likely & (_rotation_angles_deg(cameras, cameras[best]) > _SAME_POSE_DEG)]
 
 
 def ambiguity_message(camera: FloatArray, rivals: FloatArray) -> str:
     """How far the farthest rival is turned away from the best pose."""
-    farthest = _turns_deg(rivals, camera).max()
+    farthest = _rotation_angles_deg(rivals, camera).max()
     return f"another pose, turned by {farthest:.3g} deg, fits nearly as well: must be none beyond 3 deg"
 
 
@@ -210,6 +216,6 @@ def _log_likelihood(matches: Matches, camera: FloatArray, threshold_px: float) -
     return float(-len(squares) / 2 * np.log(squares.sum() + _EXACT**2 * len(squares)))
 
 
-def _turns_deg(cameras: FloatArray, camera: FloatArray) -> FloatArray:
+def _rotation_angles_deg(cameras: FloatArray, camera: FloatArray) -> FloatArray:
     """(K,) angles [deg] between the rotations of `cameras` and that of `camera`."""
     return np.degrees(rotation_angle(np.swapaxes(cameras[:, :, :3], 1, 2) @ camera[:, :3]))

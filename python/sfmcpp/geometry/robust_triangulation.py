@@ -1,4 +1,4 @@
-"""Points of tracks of which some observations are wrong, all at once.
+"""Triangulation of tracks with outliers, all points at once.
 
 The point that most observations of a track agree with is looked for among the midpoints of pairs of its
 rays, then moved to the least squared errors of those that agree.

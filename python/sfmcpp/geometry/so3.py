@@ -1,4 +1,4 @@
-"""Rotations as matrices and rotation vectors, in any batch shape.
+"""Rotations in any batch shape: matrices, rotation vectors, quaternions, angle-axis vectors.
 
 ``exp`` and ``log`` are those of SO(3): ``exp(v)`` turns by ``‖v‖`` [rad] about ``v``. The thesis (§1.3.1.2)
 has Euler angles in their place, rot_e and its inverse.

@@ -1,4 +1,8 @@
-"""World points from their images in calibrated cameras: linear, midpoint and optimal, all points at once."""
+"""World points from their images in calibrated cameras: linear, midpoint and optimal, all points at once.
+
+The cameras, intrinsics and observations are those of a problem; its points are ignored. A point that its
+observations leave open, with fewer than two rays or with parallel ones, is not a number.
+"""
 
 from __future__ import annotations
 
@@ -136,8 +140,8 @@ def _across_matrices(problem: Problem) -> FloatArray:
 def _determined(across: FloatArray, origin: FloatArray, length: FloatArray) -> BoolArray:
     """(N,) whether the rays of each point differ in direction and start from more than one place."""
     held = np.linalg.eigvalsh(across)
-    apart = length > _SAME_PLACE_RATIO * np.linalg.norm(origin, axis=1)
-    return np.asarray(apart & (held[:, 0] > _PARALLEL_RATIO * held[:, 2]))
+    have_baseline = length > _SAME_PLACE_RATIO * np.linalg.norm(origin, axis=1)
+    return np.asarray(have_baseline & (held[:, 0] > _PARALLEL_RATIO * held[:, 2]))
 
 
 def _nan_unless(good: BoolArray, points: FloatArray) -> FloatArray:

@@ -223,7 +223,7 @@ def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray
     (3, 3) float64
         ``F`` with ``(u₁, v₁, 1) F (u₂, v₂, 1)ᵀ = 0``, of norm one and rank two.
     """
-    scaling_1, scaling_2 = _isotropic(pixels_1), _isotropic(pixels_2)
+    scaling_1, scaling_2 = _isotropic_normalisation(pixels_1), _isotropic_normalisation(pixels_2)
     x_1, x_2 = homogeneous(pixels_1) @ scaling_1.T, homogeneous(pixels_2) @ scaling_2.T
     rows = (x_1[:, :, None] * x_2[:, None, :]).reshape(-1, 9)
     u, d, vt = np.linalg.svd(np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3))
@@ -271,14 +271,14 @@ def _estimate(
     count = len(pixels_1)
     if count < least:
         return _failed(count, f"{count} matches: must be at least {least}")
-    matrix = search(pixels_1, pixels_2, limited(options, least / count, sample_size))
+    matrix = search(pixels_1, pixels_2, with_sample_limit(options, least / count, sample_size))
     inliers = np.asarray(errors_px(matrix, pixels_1, pixels_2) <= options.threshold_px)
     if np.count_nonzero(inliers) < least:
         return _failed(count, f"{np.count_nonzero(inliers)} inliers: must be at least {least}")
     return MatrixEstimate(matrix, inliers, "")
 
 
-def limited(options: RansacOptions, ratio: float, sample_size: int) -> RansacOptions:
+def with_sample_limit(options: RansacOptions, ratio: float, sample_size: int) -> RansacOptions:
     """`options` that search no longer than it takes to find a model of that inlier ratio."""
     most = samples_needed(ratio, sample_size, options.confidence, options.max_iterations)
     return replace(options, max_iterations=most)
@@ -288,7 +288,7 @@ def _failed(count: int, message: str) -> MatrixEstimate:
     return MatrixEstimate(np.full((3, 3), np.nan), np.zeros(count, dtype=np.bool_), message)
 
 
-def _isotropic(pixels: FloatArray) -> FloatArray:
+def _isotropic_normalisation(pixels: FloatArray) -> FloatArray:
     """(3, 3) that moves the mean of `pixels` to the origin and their mean squared distance from it to 2."""
     mean = pixels.mean(axis=0)
     spread = np.sqrt(((pixels - mean) ** 2).sum(axis=1).mean() / 2)

@@ -1,4 +1,4 @@
-"""A map and the problem that a file holds, both ways: maps are read from and written to every format."""
+"""Conversion between maps and problems: maps are read from and written to every format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments that are single numbers or rotations, checked the same way everywhere."""
+"""Validation of scalar arguments and rotations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the images of a camera see, one after the other: tracks and where they are."""
+"""Frames of a camera in order of time: the tracks that each image observes, with pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What files say of a problem beyond the problem itself."""
+"""Metadata of a problem, which files may hold beside cameras, points and observations; the world origin."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Metadata:
         """
         count = len(camera_index)
         require_entries(self.extra)
-        extra = _rows_of(self.extra, _OF_OBSERVATIONS, chosen, count)
+        extra = _rows_of_entries(self.extra, _OF_OBSERVATIONS, chosen, count)
         if extra.get(KEYPOINTS) is not self.extra.get(KEYPOINTS):
             left = np.ones(count, dtype=np.bool_)
             left[chosen] = False
@@ -101,12 +101,14 @@ class Metadata:
         """Those of some of `count` points, by number."""
         require_entries(self.extra)
         colors = None if self.point_colors is None else self.point_colors[chosen]
-        return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
+        return replace(
+            self, point_colors=colors, extra=_rows_of_entries(self.extra, _OF_POINTS, chosen, count)
+        )
 
     def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` cameras, by number: keypoints of the others are gone."""
         require_entries(self.extra)
-        extra, number = _rows_of(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
+        extra, number = _rows_of_entries(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
         if LOOSE[0] in extra:
             images = _renumbered(extra[LOOSE[0]], number)
             extra |= {name: np.asarray(extra[name])[images >= 0] for name in LOOSE[1:]}
@@ -130,7 +132,7 @@ class Metadata:
         A row that is chosen again is a camera of its own, with an identifier of its own.
         """
         require_entries(self.extra)
-        extra = _rows_of(self.extra, _OF_INTRINSICS, chosen, len(number))
+        extra = _rows_of_entries(self.extra, _OF_INTRINSICS, chosen, len(number))
         if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen):
             again = np.setdiff1d(np.arange(len(ids)), np.unique(ids, return_index=True)[1])
             ids[again] = _next_numbers(self.extra["colmap_camera_ids"], len(again))
@@ -142,7 +144,7 @@ class Metadata:
 
     def of_rigs(self, frames: NDArray[Any], sensors: NDArray[Any], num_sensors: int) -> Metadata:
         """Those of some frames, and of some of `num_sensors` sensors, by number."""
-        extra = _rows_of(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
+        extra = _rows_of_entries(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
         if len(ids := extra.get(FRAME_IDS, ())) > frames.max(initial=-1):
             extra[FRAME_IDS] = np.asarray(ids)[frames]
         return replace(self, extra=extra)
@@ -203,8 +205,8 @@ def require_entries(extra: dict[str, Any]) -> None:
             raise InvalidArgument(f"metadata {name} = {extra[name]!r}: must be a list of str")
     lengths = [len(extra.get(name, ())) for name in LOOSE]
     if len(set(lengths)) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
-        raise InvalidArgument(f"metadata of keypoints that see no point differ in length: {told}")
+        lengths_text = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
+        raise InvalidArgument(f"metadata of keypoints that see no point differ in length: {lengths_text}")
 
 
 def _require_array(name: str, array: NDArray[Any]) -> None:
@@ -220,15 +222,15 @@ def _are_texts(value: object) -> bool:
     return isinstance(value, (list, tuple)) and all(isinstance(text, str) for text in value)
 
 
-def _rows_of(
+def _rows_of_entries(
     extra: dict[str, Any], names: tuple[str, ...], chosen: NDArray[Any], count: int
 ) -> dict[str, Any]:
     """`extra` with some rows of the named entries, where these have `count` of them."""
     fitting = [name for name in names if name in extra and len(extra[name]) == count]
-    return extra | {name: _some(extra[name], chosen) for name in fitting}
+    return extra | {name: _chosen_rows(extra[name], chosen) for name in fitting}
 
 
-def _some(values: Any, chosen: NDArray[Any]) -> Any:
+def _chosen_rows(values: Any, chosen: NDArray[Any]) -> Any:
     if _are_texts(values):
         return np.array(values, dtype=object)[chosen].tolist()
     return np.asarray(values)[chosen]
@@ -294,7 +296,7 @@ class WorldOrigin:
         return dict(zip(_NAMES[self.geodetic], np.asarray(self.place).tolist(), strict=True))
 
     @classmethod
-    def from_dict(cls, told: dict[str, Any]) -> WorldOrigin:
+    def from_dict(cls, entries: dict[str, Any]) -> WorldOrigin:
         """:meth:`to_dict` backwards.
 
         Raises
@@ -303,7 +305,7 @@ class WorldOrigin:
             If it is none, or not finite.
         """
         for geodetic, names in _NAMES.items():
-            if set(told) == set(names):
-                return cls(finite_array("origin", [told[name] for name in names], (3,)), geodetic)
+            if set(entries) == set(names):
+                return cls(finite_array("origin", [entries[name] for name in names], (3,)), geodetic)
         known = " or ".join(", ".join(names) for names in _NAMES.values())
-        raise InvalidArgument(f"origin: has {', '.join(told) or 'nothing'}, must have {known}")
+        raise InvalidArgument(f"origin: has {', '.join(entries) or 'nothing'}, must have {known}")

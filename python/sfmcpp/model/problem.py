@@ -1,4 +1,4 @@
-"""The one problem type: a bundle adjustment problem as a structure of NumPy arrays."""
+"""The bundle adjustment problem as a structure of NumPy arrays."""
 
 from __future__ import annotations
 

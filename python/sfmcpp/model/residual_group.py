@@ -1,4 +1,4 @@
-"""User-defined residuals of poses and points, in named groups."""
+"""User-defined residuals of poses and points, in named groups, with central differences."""
 
 from __future__ import annotations
 
@@ -162,12 +162,12 @@ class ResidualGroup(MemberGroup):
         InvalidArgument
             If the return value of the function has a wrong shape or is not a number.
         """
-        residuals, derivatives = self._called(poses, points)
+        residuals, derivatives = self._call_function(poses, points)
         if not jacobian:
             return Evaluation(residuals)
         if not derivatives:
             return self._differences(residuals, poses, points)
-        return self._given(residuals, derivatives)
+        return self._given_derivatives(residuals, derivatives)
 
     def residuals_at(self, problem: Problem) -> FloatArray:
         """Residuals (n, k) at the state of a problem.
@@ -199,11 +199,14 @@ class ResidualGroup(MemberGroup):
             As :meth:`evaluate`.
         """
         arguments = self._arguments_of(problem)
-        residuals, derivatives = self._called(*arguments)
+        residuals, derivatives = self._call_function(*arguments)
         if not derivatives:
             return 0.0
-        given, differences = self._given(residuals, derivatives), self._differences(residuals, *arguments)
-        return max(_error(*pair) for pair in zip(given[1:], differences[1:], strict=True))
+        given, differences = (
+            self._given_derivatives(residuals, derivatives),
+            self._differences(residuals, *arguments),
+        )
+        return max(_relative_error(*pair) for pair in zip(given[1:], differences[1:], strict=True))
 
     def _arguments_of(self, problem: Problem) -> tuple[FloatArray | None, FloatArray | None]:
         """Poses (n, p, 3, 4) and points (n, 3) of all members."""
@@ -224,7 +227,7 @@ class ResidualGroup(MemberGroup):
         if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
             raise InvalidArgument(f"{self._label(field_name)}: must be from 0 to {count - 1}")
 
-    def _called(
+    def _call_function(
         self, poses: FloatArray | None, points: FloatArray | None
     ) -> tuple[FloatArray, tuple[ArrayLike, ...]]:
         """Residuals, and the derivatives that the function gives, if it does."""
@@ -243,7 +246,7 @@ class ResidualGroup(MemberGroup):
         residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
         return residuals, tuple(derivatives)
 
-    def _given(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
+    def _given_derivatives(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
         """Derivatives as the function gives them."""
         left, poses, point = list(derivatives), None, None
         label = f"derivatives of {self._label('function')}"
@@ -259,12 +262,12 @@ class ResidualGroup(MemberGroup):
     ) -> Evaluation:
         return Evaluation(
             residuals,
-            None if poses is None else by_pose(lambda moved: self._called(moved, points)[0], poses),
-            None if points is None else by_point(lambda moved: self._called(poses, moved)[0], points),
+            None if poses is None else by_pose(lambda moved: self._call_function(moved, points)[0], poses),
+            None if points is None else by_point(lambda moved: self._call_function(poses, moved)[0], points),
         )
 
 
-def _error(given: FloatArray | None, differences: FloatArray | None) -> float:
+def _relative_error(given: FloatArray | None, differences: FloatArray | None) -> float:
     """The largest difference of two arrays over the largest number in them."""
     if given is None or differences is None:
         return 0.0
@@ -315,7 +318,7 @@ def by_pose(residuals: Callable[[FloatArray], FloatArray], poses: FloatArray) ->
     (n, k, p, 6) float64
         By δR of ``R exp([δR]×)`` [rad], then by the centre.
     """
-    steps = np.array([_STEP] * 3 + [_step_of(poses[..., 3])] * 3)
+    steps = np.array([_STEP] * 3 + [_difference_step(poses[..., 3])] * 3)
     columns = [
         [_difference(residuals, partial(_turned_or_shifted, poses, p, k), steps[k]) for k in range(_TANGENT)]
         for p in range(poses.shape[1])
@@ -338,12 +341,12 @@ def by_point(residuals: Callable[[FloatArray], FloatArray], points: FloatArray) 
     (n, k, 3) float64
         By their coordinates.
     """
-    step, axes = _step_of(points), np.eye(3)
-    columns = [_difference(residuals, partial(_shifted, points, axis), step) for axis in axes]
+    step, axes = _difference_step(points), np.eye(3)
+    columns = [_difference(residuals, partial(_shifted_points, points, axis), step) for axis in axes]
     return np.stack(columns, axis=-1)
 
 
-def _step_of(places: FloatArray) -> float:
+def _difference_step(places: FloatArray) -> float:
     """Places far away move by as much of their distance; rotations are of the size one."""
     return _STEP * max(1.0, float(np.abs(places).max(initial=0.0)))
 
@@ -355,7 +358,7 @@ def _difference(
     return result
 
 
-def _shifted(points: FloatArray, axis: FloatArray, step: float) -> FloatArray:
+def _shifted_points(points: FloatArray, axis: FloatArray, step: float) -> FloatArray:
     return points + step * axis
 
 

@@ -1,4 +1,4 @@
-"""Less of a problem, or more: what is behind the methods of `Problem` whose names begin with ``with_``.
+"""Subsets and extensions of a problem: the implementations of its methods ``with_…``.
 
 Each result is independent of the problem that it is made of, as a solve changes arrays in place; and has its
 metadata, which go with the cameras, intrinsics, points and observations that they describe.

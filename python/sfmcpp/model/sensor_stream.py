@@ -1,4 +1,4 @@
-"""The measurements of one sensor over time."""
+"""Measurements of one sensor over time, and the kinds of sensors: columns, units, plausible limits."""
 
 from __future__ import annotations
 

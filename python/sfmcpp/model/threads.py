@@ -35,40 +35,40 @@ def on_threads(
             raise
 
 
-def silent(stage: str, done: int, total: int) -> bool:
+def no_progress(stage: str, done: int, total: int) -> bool:
     """Progress that nobody looks at."""
     return False
 
 
-def thread_count(asked: int | None) -> int:
-    """`asked`, or as many as the process may use."""
-    if asked is not None:
-        return asked
+def thread_count(wanted: int | None) -> int:
+    """`wanted`, or as many as the process may use."""
+    if wanted is not None:
+        return wanted
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def in_order(
+def results_in_order(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     threads: int,
     *,
     stage: str,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> list[Result]:
     """Results of `function` for each task; what it raises, or KeyboardInterrupt if `progress` asks to stop.
 
     Tasks that run by then are finished, the others are not begun.
     """
     results: list[Result] = []
-    _told(progress, stage, 0, len(tasks))
+    _report_progress(progress, stage, 0, len(tasks))
     with closing(on_threads(function, tasks, threads)) as found:
         for result in found:
             results.append(result)
-            _told(progress, stage, len(results), len(tasks))
+            _report_progress(progress, stage, len(results), len(tasks))
     return results
 
 
-def _told(progress: Progress, stage: str, done: int, total: int) -> None:
+def _report_progress(progress: Progress, stage: str, done: int, total: int) -> None:
     if progress(stage, done, total):
         raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")

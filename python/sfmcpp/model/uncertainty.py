@@ -1,4 +1,4 @@
-"""How well observations are measured: by standard deviations, by covariances, or to 1 px each."""
+"""Uncertainty of observations: standard deviations, covariances, or 1 px for all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was chosen for the weight of a sensor, and whether the sensor agrees with the images."""
+"""Results of weight selection: the chosen weight of a sensor, and its conflict with the images."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class WeightSelection:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON; infinite scores are None."""
-        values = {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
+        values = {name: _plain_value(getattr(self, name)) for name in self.__dataclass_fields__}
         return {**values, "conflict": dict(vars(self.conflict))}
 
     @property
@@ -150,7 +150,7 @@ class WeightSelection:
         return f"{self.weight:.3g} by {self.method} ({amounts}{end}); {self.conflict.describe()}"
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if not isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""Sensors beside the camera: streams of measurements, and what they say of the motion between two images."""
+"""Sensors beside the camera: streams, and the motion that they measure between two images."""
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap

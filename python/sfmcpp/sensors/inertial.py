@@ -39,7 +39,7 @@ def rotation_increment(stream: SensorStream, start_s: float, end_s: float) -> Fl
     if not stream.covers(start_s, end_s):
         return None
     if stream.kind == "angular_rate":
-        return _integrated(stream, start_s, end_s)
+        return _integrated_rates(stream, start_s, end_s)
     start, end = so3.exp(measured_at(stream, np.array([start_s, end_s]))[:, -3:])
     return np.asarray(start.T @ end)
 
@@ -112,13 +112,13 @@ def sampling_variance(stream: SensorStream) -> FloatArray:
         return np.zeros(len(t_s))
     share = (t_s[1:-1] - t_s[:-2]) / (t_s[2:] - t_s[:-2])
     between = (1 - share)[:, None] * rates[:-2] + share[:, None] * rates[2:]
-    apart = np.mean((rates[1:-1] - between) ** 2, axis=1)
-    variance = np.pad(apart / (1 + share**2 + (1 - share) ** 2), 1, mode="edge")
+    deviation = np.mean((rates[1:-1] - between) ** 2, axis=1)
+    variance = np.pad(deviation / (1 + share**2 + (1 - share) ** 2), 1, mode="edge")
     steps = np.diff(t_s) ** 2 * 0.5 * (variance[1:] + variance[:-1])
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _integrated(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
+def _integrated_rates(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
     middles_s, lengths_s = segments(start_s, end_s, stream)
     turn = np.eye(3)
     for step in so3.exp(measured_at(stream, middles_s) * lengths_s[:, None]):

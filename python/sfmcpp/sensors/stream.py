@@ -1,4 +1,4 @@
-"""Measurements at times of one's own: interpolated within a stream, predicted a little beyond its ends.
+"""Measurements of a stream at any time: interpolated within, predicted a little beyond its ends.
 
 The rule everywhere in this package: a measurement between two keyframes exists only if the stream covers all
 of the interval, that is if no gap longer than its `max_gap_s` touches it and it reaches at most `max_gap_s`
@@ -129,11 +129,13 @@ def describe_coverage(streams: Sequence[SensorStream], start_s: float, end_s: fl
         One line for each fault.
     """
     return [
-        f"stream {stream.name!r}: {fault}" for stream in streams for fault in _faults(stream, start_s, end_s)
+        f"stream {stream.name!r}: {fault}"
+        for stream in streams
+        for fault in _stream_faults(stream, start_s, end_s)
     ]
 
 
-def _faults(stream: SensorStream, start_s: float, end_s: float) -> Iterator[str]:
+def _stream_faults(stream: SensorStream, start_s: float, end_s: float) -> Iterator[str]:
     first_s, last_s = float(stream.t_s[0]), float(stream.t_s[-1])
     if first_s - stream.max_gap_s > start_s:
         yield f"begins at {first_s:.3f} s, {first_s - start_s:.3f} s after the images: no measurements before"
@@ -201,9 +203,9 @@ def interpolate_rotations(t_s: FloatArray, rotations: FloatArray, times_s: Float
     InvalidArgument
         If a shape is wrong, a number is not finite, or the stamps do not increase.
     """
-    t_s, times_s = _stamps(t_s, times_s)
+    t_s, times_s = _checked_stamps(t_s, times_s)
     rotations = finite_array("rotations", rotations, (len(t_s), 3, 3))
-    before, after, share = _brackets(t_s, times_s)
+    before, after, share = _bracketing_rows(t_s, times_s)
     start = rotations[before]
     turn = so3.log(np.swapaxes(start, 1, 2) @ rotations[after])
     return np.asarray(start @ so3.exp(share[:, None] * turn))
@@ -230,9 +232,9 @@ def interpolate_vectors(t_s: FloatArray, vectors: FloatArray, times_s: FloatArra
     InvalidArgument
         If a shape is wrong, a number is not finite, or the stamps do not increase.
     """
-    t_s, times_s = _stamps(t_s, times_s)
+    t_s, times_s = _checked_stamps(t_s, times_s)
     vectors = finite_array("vectors", vectors, (len(t_s), ANY))
-    before, after, share = _brackets(t_s, times_s)
+    before, after, share = _bracketing_rows(t_s, times_s)
     return np.asarray(vectors[before] + share[:, None] * (vectors[after] - vectors[before]))
 
 
@@ -265,7 +267,7 @@ def interpolate_poses(t_s: FloatArray, poses: FloatArray, times_s: FloatArray) -
     return np.concatenate([rotations, centres[:, :, None]], axis=2)
 
 
-def _stamps(t_s: FloatArray, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _checked_stamps(t_s: FloatArray, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     t_s = finite_array("t_s", t_s, (ANY,))
     if not len(t_s):
         raise InvalidArgument("t_s: there is no stamp, must be at least one")
@@ -273,7 +275,7 @@ def _stamps(t_s: FloatArray, times_s: FloatArray) -> tuple[FloatArray, FloatArra
     return t_s, finite_array("times_s", times_s, (ANY,))
 
 
-def _brackets(t_s: FloatArray, times_s: FloatArray) -> tuple[np.ndarray, np.ndarray, FloatArray]:
+def _bracketing_rows(t_s: FloatArray, times_s: FloatArray) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     """Rows before and after each time, and how far from one to the other; outside [0, 1] beyond the ends."""
     if len(t_s) == 1:
         alone = np.zeros(len(times_s), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Adjustments of a growing model: of the images around a new one, and of all."""
+"""Local and global adjustments of a growing model."""
 
 from __future__ import annotations
 

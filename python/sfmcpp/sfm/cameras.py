@@ -1,4 +1,4 @@
-"""The cameras of a set of photos: what is known of them, what is to be estimated, and who shares one."""
+"""Cameras of a set of photos: known and free intrinsics, sharing, and the argument `camera`."""
 
 from __future__ import annotations
 
@@ -99,11 +99,12 @@ def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
         raise InvalidArgument(f"shared_camera = 'one': the images have {len(sizes)} sizes ({listed})")
     keys: dict[object, int] = {}
     return np.array(
-        [keys.setdefault(_key(i, p, sharing), len(keys)) for i, p in enumerate(photos)], dtype=np.int32
+        [keys.setdefault(_sharing_key(i, p, sharing), len(keys)) for i, p in enumerate(photos)],
+        dtype=np.int32,
     )
 
 
-def _key(number: int, photo: Photo, sharing: str) -> object:
+def _sharing_key(number: int, photo: Photo, sharing: str) -> object:
     folder = str(PurePosixPath(photo.name).parent)
     names = {"each": number, "one": "", "folder": folder, "auto": photo.camera}
     return names[sharing], photo.size
@@ -154,7 +155,7 @@ def cameras_of(
         [photo for photo, camera in zip(photos, of_image, strict=True) if camera == g] for g in range(count)
     ]
     sizes = np.array([some[0].size for some in members], dtype=np.int64).reshape(-1, 2)
-    told = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
+    focals = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
     given_focal = focal_px if calibration is None else float(calibration[0])
     for width, height in sizes.tolist():
         _require_usual(given_focal, max(width, height))
@@ -164,9 +165,9 @@ def cameras_of(
         rows = np.tile(calibration, (count, 1))
         known = np.ones((count, len(PERSPECTIVE)), dtype=np.bool_)
         return Cameras(rows, known, of_image, sizes, np.zeros(count, dtype=np.bool_), [""] * count)
-    rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
+    rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, focals, strict=True)])
     fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
-    guessed = np.array([focal is None for focal in told], dtype=np.bool_)
+    guessed = np.array([focal is None for focal in focals], dtype=np.bool_)
     if not free and guessed.any():
         raise InvalidArgument("camera_model = 'fixed': wants a focal length, in camera or in the files")
     names = [start.upper().replace("-", "_") if free else ""] * count
@@ -183,8 +184,8 @@ def first_intrinsics(size: NDArray[np.int64], focal_px: float | None) -> FloatAr
 
 
 def _median_focal(photos: Sequence[Photo]) -> float | None:
-    told = [photo.focal_px for photo in photos if photo.focal_px is not None]
-    return float(np.median(told)) if told else None
+    focals = [photo.focal_px for photo in photos if photo.focal_px is not None]
+    return float(np.median(focals)) if focals else None
 
 
 def _require_usual(focal_px: float | None, side: int) -> None:
@@ -203,7 +204,7 @@ def _require_inside(row: FloatArray, width: int, height: int) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraWish:
+class CameraInput:
     """What is said of the cameras of all images.
 
     Attributes
@@ -241,7 +242,7 @@ class CameraWish:
         )
 
 
-def camera_wish(camera: CameraArgument) -> CameraWish:
+def parse_camera_argument(camera: CameraArgument) -> CameraInput:
     """Understand the argument `camera` of :func:`sfmcpp.sfm.reconstruct`.
 
     Raises
@@ -252,32 +253,36 @@ def camera_wish(camera: CameraArgument) -> CameraWish:
         If it is a file that cannot be read.
     """
     if isinstance(camera, str) and camera in ("auto", "exif"):
-        return CameraWish(exif="use" if camera == "auto" else "need")
+        return CameraInput(exif="use" if camera == "auto" else "need")
     if isinstance(camera, (str, PathLike)):
-        return _of_text(str(camera))
+        return _input_of_text(str(camera))
     values = np.asarray(camera, dtype=np.float64)
-    return _of_focal(float(values)) if values.ndim == 0 else CameraWish(calibration=_full_row(values))
+    return (
+        _input_of_focal(float(values))
+        if values.ndim == 0
+        else CameraInput(calibration=_complete_intrinsics(values))
+    )
 
 
-def _of_text(text: str) -> CameraWish:
+def _input_of_text(text: str) -> CameraInput:
     try:
-        return _of_focal(float(text))
+        return _input_of_focal(float(text))
     except ValueError:
         path = Path(text)
     if not camera_file(path)[0].exists():
         if path.suffix:
             raise DatasetError(path, "there is no such file")
         raise InvalidArgument(f"camera = {text!r}: {_RULE}")
-    return CameraWish(calibration=_full_row(read_intrinsics(path)))
+    return CameraInput(calibration=_complete_intrinsics(read_intrinsics(path)))
 
 
-def _of_focal(focal_px: float) -> CameraWish:
+def _input_of_focal(focal_px: float) -> CameraInput:
     if not (np.isfinite(focal_px) and focal_px > 0):
         raise InvalidArgument(f"camera = {focal_px:g}: a focal length must be positive [px]")
-    return CameraWish(focal_px=focal_px, exif="ignore")
+    return CameraInput(focal_px=focal_px, exif="ignore")
 
 
-def _full_row(values: FloatArray) -> FloatArray:
+def _complete_intrinsics(values: FloatArray) -> FloatArray:
     if values.shape == (3, 3):
         f, aspect = values[0, 0], values[1, 1] / values[0, 0]
         values = np.array([f, aspect, values[0, 2], values[1, 2], values[0, 1]])

@@ -1,7 +1,11 @@
-"""Pairs of images that match well, and yet the model says otherwise: repeated or symmetric structure.
+"""Folded models: pairs of images whose matches, or missing matches, contradict the model.
 
 Windows that look alike, or the two sides of a symmetric building, match as well as one thing seen twice.
 Where some of such matches are taken up in a model, others of the same kind are in its way.
+
+Two sides of a building that look alike can fold into one, and every match agrees with the model. The missing
+matches reveal it: behind the building the photos of one side show what those of the other side do not (Zach,
+Irschara, Bischof, "What can missing correspondences tell us about 3D structure and motion?", CVPR 2008).
 """
 
 from __future__ import annotations
@@ -82,7 +86,7 @@ def _errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
     return np.asarray(focal * sampson_errors_px(f, *sides))
 
 
-def warning_of(graph: MatchGraph, pairs: list[Pair]) -> str:
+def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
     """Say it in a sentence."""
     worst = pairs[0]
     names = f"{graph.photos[worst.first].name} and {graph.photos[worst.second].name}"
@@ -93,7 +97,7 @@ def warning_of(graph: MatchGraph, pairs: list[Pair]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
+class _ConfirmedFeatures:
     """What an image shows, as other images confirm: one row for each match with one of them.
 
     Attributes
@@ -159,32 +163,34 @@ def pairs_with_missing_matches(graph: MatchGraph, world: Map, settings: Incremen
     """
     if any(photo.path is None for photo in graph.photos):
         return []
-    views = [_view(graph, world, i) if world.registered[i] else None for i in range(world.num_images)]
+    views = [_model_view(graph, world, i) if world.registered[i] else None for i in range(world.num_images)]
     inside = [
         pair
         for pair in graph.pairs
         if world.registered[[pair.first, pair.second]].all() and len(pair.matches) >= _FEWEST_MATCHES
     ]
-    sights = _sights(inside, views, settings.outlier_px)
-    closest = _closest(inside, world.num_images)
-    missing = np.array([_missing_in_both(sights, views, pair) for pair in closest], dtype=np.intp)
+    sights = _confirmed_features(inside, views, settings.outlier_px)
+    closest = _best_matched_pairs(inside, world.num_images)
+    missing = np.array([_num_missing_in_both(sights, views, pair) for pair in closest], dtype=np.intp)
     found = np.flatnonzero(missing >= _FEWEST_MISSING)
     if len(found) < max(_FEWEST_PAIRS, _LEAST_PART * len(closest)) or missing[found].sum() < _FEWEST_IN_ALL:
         return []
     return [closest[k] for k in found]
 
 
-def _missing_in_both(sights: Sequence[_Sight], views: Sequence[_View | None], pair: Pair) -> int:
+def _num_missing_in_both(
+    sights: Sequence[_ConfirmedFeatures], views: Sequence[_View | None], pair: Pair
+) -> int:
     one, other = views[pair.first], views[pair.second]
     if one is None or other is None:
         return 0
-    missing = _missing(sights[pair.first], one, other, pair.second, pair.matches[:, 0])
+    missing = _num_missing_points(sights[pair.first], one, other, pair.second, pair.matches[:, 0])
     if not missing:
         return 0
-    return min(missing, _missing(sights[pair.second], other, one, pair.first, pair.matches[:, 1]))
+    return min(missing, _num_missing_points(sights[pair.second], other, one, pair.first, pair.matches[:, 1]))
 
 
-def _view(graph: MatchGraph, world: Map, image: int) -> _View:
+def _model_view(graph: MatchGraph, world: Map, image: int) -> _View:
     camera, row = world.poses[image], world.intrinsics[world.image_cameras[image]]
     pixels = graph.features[image].pixels
     rays = homogeneous(to_normalised(pixels, pinhole_rows(row))) @ camera[:, :3].T
@@ -193,7 +199,7 @@ def _view(graph: MatchGraph, world: Map, image: int) -> _View:
     return _View(camera, pixels, rays, row, size)
 
 
-def _closest(pairs: Sequence[Pair], num_images: int) -> list[Pair]:
+def _best_matched_pairs(pairs: Sequence[Pair], num_images: int) -> list[Pair]:
     """Pairs with a geometry that are among those with most matches of one of their images."""
     taken = np.zeros(num_images, dtype=np.intp)
     chosen = []
@@ -205,21 +211,25 @@ def _closest(pairs: Sequence[Pair], num_images: int) -> list[Pair]:
     return chosen
 
 
-def _sights(pairs: Sequence[Pair], views: Sequence[_View | None], outlier_px: float) -> list[_Sight]:
+def _confirmed_features(
+    pairs: Sequence[Pair], views: Sequence[_View | None], outlier_px: float
+) -> list[_ConfirmedFeatures]:
     """What each image shows, by its matches that agree with the model."""
     parts: list[list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]]] = [[] for _ in views]
     for pair in pairs:
         one, other = views[pair.first], views[pair.second]
         if one is not None and other is not None:
-            depths, angles, good = _depths(one, other, pair, outlier_px)
+            depths, angles, good = _match_depths(one, other, pair, outlier_px)
             for k, (image, by) in enumerate(((pair.first, pair.second), (pair.second, pair.first))):
                 parts[image].append((pair.matches[good, k], by, depths[k][good], angles[good]))
-    return [_sight(part) for part in parts]
+    return [_concatenated_features(part) for part in parts]
 
 
-def _sight(parts: list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]]) -> _Sight:
+def _concatenated_features(
+    parts: list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]],
+) -> _ConfirmedFeatures:
     empty, none = np.empty(0), np.empty(0, dtype=np.int32)
-    return _Sight(
+    return _ConfirmedFeatures(
         np.concatenate([none, *(part[0] for part in parts)]),
         np.concatenate([none, *(np.full(len(part[0]), part[1], dtype=np.int32) for part in parts)]),
         np.concatenate([empty, *(part[2] for part in parts)]),
@@ -227,7 +237,7 @@ def _sight(parts: list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]]) -
     )
 
 
-def _depths(
+def _match_depths(
     one: _View, other: _View, pair: Pair, outlier_px: float
 ) -> tuple[tuple[FloatArray, FloatArray], FloatArray, BoolArray]:
     """Where the rays of a pair's matches come nearest: depths, angles, and which of them nearly meet."""
@@ -246,9 +256,11 @@ def _depths(
     return (first, second), angles, np.asarray(good | ~apart)
 
 
-def _missing(sight: _Sight, one: _View, other: _View, number: int, matched: NDArray[np.int32]) -> int:
+def _num_missing_points(
+    sight: _ConfirmedFeatures, one: _View, other: _View, number: int, matched: NDArray[np.int32]
+) -> int:
     """Points of `one` that `other`, image `number`, should show, where nothing of one is `matched`."""
-    features, points, angles = _confirmed(sight, one, number)
+    features, points, angles = _confirmed_points(sight, one, number)
     should = _in_view(one, other, points, angles)
     features = features[should]
     is_matched = np.zeros(len(one.pixels), dtype=np.bool_)
@@ -256,14 +268,16 @@ def _missing(sight: _Sight, one: _View, other: _View, number: int, matched: NDAr
     if len(features) < _FEWEST_POINTS or is_matched[features].mean() < _LEAST_RATE:
         return 0
     cells = np.floor(one.pixels[features] / one.size.max() * _CELLS).astype(np.intp)
-    there = _counted(cells, np.ones(len(cells)))
-    empty = (_with_neighbours(there) >= _FEWEST_IN_CELLS) & (
-        _with_neighbours(_counted(cells, is_matched[features].astype(np.float64))) == 0
+    there = _cell_sums(cells, np.ones(len(cells)))
+    empty = (_neighbourhood_sums(there) >= _FEWEST_IN_CELLS) & (
+        _neighbourhood_sums(_cell_sums(cells, is_matched[features].astype(np.float64))) == 0
     )
     return int(there[empty].sum())
 
 
-def _confirmed(sight: _Sight, one: _View, number: int) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+def _confirmed_points(
+    sight: _ConfirmedFeatures, one: _View, number: int
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
     """Features that images other than `number` confirm, their points, and the widest angle of each [deg]."""
     rows = np.flatnonzero(sight.others != number)
     rows = rows[np.argsort(sight.angles_deg[rows], kind="stable")]
@@ -294,20 +308,20 @@ def _in_view(one: _View, other: _View, points: FloatArray, angles_deg: FloatArra
     return np.asarray(in_front & inside & alike & (scale < _LARGEST_SCALE))
 
 
-def _counted(cells: NDArray[np.intp], weights: FloatArray) -> FloatArray:
+def _cell_sums(cells: NDArray[np.intp], weights: FloatArray) -> FloatArray:
     """Sums of weights in each cell of an image, a row and a column of empty ones around."""
     total = np.zeros((_CELLS + 3, _CELLS + 3))
     np.add.at(total, (cells[:, 1].clip(0, _CELLS) + 1, cells[:, 0].clip(0, _CELLS) + 1), weights)
     return total
 
 
-def _with_neighbours(total: FloatArray) -> FloatArray:
+def _neighbourhood_sums(total: FloatArray) -> FloatArray:
     """Sums over three by three cells."""
     rows = total + np.roll(total, 1, axis=0) + np.roll(total, -1, axis=0)
     return np.asarray(rows + np.roll(rows, 1, axis=1) + np.roll(rows, -1, axis=1))
 
 
-def warning_of_missing(graph: MatchGraph, pairs: list[Pair]) -> str:
+def missing_matches_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
     """Say it in a sentence."""
     first, second = graph.photos[pairs[0].first].name, graph.photos[pairs[0].second].name
     return (

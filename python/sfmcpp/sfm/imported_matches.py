@@ -14,7 +14,7 @@ from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.model.threads import Progress, in_order, silent, thread_count
+from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
 from sfmcpp.sources.io.colmap.database import read_database
 
@@ -35,7 +35,7 @@ def match_graph_of_arrays(
     min_inliers: int = 15,
     seed: int = 0,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> MatchGraph:
     """Make a match graph of arrays; only its two-view geometry is computed.
 
@@ -79,9 +79,11 @@ def match_graph_of_arrays(
     KeyboardInterrupt
         If `progress` asked to stop.
     """
-    features = [_features(i, *columns) for i, columns in enumerate(_columns(keypoints, scales, colors))]
+    features = [
+        _features(i, *columns) for i, columns in enumerate(_columns_by_image(keypoints, scales, colors))
+    ]
     photos = _photos(features, sizes, names)
-    rows = _each_or_none("intrinsics", intrinsics, len(features))
+    rows = _one_per_image("intrinsics", intrinsics, len(features))
     entries = [_checked_pair(pair, found, features) for pair, found in matches.items()]
     checked = dict(sorted(entries, key=lambda entry: entry[0]))
     if len(checked) < len(matches):
@@ -101,12 +103,12 @@ def match_graph_of_arrays(
         )
 
     count = thread_count(threads)
-    geometries = in_order(geometry_of, list(checked), count, stage="geometry", progress=progress)
+    geometries = results_in_order(geometry_of, list(checked), count, stage="geometry", progress=progress)
     pairs = [Pair(*ij, m, g) for (ij, m), g in zip(checked.items(), geometries, strict=True)]
     return MatchGraph(photos, features, pairs)
 
 
-def one_for_one(matches: NDArray[np.int32]) -> Matches:
+def unique_matches(matches: NDArray[np.int32]) -> Matches:
     """Each match once, without those of a feature that matches several: (k, 2), sorted."""
     once = np.unique(matches, axis=0).reshape(-1, 2)
     good = np.ones(len(once), dtype=np.bool_)
@@ -115,7 +117,7 @@ def one_for_one(matches: NDArray[np.int32]) -> Matches:
     return np.asarray(once[good], dtype=np.int32)
 
 
-def _columns(
+def _columns_by_image(
     keypoints: Sequence[ArrayLike],
     scales: Sequence[ArrayLike] | None,
     colors: Sequence[ArrayLike] | None,
@@ -123,11 +125,11 @@ def _columns(
     count = len(keypoints)
     if count == 0:
         raise InvalidArgument("keypoints: is empty, must have an array for each image")
-    others = (_each_or_none(name, given, count) for name, given in (("scales", scales), ("colors", colors)))
+    others = (_one_per_image(name, given, count) for name, given in (("scales", scales), ("colors", colors)))
     return list(zip(keypoints, *others, strict=True))
 
 
-def _each_or_none(
+def _one_per_image(
     name: str, given: Sequence[ArrayLike | None] | None, count: int
 ) -> Sequence[ArrayLike | None]:
     if given is None:
@@ -214,7 +216,7 @@ def match_graph_of_database(
     *,
     seed: int = 0,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> MatchGraph:
     """Make a match graph of a database of COLMAP; only its two-view geometry is computed.
 
@@ -247,7 +249,7 @@ def match_graph_of_database(
     try:
         graph = match_graph_of_arrays(
             found.keypoints,
-            {pair: one_for_one(some) for pair, some in found.matches.items()},
+            {pair: unique_matches(some) for pair, some in found.matches.items()},
             [photo.size for photo in found.photos],
             [photo.name for photo in found.photos],
             found.scales,

@@ -1,4 +1,4 @@
-"""Tracks that come from elsewhere, as images with features and pairs that share tracks."""
+"""Match graphs from tracks of other programs: features, and pairs of images that share tracks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
-from sfmcpp.model.threads import Progress, silent
+from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.imported_matches import match_graph_of_arrays
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.tracks import NO_TRACK, Tracks
@@ -38,9 +38,9 @@ def sizes_of(tracks: ImageTracks) -> NDArray[np.int64]:
     return np.where(known[:, None], tracks.sizes, sides)
 
 
-def joined(tracks: ImageTracks) -> Tracks:
+def joined_tracks(tracks: ImageTracks) -> Tracks:
     """Say which features of :func:`graph_of_tracks` are one track; tracks seen once are none."""
-    order, begin = _by_image(tracks)
+    order, begin = _sorted_by_image(tracks)
     seen = tracks.track_index[order]
     views = np.bincount(seen, minlength=tracks.num_tracks)
     count = int(np.count_nonzero(views > 1))
@@ -49,7 +49,7 @@ def joined(tracks: ImageTracks) -> Tracks:
     return Tracks(begin, number[seen], count, np.empty((0, 2), dtype=np.intp))
 
 
-def _by_image(tracks: ImageTracks) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _sorted_by_image(tracks: ImageTracks) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Observations image after image, within one by their tracks (M,), and where each begins (I + 1,)."""
     order = np.lexsort((tracks.track_index, tracks.image_index))
     counts = np.bincount(tracks.image_index, minlength=tracks.num_images)
@@ -62,7 +62,7 @@ def graph_of_tracks(
     *,
     seed: int = 0,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> MatchGraph:
     """Make the graph of the images and of those pairs of them that share most tracks.
 
@@ -90,12 +90,12 @@ def graph_of_tracks(
     KeyboardInterrupt
         If `progress` asks to stop.
     """
-    order, begin = _by_image(tracks)
+    order, begin = _sorted_by_image(tracks)
     rows = np.split(order, begin[1:-1])
     seen = [tracks.track_index[some] for some in rows]
     return match_graph_of_arrays(
         [tracks.pixels[some] for some in rows],
-        {(i, j): _shared(seen[i], seen[j]) for i, j in _pairs(tracks)},
+        {(i, j): _common_tracks(seen[i], seen[j]) for i, j in _best_pairs(tracks)},
         sizes_of(tracks),
         tracks.names,
         intrinsics=intrinsics,
@@ -105,13 +105,13 @@ def graph_of_tracks(
     )
 
 
-def _shared(first: IndexArray, second: IndexArray) -> NDArray[np.intp]:
+def _common_tracks(first: IndexArray, second: IndexArray) -> NDArray[np.intp]:
     """(m, 2) places of the tracks that stand in both, ascending."""
     _, *places = np.intersect1d(first, second, assume_unique=True, return_indices=True)
     return np.column_stack(places)
 
 
-def _pairs(tracks: ImageTracks) -> list[tuple[int, int]]:
+def _best_pairs(tracks: ImageTracks) -> list[tuple[int, int]]:
     """Pairs that share most tracks: the best of each image."""
     from scipy.sparse import csr_array
 

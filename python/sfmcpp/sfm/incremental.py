@@ -1,4 +1,4 @@
-"""Incremental reconstruction: one model, or several where the images fall apart (thesis algorithm 5)."""
+"""Incremental reconstruction of one or more models, merged where they overlap (thesis algorithm 5)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MAX_DISTANCE = 0.02
 
 
 @dataclass(eq=False)
-class Grown:
+class GrownModels:
     """What grew.
 
     Attributes
@@ -43,7 +43,7 @@ class Grown:
     warnings: list[str] = field(default_factory=list)
 
 
-def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int], bool]) -> Grown:
+def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[[int], bool]) -> GrownModels:
     """Grow models until no images are left that fit together.
 
     Parameters
@@ -52,7 +52,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
         Images, cameras and tracks.
     settings : IncrementalSettings
         Thresholds and seed.
-    told : callable
+    progress : callable
         Called with the number of images that have a pose; returning True asks to stop with what there is.
 
     Returns
@@ -60,47 +60,47 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
     Grown
         Models that overlap are joined. No model is thrown away but small ones beside a larger one.
     """
-    grown, num_images = Grown(), len(scene.graph.photos)
+    grown, num_images = GrownModels(), len(scene.graph.photos)
     elsewhere = np.zeros(num_images, dtype=np.bool_)
     while not grown.interrupted and len(grown.models) < _MODELS:
         growth = Growth(scene, settings, elsewhere.copy())
         try:
             if not growth.start():
                 break
-            growth.grow(asked(told, elsewhere))
+            growth.grow(stop_listener(progress, elsewhere))
         except KeyboardInterrupt:
             grown.interrupted = True
         if not growth.world.registered.any():
             break
         grown.reasons.update(growth.reasons)
-        _add(grown, growth, scene, settings)
+        _add_model(grown, growth, scene, settings)
         elsewhere |= growth.world.registered
     grown.models.sort(key=lambda world: -int(np.count_nonzero(world.registered)))
-    grown.models[1:] = [world for world in grown.models[1:] if _is_worth_it(world, settings)]
+    grown.models[1:] = [world for world in grown.models[1:] if _is_large_enough(world, settings)]
     return grown
 
 
-def asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
+def stop_listener(progress: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
     """Turn the answer of a listener into an interruption."""
 
     def tell(world: Map) -> None:
-        if told(int(np.count_nonzero(world.registered | elsewhere))):
+        if progress(int(np.count_nonzero(world.registered | elsewhere))):
             raise KeyboardInterrupt
 
     return tell
 
 
-def _add(grown: Grown, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
+def _add_model(grown: GrownModels, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
     """Put a model beside the others; those that it overlaps become one with it, and with each other."""
     world, joined = growth.world, False
-    while (both := _joined_with_one(grown.models, world, settings)) is not None:
+    while (both := _merged_with_overlapping(grown.models, world, settings)) is not None:
         world, joined = both, True
     if joined:
         Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
     grown.models.append(world)
 
 
-def _joined_with_one(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
+def _merged_with_overlapping(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
     """Take the first of `models` that overlaps `world` out of them; the model of both."""
     for number, other in enumerate(models):
         large, small = sorted((other, world), key=lambda w: -int(np.count_nonzero(w.registered)))
@@ -110,7 +110,7 @@ def _joined_with_one(models: list[Map], world: Map, settings: IncrementalSetting
     return None
 
 
-def _is_worth_it(world: Map, settings: IncrementalSettings) -> bool:
+def _is_large_enough(world: Map, settings: IncrementalSettings) -> bool:
     return bool(np.count_nonzero(world.registered) >= settings.min_model_images)
 
 

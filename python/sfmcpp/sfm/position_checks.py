@@ -1,8 +1,11 @@
-"""Which positions of images the others can check.
+"""Checks of positions of images: redundancy, undecidable positions, swapped axes.
 
 How far the others check a coordinate is its redundancy number (W. Förstner and B. Wrobel, "Photogrammetric
 Computer Vision", 2016): the part of an error in it that is left in its residual once a similarity is
 fitted to all. Where the others lie on a line it is zero for what a turn about that line moves.
+
+Swapped axes mirror the positions. Those of a flight lie near a plane, which a half turn about an axis in it
+mirrors as well: they then fit, but the ground is above the cameras.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ _HEADS_DOWN, _TO_THE_SKY = -0.3, 0.8
 _MIRROR = np.array([1.0, 1.0, -1.0])
 
 
-def unchecked(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> BoolArray:
+def unchecked_positions(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> BoolArray:
     """Find the positions of which some direction is not checked by those that are trusted.
 
     Parameters
@@ -50,7 +53,7 @@ def unchecked(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> B
     return np.asarray(np.linalg.eigvalsh(hats)[:, -1] > 1 - _LEAST_REDUNDANCY)
 
 
-def beyond_judgement(
+def undecidable_positions(
     centres: FloatArray, metres: FloatArray, weights: FloatArray, trusted: BoolArray
 ) -> BoolArray:
     """Find the positions that disagree, and that a turn which no other forbids would bring to agree.
@@ -70,13 +73,13 @@ def beyond_judgement(
     """
     if not trusted.any():
         return trusted
-    found = unchecked(centres, weights, trusted) & ~trusted
+    found = unchecked_positions(centres, weights, trusted) & ~trusted
     for image in np.flatnonzero(found):
-        found[image] = _explained(centres, metres, trusted, image)
+        found[image] = _fits_after_move(centres, metres, trusted, image)
     return found
 
 
-def _explained(centres: FloatArray, metres: FloatArray, trusted: BoolArray, image: np.intp) -> bool:
+def _fits_after_move(centres: FloatArray, metres: FloatArray, trusted: BoolArray, image: np.intp) -> bool:
     chosen = trusted.copy()
     chosen[image] = True
     try:
@@ -88,7 +91,7 @@ def _explained(centres: FloatArray, metres: FloatArray, trusted: BoolArray, imag
     return bool(left <= _UNEXPLAINED * lever)
 
 
-def swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:
+def evidence_of_swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:
     """Say what speaks for axes of the positions that are swapped.
 
     Parameters

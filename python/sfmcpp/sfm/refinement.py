@@ -1,4 +1,4 @@
-"""The last stage of a reconstruction: observations moved by parts of a pixel, and all adjusted once more."""
+"""Final stage of a reconstruction: subpixel refinement and a last adjustment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
 from sfmcpp.model.photos import Photo
-from sfmcpp.model.threads import Progress, silent
+from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.adjustment import FINE, adjust_all
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
@@ -40,7 +40,7 @@ def refine_models(
     settings: IncrementalSettings,
     *,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> Refinement:
     """Move the observations of models to where the photos agree, and adjust the models.
 

@@ -1,4 +1,4 @@
-"""Frames between keyframes, beside sensors: each as it comes, and together once the next keyframe has."""
+"""Poses of the frames between two keyframes: fitted as they come, and together after the next keyframe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam.fusion import FEWEST, Member, grouped, pose_constraint, pose_view, usual_weights
+from sfmcpp.slam.fusion import FEWEST, Member, grouped_constraints, pose_constraint, pose_view, usual_weights
 from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
@@ -23,7 +23,7 @@ from sfmcpp.weighting import refine_pose, solve
 _LOSS_PX = 1.0
 
 
-def settled(
+def fit_last_frames(
     world: WorldMap,
     view: View,
     pose: FloatArray,
@@ -43,7 +43,7 @@ def settled(
     return refine_pose(images, weighted, pose).pose
 
 
-def settle_between(
+def fit_between_keyframes(
     result: SlamResult, frames: Sequence[Frame], sensors: SensorSuite, settings: SlamSettings
 ) -> None:
     """Fit the frames between the last two keyframes together, the map and these two held.
@@ -74,7 +74,7 @@ def settle_between(
     seeing = [stop for stop in between if len(stop.known.tracks) >= FEWEST]
     start, end = (_Stop.of(keyframe, keyframe.frame, keyframe.pose, world) for keyframe in (before, after))
     stops = [start, *seeing, end]
-    groups = grouped(_steps(stops, world, sensors))
+    groups = grouped_constraints(_step_groups(stops, world, sensors))
     if not seeing or not groups or not settings.trusts_declared:
         return
     problem = _problem(world, stops)
@@ -105,7 +105,7 @@ class _Stop:
         return cls(number, seen.t_s, pose, seen.view.only(world.knows(seen.view.tracks)))
 
 
-def _steps(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
+def _step_groups(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
     """What sensors say from each stop to the next, with the weights usual so far."""
     for k, (start, end) in enumerate(pairwise(stops)):
         rotation, previous = end.pose[:, :3], start.pose[:, :3]

@@ -50,23 +50,23 @@ def calibrate(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) 
     world = result.world
     if world is None or not settings.trusts_declared:
         return
-    changed = remove_biases(world.keyframes, world.intrinsics[0], sensors, settings)
+    has_changed = remove_biases(world.keyframes, world.intrinsics[0], sensors, settings)
     if not sensors.in_time:
-        changed |= _set_clocks(result, sensors)
-    if changed:
-        _constrain_again(result, sensors)
+        has_changed |= _set_clocks(result, sensors)
+    if has_changed:
+        _renew_constraints(result, sensors)
 
 
 def _set_clocks(result: SlamResult, sensors: SensorSuite) -> bool:
     """Whether a clock was set: by pairs of images, and now and then by all frames, which tell more."""
     world = result.world
     assert world is not None
-    told = sensors.set_clocks(None, _LARGEST_OFFSET_S)
-    if not told and not sensors.in_time and len(world.keyframes) % _EVERY == 0:
+    warnings = sensors.set_clocks(None, _LARGEST_OFFSET_S)
+    if not warnings and not sensors.in_time and len(world.keyframes) % _EVERY == 0:
         first = world.keyframes[-1].frame - _LOOK_BACK
-        told = sensors.set_clocks(result.seen_trajectory(first), _LARGEST_OFFSET_S)
-    result.warnings += told
-    return bool(told)
+        warnings = sensors.set_clocks(result.seen_trajectory(first), _LARGEST_OFFSET_S)
+    result.warnings += warnings
+    return bool(warnings)
 
 
 def remove_biases(
@@ -93,11 +93,13 @@ def remove_biases(
     fresh = [image for image in images if image.t_s >= sensors.turns_until_s]
     if len(fresh) < 2 or not sensors.compares_pairs or not settings.trusts_declared:
         return False
-    turns = [_seen_turn(before, after, intrinsics, settings) for before, after in pairwise(fresh)]
+    turns = [
+        _rotation_between_images(before, after, intrinsics, settings) for before, after in pairwise(fresh)
+    ]
     return sensors.remove_biases([turn for turn in turns if turn is not None], fresh[-1].t_s)
 
 
-def _seen_turn(
+def _rotation_between_images(
     before: Frame | Keyframe, after: Frame | Keyframe, intrinsics: FloatArray, settings: SlamSettings
 ) -> Turn | None:
     """What two images tell of the rotation between them; None where they tell none, or two."""
@@ -110,11 +112,11 @@ def _seen_turn(
         max_iterations=1000,
         seed=settings.seed,
     )
-    told = found.camera[:, :3], found.camera[:, 3]
-    return Turn(before.t_s, after.t_s, *told) if found.success else None
+    motion = found.camera[:, :3], found.camera[:, 3]
+    return Turn(before.t_s, after.t_s, *motion) if found.success else None
 
 
-def _constrain_again(result: SlamResult, sensors: SensorSuite) -> None:
+def _renew_constraints(result: SlamResult, sensors: SensorSuite) -> None:
     """What sensors have said of the keyframes so far they say again."""
     world = result.world
     assert world is not None
@@ -123,7 +125,7 @@ def _constrain_again(result: SlamResult, sensors: SensorSuite) -> None:
         keyframe.constraints = presumed_weights(world, keyframe, before, measured)
 
 
-def doubt_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
+def check_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
     """Tell what is wrong with positions as a whole, and set their clocks.
 
     Bends are judged by the rotations of pairs of images, and the clock by an odometer and a gyroscope, as
@@ -145,12 +147,12 @@ def doubt_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
     gpses = [sensor for sensor in sensors.sensors if isinstance(sensor, Gps)]
     if world is None or not gpses:
         return []
-    seen = _seen(world, sensors)
-    path = _reckoned(list(result.path.times.values()), sensors.sensors)
-    return [doubt for gps in gpses for doubt in _doubts(gps, seen, path, sensors)]
+    seen = _keyframe_rotations(world, sensors)
+    path = _dead_reckoned_path(list(result.path.times.values()), sensors.sensors)
+    return [doubt for gps in gpses for doubt in _position_faults(gps, seen, path, sensors)]
 
 
-def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
+def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
     bends = check_bends(gps.stream, seen, gps.up_in_camera, gps.sigma_m or 1.0)
     if bends.is_mirrored:
         return [
@@ -172,33 +174,33 @@ def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: Sensor
     ]
 
 
-def _seen(world: WorldMap, sensors: SensorSuite) -> Trajectory:
+def _keyframe_rotations(world: WorldMap, sensors: SensorSuite) -> Trajectory:
     """Rotations of the keyframes by pairs of images, else by a gyroscope, else by the map."""
-    told = {(turn.start_s, turn.end_s): turn.rotation for turn in sensors.turns}
+    rotations = {(turn.start_s, turn.end_s): turn.rotation for turn in sensors.turns}
     steps = []
     for before, after in pairwise(world.keyframes):
-        turn = told.get((before.t_s, after.t_s))
+        turn = rotations.get((before.t_s, after.t_s))
         if turn is None:
             turn = sensors.rotation(before.t_s, after.t_s)
         mapped = before.pose[:, :3].T @ after.pose[:, :3]
         steps.append(np.column_stack([mapped if turn is None else turn, np.zeros(3)]))
-    return Trajectory(np.array([keyframe.t_s for keyframe in world.keyframes]), _chained(steps))
+    return Trajectory(np.array([keyframe.t_s for keyframe in world.keyframes]), _poses_of_steps(steps))
 
 
-def _reckoned(times: Sequence[float], sensors: Sequence[MotionSensor]) -> Trajectory | None:
+def _dead_reckoned_path(times: Sequence[float], sensors: Sequence[MotionSensor]) -> Trajectory | None:
     """The camera's way by odometer and gyroscope, the longest stretch that both tell; None without both."""
     odometer = next((s for s in sensors if isinstance(s, Odometer) and s.mounting is not None), None)
     gyro = next((s for s in sensors if isinstance(s, Gyroscope)), None)
     if odometer is None or gyro is None:
         return None
-    steps = [_step(odometer, gyro, *span) for span in pairwise(times)]
+    steps = [_relative_pose(odometer, gyro, *span) for span in pairwise(times)]
     lost = [-1, *(k for k, step in enumerate(steps) if step is None), len(steps)]
     before, end = max(pairwise(lost), key=lambda span: span[1] - span[0])
-    poses = _chained([step for step in steps[before + 1 : end] if step is not None])
+    poses = _poses_of_steps([step for step in steps[before + 1 : end] if step is not None])
     return Trajectory(np.array(times[before + 1 : end + 1]), poses)
 
 
-def _chained(steps: Sequence[FloatArray]) -> FloatArray:
+def _poses_of_steps(steps: Sequence[FloatArray]) -> FloatArray:
     """Poses (n + 1, 3, 4) along steps (3, 4), each in the axes of the pose before it."""
     poses = [np.eye(3, 4)[None]]
     for step in steps:
@@ -206,7 +208,7 @@ def _chained(steps: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(poses)
 
 
-def _step(odometer: Odometer, gyro: Gyroscope, start_s: float, end_s: float) -> FloatArray | None:
+def _relative_pose(odometer: Odometer, gyro: Gyroscope, start_s: float, end_s: float) -> FloatArray | None:
     """Pose (3, 4) start_from_end of the camera; None where one of them tells nothing, or nothing certain."""
     turn = gyro.between(start_s, end_s)
     if turn is None or odometer.mounting is None or odometer.between(start_s, end_s) is None:

@@ -99,7 +99,7 @@ def unflatten(arrays: Mapping[str, NDArray[Any]], classes: Iterable[type]) -> An
         raise InvalidArgument(f"arrays: hold no such object ({type(error).__name__}: {error})") from error
 
 
-def _state(value: Any) -> dict[str, Any]:
+def _attributes_of(value: Any) -> dict[str, Any]:
     """The attributes of an object: of a data class its fields, not what was computed from them and kept."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
@@ -133,7 +133,7 @@ class _Flattening:
         self._met[id(value)] = len(self._met), value
         if isinstance(value, np.ndarray):
             return ["array", *self._piece(value)]
-        return ["object", name, [[k, self.node(x)] for k, x in _state(value).items()]]
+        return ["object", name, [[k, self.node(x)] for k, x in _attributes_of(value).items()]]
 
     def _piece(self, array: NDArray[Any]) -> list[Any]:
         """Dtype, where it begins among all numbers of it, shape, and order in memory."""
@@ -207,7 +207,7 @@ class SlamCheckpoints:
         settings: SlamSettings,
         sensors: Sequence[MotionSensor],
     ) -> None:
-        self._run = RunCheckpoints(save, resume, lambda: _facts(source, settings, sensors))
+        self._run = RunCheckpoints(save, resume, lambda: _run_facts(source, settings, sensors))
         self._last: Frame | None = None
 
     def resumed(self) -> State | None:
@@ -227,7 +227,7 @@ class SlamCheckpoints:
         last, taken = self._last, self._run.taken
         if last is None or taken is None or frame.number > last.number:
             return False
-        if frame.number == last.number and not _same(frame, last):
+        if frame.number == last.number and not _is_same_frame(frame, last):
             raise DatasetError(taken.path, f"is of other images: frame {frame.number} sees something else")
         return True
 
@@ -241,13 +241,15 @@ class SlamCheckpoints:
         return self._run.warnings
 
 
-def _facts(source: FrameSource, settings: SlamSettings, sensors: Sequence[MotionSensor]) -> dict[str, Any]:
+def _run_facts(
+    source: FrameSource, settings: SlamSettings, sensors: Sequence[MotionSensor]
+) -> dict[str, Any]:
     digests = {f"frames: {name}": digest(value) for name, value in source.identity().items()}
     digests |= {f"sensor {sensor.name!r}": digest(flatten(sensor)) for sensor in sensors}
     return facts_of_run("slam", problem=digests, options=asdict(settings))
 
 
-def _same(a: Frame, b: Frame) -> bool:
+def _is_same_frame(a: Frame, b: Frame) -> bool:
     return (
         a.t_s == b.t_s
         and np.array_equal(a.view.tracks, b.view.tracks)

@@ -1,4 +1,4 @@
-"""A SLAM run over a drive: what the command line does, from Python."""
+"""A SLAM run over a drive with its sensors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.ba.adjust import goes_on
+from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -242,14 +242,14 @@ def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
     return Gps(local_positions(stream) if stream.kind == "geodetic" else stream, mounting, name)
 
 
-def _at_camera(mounting: Mounting | None) -> Mounting:
+def _mounting_at_camera(mounting: Mounting | None) -> Mounting:
     return mounting or Mounting(np.eye(3), np.zeros(3))
 
 
 _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]] = {
     "odometer": lambda name, stream, mounting: Odometer(stream, name, mounting=mounting),
-    "imu": lambda name, stream, mounting: Gyroscope(stream, _at_camera(mounting), name),
-    "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
+    "imu": lambda name, stream, mounting: Gyroscope(stream, _mounting_at_camera(mounting), name),
+    "ins": lambda name, stream, mounting: Ins(stream, _mounting_at_camera(mounting), name),
     "gps": _gps,
 }
 
@@ -265,5 +265,5 @@ class _Listener:
         self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.ended = self._callback is not None and not goes_on(self._callback(frame, result))
+        self.ended = self._callback is not None and not continues_after(self._callback(frame, result))
         return not self.ended

@@ -1,4 +1,4 @@
-"""Sensors in the map: the weight of each new constraint, and all of them in the local adjustment."""
+"""Sensor fusion: weights of new constraints, and the constraint groups of the local adjustment."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
                 members.append(Member((position,), constraint, int(count[position])))
             elif k - 1 in place and known[place[k - 1]]:
                 members.append(Member((place[k - 1], position), constraint, int(count[position])))
-    return grouped(members)
+    return grouped_constraints(members)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class Member:
     count: int
 
 
-def grouped(members: Iterable[Member]) -> list[ConstraintGroup]:
+def grouped_constraints(members: Iterable[Member]) -> list[ConstraintGroup]:
     """One group per sensor and kind, in the order in which they come."""
     groups: dict[tuple[str, str], list[Member]] = {}
     for member in members:
@@ -168,13 +168,13 @@ def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
         constraint.weight * (constraint.measurement.sigma or 1.0)
         for keyframe in reversed(world.keyframes)
         for constraint in reversed(keyframe.constraints)
-        if _alike(constraint.measurement, measurement) and not constraint.measurement.doubtful
+        if _are_groupable(constraint.measurement, measurement) and not constraint.measurement.doubtful
     )
     lately = list(islice(weights, _LATELY))
     return float(np.median(lately)) / (measurement.sigma or 1.0) if lately else 1.0
 
 
-def _alike(one: Measurement, other: Measurement) -> bool:
+def _are_groupable(one: Measurement, other: Measurement) -> bool:
     return (one.sensor, one.kind) == (other.sensor, other.kind)
 
 

@@ -32,7 +32,7 @@ _LOSS_PX = 1.0
 # Digits of the cost that would be bought with what hardly any image tells.
 _TOLERANCE = 1e-5
 # The group of constraints that holds turns where positions do not.
-_AS_LEFT = "as left"
+_PRIOR_NAME = "as left"
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
@@ -110,7 +110,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     placed = any(group.kind in PLACE_KINDS for group in groups)
     scaled = any(group.kind in METRIC_KINDS for group in groups)
     hold_gauge(local, 0 if placed else 1 if scaled or world.stereo else HELD_KEYFRAMES)
-    held = [_as_left(local.problem)] if placed else []
+    held = [_orientation_prior(local.problem)] if placed else []
     both = with_right_views(world, local)
     summary = solve(
         both.problem,
@@ -120,7 +120,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         function_tolerance=_TOLERANCE,
         max_iterations=50,
     ).require_uninterrupted()
-    done = _judged(summary)
+    done = _final_adjustment_of(summary)
     result.final = replace(done, kept=done.improved or settings.final_adjustment == "on")
     if result.final.kept:
         before = world.poses.copy()
@@ -129,7 +129,7 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
         result.path.follow(before)
 
 
-def _as_left(problem: Problem) -> ConstraintGroup:
+def _orientation_prior(problem: Problem) -> ConstraintGroup:
     """Cameras turned as they are, so loosely that it tells nothing but what positions leave open.
 
     Positions on a straight way tell no roll of a part of the map that shares no point with the others: it
@@ -139,14 +139,14 @@ def _as_left(problem: Problem) -> ConstraintGroup:
     count = problem.num_cameras
     sigma = OPEN_ROLL_RAD * np.sqrt(count)
     return ConstraintGroup(
-        "orientation", np.arange(count, dtype=np.int32), problem.rotations, sigma=sigma, name=_AS_LEFT
+        "orientation", np.arange(count, dtype=np.int32), problem.rotations, sigma=sigma, name=_PRIOR_NAME
     )
 
 
-def _judged(summary: Summary) -> FinalAdjustment:
+def _final_adjustment_of(summary: Summary) -> FinalAdjustment:
     sensors = {name: (float(a), float(b)) for name, (a, b) in summary.constraint_costs.items()}
     sums = np.array(list(sensors.values())).reshape(-1, 2).sum(axis=0)
     pixels = (float(summary.initial_cost - sums[0]), float(summary.final_cost - sums[1]))
-    for name in (RIGID, _AS_LEFT):
+    for name in (RIGID, _PRIOR_NAME):
         sensors.pop(name, None)
     return FinalAdjustment(False, pixels, sensors)

@@ -1,4 +1,4 @@
-"""What a sensor says of a keyframe's pose, as a constraint of thesis table 5.1."""
+"""Sensors as sources of constraints on keyframe poses (thesis table 5.1)."""
 
 from __future__ import annotations
 
@@ -153,13 +153,13 @@ class Odometer:
         return tuple(gap for gap in self.doubtful_stretches if gap.end_s <= self.stream.t_s[-1])
 
     @cached_property
-    def _believed(self) -> SensorStream:
+    def _stream_without_leaps(self) -> SensorStream:
         carried = self.carried_stretches
         return carried_over(self.stream, carried) if carried else self.stream
 
     def between(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance travelled [m]; None where it is not measured, or doubtful."""
-        return None if self._doubts(start_s, end_s) else self._distance(start_s, end_s, turn)
+        return None if self._is_doubtful(start_s, end_s) else self._distance(start_s, end_s, turn)
 
     def measure(
         self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
@@ -170,7 +170,7 @@ class Odometer:
         if distance is None:
             return None
         sigma_m = self._sigma_m(start_s, end_s, distance)
-        doubtful = self._doubts(start_s, end_s)
+        doubtful = self._is_doubtful(start_s, end_s)
         directed = self.directions and self.stream.kind == "velocity" and sigma_m is not None
         if directed and turn is not None and step is not None:
             value = np.column_stack([turn, step])
@@ -190,16 +190,16 @@ class Odometer:
     def _step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
         if self.mounting is None or turn is None:
             return None
-        return camera_displacement(self._believed, start_s, end_s, self.mounting, turn)
+        return camera_displacement(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
 
     def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
         step = self._step(start_s, end_s, turn)
         if step is not None:
             return float(np.linalg.norm(step))
-        distance = travelled_distance(self._believed, start_s, end_s)
+        distance = travelled_distance(self._stream_without_leaps, start_s, end_s)
         return None if distance is None else abs(distance)
 
-    def _doubts(self, start_s: float, end_s: float) -> bool:
+    def _is_doubtful(self, start_s: float, end_s: float) -> bool:
         return any(
             gap.start_s < end_s and start_s < gap.end_s
             for gap in self.doubtful_stretches

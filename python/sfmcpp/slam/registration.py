@@ -1,4 +1,4 @@
-"""The map brought into the sensors' world: into metres, and into the frame of positions (thesis §5.3.3)."""
+"""Registration of the map in the sensors' world: metric scale, frame of positions (thesis §5.3.3)."""
 
 from __future__ import annotations
 
@@ -87,11 +87,11 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     Similarity or None
         None as long as there are too few keyframes, or they do not tell it.
     """
-    way = _way_of(sensors, _WAYS)
-    scale = metres_per_unit(world) if way in (None, _by_distances) else None
+    way = _registration_method(sensors, _WAYS)
+    scale = metres_per_unit(world) if way in (None, _scale_by_distances) else None
     if scale is not None:
         return Similarity(scale, np.eye(3), np.zeros(3))
-    found = _fitted(way, world.keyframes, sensors, settings.registration_keyframes)
+    found = _fit_by_method(way, world.keyframes, sensors, settings.registration_keyframes)
     return None if found is None else found.similarity
 
 
@@ -138,11 +138,11 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     """
     if not settings.correct_drift or settings.weights == "none":
         return None
-    way = _way_of(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
+    way = _registration_method(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes
     for first in range(len(world.keyframes) - fewest, start - 1, -fewest):
-        found = _fitted(way, world.keyframes[first:], sensors, fewest)
+        found = _fit_by_method(way, world.keyframes[first:], sensors, fewest)
         if found is not None:
             return Correction(first, found.similarity) if found.drifted else None
     return None
@@ -165,13 +165,13 @@ class _Fit:
         return self.after_m < _DRIFT_RATIO * self.before_m
 
 
-def _way_of(sensors: SensorSuite, ways: Mapping[type, _Way]) -> _Way | None:
+def _registration_method(sensors: SensorSuite, ways: Mapping[type, _Way]) -> _Way | None:
     """The first of the ways that a sensor gives."""
     kinds = {type(sensor) for sensor in sensors.sensors}
     return next((way for kind, way in ways.items() if kind in kinds), None)
 
 
-def _fitted(
+def _fit_by_method(
     way: _Way | None, keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int
 ) -> _Fit | None:
     try:
@@ -185,7 +185,7 @@ def _fit(registered: Registration, before_m: FloatArray) -> _Fit:
     return _Fit(registered.similarity, float(np.sqrt(np.mean(before_m**2))), registered.rmse_m)
 
 
-def _by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
+def _fit_by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
     pairs = [(k.pose, pose) for k in keyframes if (pose := sensors.pose(k.t_s)) is not None]
     if len(pairs) < fewest:
         return None
@@ -196,7 +196,7 @@ def _by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) 
     return _fit(registered, np.linalg.norm(seen[:, :, 3] - measured[:, :, 3], axis=1))
 
 
-def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
+def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
     """Fit to positions; on a straight way the camera is taken to be upright."""
     gps = next(sensor for sensor in sensors.sensors if isinstance(sensor, Gps))
     rotation = np.eye(3)
@@ -213,7 +213,7 @@ def _by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
     return _fit(registered, np.linalg.norm(seen[:, :, 3] - centres, axis=1))
 
 
-def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
+def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
     """Ratio of the mean steps (eq. 5.19) of the last keyframes in a row, whose distances must be known."""
     last = keyframes[-count:]
     found = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(last)]
@@ -226,5 +226,5 @@ def _by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: in
 
 
 # The best first.
-_ABSOLUTE: dict[type, _Way] = {Ins: _by_poses, Gps: _by_positions}
-_WAYS = {**_ABSOLUTE, Odometer: _by_distances}
+_ABSOLUTE: dict[type, _Way] = {Ins: _fit_by_poses, Gps: _fit_by_positions}
+_WAYS = {**_ABSOLUTE, Odometer: _scale_by_distances}

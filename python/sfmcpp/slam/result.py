@@ -1,4 +1,4 @@
-"""What a SLAM run gives."""
+"""Result of a SLAM run: poses, keyframe records, the final adjustment."""
 
 from __future__ import annotations
 
@@ -185,8 +185,8 @@ class KeyframeRecord:
         """Make it of a frame that has become a keyframe."""
         weights = {c.measurement.sensor: c.weight for c in fused.constraints}
         conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
-        told = (weights, conflicts, list(fused.selections))
-        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *told)
+        fusion = (weights, conflicts, list(fused.selections))
+        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *fusion)
 
 
 @dataclass(frozen=True)
@@ -217,8 +217,8 @@ class FinalAdjustment:
     def describe(self) -> str:
         """Say it in a sentence."""
         costs = {"images": self.pixels, **self.sensors}
-        told = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
-        return f"{'kept' if self.kept else 'not kept'}: cost of {told}"
+        text = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
+        return f"{'kept' if self.kept else 'not kept'}: cost of {text}"
 
 
 @dataclass

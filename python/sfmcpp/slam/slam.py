@@ -11,8 +11,8 @@ from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
-from sfmcpp.slam.between_keyframes import settle_between, settled
-from sfmcpp.slam.calibration import calibrate, doubt_positions
+from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_last_frames
+from sfmcpp.slam.calibration import calibrate, check_positions
 from sfmcpp.slam.checkpoints import State
 from sfmcpp.slam.fusion import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
@@ -113,15 +113,15 @@ class Slam:
         pose = self._locate(frame)
         clock.lap("resection")
         if pose is None:
-            self._go_on_without_map(frame, clock)
+            self._track_without_map(frame, clock)
             return
         self._initialiser = None
-        self._place(frame, pose)
+        self._note_pose(frame, pose)
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)
             return
-        told = settled(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
-        self.result.path.settle(frame.number, told)
+        fitted = fit_last_frames(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
+        self.result.path.settle(frame.number, fitted)
 
     def finish(self) -> None:
         """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
@@ -131,7 +131,7 @@ class Slam:
             self.result.warnings += self._sensors.shortcomings(times[0], times[-1], metric=self.result.metric)
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
-        self.result.warnings += doubt_positions(self.result, self._sensors)
+        self.result.warnings += check_positions(self.result, self._sensors)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
@@ -157,7 +157,7 @@ class Slam:
             pose = None if frame.number in keyframes else self._locate(frame)
             if pose is None and frame.number not in keyframes:
                 continue
-            self._place(frame, pose)
+            self._note_pose(frame, pose)
             self.result.trust(frame.number)
 
     def _locate(self, frame: Frame) -> FloatArray | None:
@@ -167,7 +167,7 @@ class Slam:
             self.result.path.seen_from[frame.number] = found.pose[:, :3].T @ found.seen[:, :3]
         return None if found is None else found.pose
 
-    def _place(self, frame: Frame, pose: FloatArray | None) -> None:
+    def _note_pose(self, frame: Frame, pose: FloatArray | None) -> None:
         """Say where a frame is; None: it is a keyframe, and the map says it."""
         between = self.result.path.between
         between.pop(frame.number, None)
@@ -175,7 +175,7 @@ class Slam:
             between[frame.number] = pose
         self._lately = [seen for seen in self._lately if seen.number < frame.number] + [frame]
 
-    def _go_on_without_map(self, frame: Frame, clock: Clock) -> None:
+    def _track_without_map(self, frame: Frame, clock: Clock) -> None:
         """Too few points are left: go on from the last frame, and look for a new start once that fails."""
         result, last = self.result, self._lately[-1]
         step = self._follower.follow(frame, last, result)
@@ -186,13 +186,13 @@ class Slam:
         else:
             result.bridged.append(frame.number)
             pose = step.pose
-        self._place(frame, pose)
+        self._note_pose(frame, pose)
         if self._initialiser is not None:
             self._start_again(frame, self._initialiser)
         elif step is not None and step.moved:
-            self._bridge(last, frame, step, clock)
+            self._add_keyframes_of_gap(last, frame, step, clock)
 
-    def _bridge(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
+    def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
             self._add_keyframe(last, self.result.poses[last.number], clock)
@@ -231,7 +231,7 @@ class Slam:
         before = world.poses.copy()
         adjust(world, self.settings)
         self.result.path.follow(before)
-        settle_between(self.result, self._lately, self._sensors, self.settings)
+        fit_between_keyframes(self.result, self._lately, self._sensors, self.settings)
         self._lately = [seen for seen in self._lately if seen.number >= frame.number]
         clock.lap("adjustment")
         place_in_world(self.result, self._sensors, self.settings)

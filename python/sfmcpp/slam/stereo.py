@@ -1,4 +1,4 @@
-"""Right images of a rectified pair: further views of points, each held one baseline beside its left one."""
+"""Right images of a rectified pair: additional views, tied to their left cameras by the baseline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The map of a drive: keyframes in the order of time, and what sensors say between them."""
+"""The map of a drive: keyframes in order of time, with their sensor measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras of a drive, as the user says them or as data sets put them beside their images.
+"""Intrinsics of a camera, as given by the user or found beside its images.
 
 ``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
 one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
@@ -100,7 +100,7 @@ def read_camera(path: Path) -> Calibration:
         return read_calibration(file, camera)
     with failures_named(path):
         data = read_text_bytes(path)
-    matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
+    matrices = _matrix_of_numbers(path, data) if path.name == "K.txt" else _projections(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
@@ -115,7 +115,7 @@ def camera_file(path: str | Path) -> tuple[Path, str]:
     return (Path(file), name) if named else (Path(path), "")
 
 
-def _square(path: Path, data: bytes) -> FloatArray:
+def _matrix_of_numbers(path: Path, data: bytes) -> FloatArray:
     values = NumberText(path, data.replace(b",", b" "), comments=True).values
     if len(values) != 9:
         raise DatasetError(path, f"holds {len(values)} numbers: must be 9, a calibration matrix")

@@ -1,4 +1,4 @@
-"""Drives: frames of a camera, what sensors measured beside it, and the truth where it is known."""
+"""Drives: frames of a camera, sensor streams, and ground truth where it is known."""
 
 from __future__ import annotations
 
@@ -92,12 +92,14 @@ class Drive:
                 return self.streams[kind]
         wanted = " or ".join(map(_with_columns, kinds))
         if self.sensor_file is not None:
-            reason = f"holds no {wanted}, which the sensor {name!r} needs{_left_out(self.sensor_file)}"
+            reason = (
+                f"holds no {wanted}, which the sensor {name!r} needs{_ignored_columns_text(self.sensor_file)}"
+            )
             raise DatasetError(self.sensor_file, reason)
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
 
 
-def _left_out(path: Path) -> str:
+def _ignored_columns_text(path: Path) -> str:
     """What a file of sensors has under names that are not known, in words."""
     if path.suffix.lower() not in (".csv", ".txt"):
         return ""
@@ -224,7 +226,9 @@ def _read_images(
     images = source if euroc is None else euroc.images
     frames, truth = open_images(images, camera, fps, corners, stamps)
     mounting = _mounting_beside(images, camera)
-    return (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_of_euroc(euroc, mounting))
+    return (
+        (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_euroc_drive(euroc, mounting))
+    )
 
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
@@ -234,7 +238,7 @@ def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
     return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
 
 
-def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
+def _euroc_drive(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
     streams = {} if folder.rates is None else read_sensor_csv(folder.rates)
     truth = None if mounting is None else folder.camera_truth(mounting)
     return truth, _Sensors(streams, mounting)

@@ -1,4 +1,4 @@
-"""Frames of one camera, one after the other: tracks read from a file, or corners followed through images."""
+"""Frames of one camera: tracks read from a file, or corners tracked through images."""
 
 from __future__ import annotations
 
@@ -320,6 +320,6 @@ def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[i
         reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
         raise DatasetError(images.path, reason)
     if calibrated not in (None, (width, height)):
-        told = f"{calibrated[0]}×{calibrated[1]}"
-        reason = f"its images have {size} pixels, the camera is for {told}: scale one of them to the other"
+        wanted = f"{calibrated[0]}×{calibrated[1]}"
+        reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
         raise DatasetError(images.path, reason)

@@ -19,7 +19,7 @@ NAMES_LISTED = 4
 _NUMBER = re.compile(r"\b\d[\d.,]*\b")
 
 
-def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
+def grouped_by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
     """Group members by their reason, the largest group first.
 
     Reasons that differ only in numbers or after a colon form one group, which is named by their common
@@ -36,19 +36,19 @@ def by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
         groups.setdefault(shared, []).append((reason, member))
     named = {}
     for shared, group in sorted(groups.items(), key=lambda item: -len(item[1])):
-        named[_name(shared, {reason for reason, _ in group})] = [member for _, member in group]
+        named[_common_reason(shared, {reason for reason, _ in group})] = [member for _, member in group]
     return named
 
 
-def _name(shared: str, reasons: set[str]) -> str:
+def _common_reason(shared: str, reasons: set[str]) -> str:
     """What reasons have in common: all of it, all but the numbers, or what is in front of the colon."""
-    for told in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
-        if len(told) == 1:
-            return told.pop()
+    for candidates in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
+        if len(candidates) == 1:
+            return candidates.pop()
     return shared
 
 
-def listed(names: Sequence[str]) -> str:
+def listed_names(names: Sequence[str]) -> str:
     """Some names, and how many more there are."""
     shown = ", ".join(names[:NAMES_LISTED])
     more = len(names) - NAMES_LISTED
@@ -57,19 +57,22 @@ def listed(names: Sequence[str]) -> str:
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
     """σ of the positions, accuracy of the model, positions that were left out, origin."""
-    yield "GPS", f"σ {gps.sigma_m:.3g} m{_stated(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)"
+    yield (
+        "GPS",
+        f"σ {gps.sigma_m:.3g} m{_stated_accuracy(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)",
+    )
     if gps.outliers:
-        yield "GPS left out", listed(gps.outliers)
+        yield "GPS left out", listed_names(gps.outliers)
     if np.any(gps.origin):
-        yield "origin", told_origin(gps)
+        yield "origin", origin_text(gps)
 
 
-def told_origin(gps: GpsOutcome) -> str:
+def origin_text(gps: GpsOutcome) -> str:
     """The numbers of the origin with their names."""
     return ", ".join(f"{name} {value:.10g}" for name, value in gps.world_origin.to_dict().items())
 
 
-def _stated(gps: GpsOutcome) -> str:
+def _stated_accuracy(gps: GpsOutcome) -> str:
     if gps.stated_sigma_m is None:
         return ""
     same = gps.sigma_m == gps.stated_sigma_m

@@ -130,7 +130,7 @@ def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
         world.poses[images],
         image_corners(measures, images),
         [world.image_names[i] for i in images],
-        [_note(report, int(i)) for i in images],
+        [_image_note(report, int(i)) for i in images],
         [thumbnails.get(world.image_names[i]) for i in images],
         facts,
         "m" if run.gps is not None else "",
@@ -154,7 +154,7 @@ def image_corners(measures: ModelMeasures, images: NDArray[np.intp]) -> FloatArr
     return corners_at_distance_one(*np.array(rows, dtype=np.float64).reshape(-1, 6).T)
 
 
-def _note(report: SfmReport, image: int) -> str:
+def _image_note(report: SfmReport, image: int) -> str:
     measures = report.measures[0]
     count = int(measures.observations_of_images[image])
     note = f"{count:,} observations"

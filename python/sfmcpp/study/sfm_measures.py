@@ -1,4 +1,4 @@
-"""What can be read off a model: errors of images, residuals over a sensor, tracks, intrinsics and their σ."""
+"""Quality measures of a model: errors of images, residual maps, tracks, intrinsics and their σ."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class ModelMeasures:
     @cached_property
     def cameras(self) -> list[int]:
         """Numbers of the cameras that took an image of the model, the most used first."""
-        return _by_use(self.world.image_cameras[self._local.images])
+        return _counts_by_use(self.world.image_cameras[self._local.images])
 
     def images_of_camera(self, camera: int) -> int:
         """Images of the model that this camera took."""
@@ -153,8 +153,8 @@ class ModelMeasures:
         counts = np.bincount(place, minlength=rows * columns)
         sums = [np.bincount(place, axis, minlength=rows * columns) for axis in self.residuals_px[mine].T]
         means = np.full((rows * columns, 2), np.nan)
-        told = counts >= _FEWEST_OF_CELL
-        means[told] = np.stack(sums, axis=1)[told] / counts[told, None]
+        has_enough = counts >= _FEWEST_OF_CELL
+        means[has_enough] = np.stack(sums, axis=1)[has_enough] / counts[has_enough, None]
         return ResidualMap((width, height), means.reshape(rows, columns, 2), counts.reshape(rows, columns))
 
     def intrinsics_of(self, camera: int) -> dict[str, float]:
@@ -241,6 +241,6 @@ class ModelMeasures:
         }
 
 
-def _by_use(numbers: NDArray[np.integer[Any]]) -> list[int]:
+def _counts_by_use(numbers: NDArray[np.integer[Any]]) -> list[int]:
     values, counts = np.unique(numbers, return_counts=True)
     return [int(value) for value in values[np.argsort(-counts, kind="stable")]]

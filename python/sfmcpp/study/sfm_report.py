@@ -1,4 +1,4 @@
-"""What a reconstruction gave: for people, for programs, and as files."""
+"""Report of a reconstruction, as text, plain values and files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfmcpp.study.report_files import peak_memory_bytes, plain
-from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, by_reason, gps_rows, listed
+from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, gps_rows, grouped_by_reason, listed_names
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 if TYPE_CHECKING:
@@ -70,19 +70,19 @@ class SfmReport(ReportTable):
                 found.append((outcome.reason, name))
             elif outcome.model:
                 found.append((f"in model {outcome.model}, which is not connected to the largest", name))
-        return by_reason(found)
+        return grouped_by_reason(found)
 
     def verdict(self) -> str:
         """Say in a sentence how many images are in the model, and why others are not."""
         run = self.run
         if run.model is None:
-            told = f"no model: none of {len(run.images):,} images could be registered"
+            text = f"no model: none of {len(run.images):,} images could be registered"
         else:
-            told = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
-        reasons = [f"{listed(names)}: {reason}" for reason, names in self.left_out().items()]
+            text = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
+        reasons = [f"{listed_names(names)}: {reason}" for reason, names in self.left_out().items()]
         if len(reasons) > _REASONS_LISTED:
             reasons[_REASONS_LISTED:] = [f"and {len(reasons) - _REASONS_LISTED:,} more reasons"]
-        return f"{told} ({'; '.join(reasons)})" if reasons else told
+        return f"{text} ({'; '.join(reasons)})" if reasons else text
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain values; what is not finite is None.
@@ -197,7 +197,7 @@ class SfmReport(ReportTable):
         yield "images", f"{run.num_registered:,} of {len(run.images):,} in the model"
         reasons = list(self.left_out().items())
         for reason, names in reasons[:_REASONS_LISTED]:
-            yield "left out", f"{listed(names)}: {reason}"
+            yield "left out", f"{listed_names(names)}: {reason}"
         if len(reasons) > _REASONS_LISTED:
             yield "left out", f"and {len(reasons) - _REASONS_LISTED:,} more reasons"
         matched = sum(pair.geometry.kind != "none" for pair in graph.pairs)

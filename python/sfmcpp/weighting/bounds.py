@@ -1,4 +1,4 @@
-"""Between which weights to choose: what a sensor declares from above, what the images leave of it from below.
+"""Bounds of a weight: from above by the declared σ, from below by the conflict with the images.
 
 Images alone choose impossible weights where they tell little: of one pose, leave-one-out takes an odometer of
 20 mm for one of 0.15 mm, or takes none of it. The thesis has no bounds (``"none"``).

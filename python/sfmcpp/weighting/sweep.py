@@ -1,4 +1,4 @@
-"""One pose fitted again and again: over the weights of a constraint, or at given weights."""
+"""Fits of one pose over a grid of weights, or at given weights."""
 
 from __future__ import annotations
 

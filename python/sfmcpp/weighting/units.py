@@ -1,4 +1,4 @@
-"""What the error of each kind of constraint means in the unit of its sensor."""
+"""Units of the errors of constraint kinds, and σ from weights."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from sfmcpp.sfm.batch.pairs import PairGeometry
 
 _LEAST_TRACKS = 8
 _SIZES = (3, 4, 5, 6, 8, 10)
-_LEAST_PART = 0.4
+_LEAST_POSITIVE_PART = 0.4
 _SETTLED = 1e-4
 
 
@@ -48,7 +48,7 @@ def factorised_blocks(
     matrices = {(pair.first, pair.second): pair.fundamental for pair in pairs}
     support = {(pair.first, pair.second): int(pair.inliers.sum()) for pair in pairs}
     blocks = [
-        _factorised(measured, images, matrices, support, kept, threshold_px)
+        _factorised_block(measured, images, matrices, support, kept, threshold_px)
         for images in image_sets(measured, support, kept)
     ]
     return [block for block in blocks if block is not None]
@@ -58,25 +58,27 @@ def image_sets(
     measured: Measurements, support: dict[tuple[int, int], int], kept: BoolArray
 ) -> list[tuple[int, ...]]:
     """Sets of images with enough tracks in common: grown from each image, and triples of close ones."""
-    seen = _seen_by(measured, kept)
+    seen = _visibility(measured, kept)
     neighbours: dict[int, list[int]] = {image: [] for image in range(measured.num_images)}
     for (first, second), _ in sorted(support.items(), key=lambda item: (-item[1], item[0])):
         neighbours[first].append(second)
         neighbours[second].append(first)
     chosen: set[tuple[int, ...]] = set()
     for image in range(measured.num_images):
-        chosen.update(_grown(image, neighbours, seen))
-        chosen.update(_triples(image, neighbours, seen))
+        chosen.update(_nested_image_sets(image, neighbours, seen))
+        chosen.update(_image_triples(image, neighbours, seen))
     return sorted(chosen)
 
 
-def _seen_by(measured: Measurements, kept: BoolArray) -> BoolArray:
+def _visibility(measured: Measurements, kept: BoolArray) -> BoolArray:
     seen = np.zeros((measured.num_images, measured.num_tracks), dtype=np.bool_)
     seen[measured.image[kept], measured.track[kept]] = True
     return seen
 
 
-def _grown(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> list[tuple[int, ...]]:
+def _nested_image_sets(
+    image: int, neighbours: dict[int, list[int]], seen: BoolArray
+) -> list[tuple[int, ...]]:
     """Nested sets: always add the image that leaves the most tracks."""
     images, common = [image], seen[image]
     found: list[tuple[int, ...]] = []
@@ -96,7 +98,7 @@ def _grown(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> lis
             return found
 
 
-def _triples(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> list[tuple[int, ...]]:
+def _image_triples(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> list[tuple[int, ...]]:
     """The six triples of an image with two of its neighbours that share the most tracks."""
     others = neighbours[image][:8]
     found: list[tuple[int, tuple[int, ...]]] = []
@@ -109,7 +111,7 @@ def _triples(image: int, neighbours: dict[int, list[int]], seen: BoolArray) -> l
     return [images for _, images in sorted(found)[:8]]
 
 
-def _factorised(
+def _factorised_block(
     measured: Measurements,
     images: tuple[int, ...],
     matrices: dict[tuple[int, int], FloatArray],
@@ -117,7 +119,7 @@ def _factorised(
     kept: BoolArray,
     threshold_px: float,
 ) -> Block | None:
-    chain = _chain(images, support)
+    chain = _depth_chain(images, support)
     if chain is None:
         return None
     order, parents = chain
@@ -145,7 +147,7 @@ def _factorised(
     return Block(order, measured.track[rows[0]], factors, float(np.median(error_px)))
 
 
-def _chain(
+def _depth_chain(
     images: tuple[int, ...], support: dict[tuple[int, int], int]
 ) -> tuple[list[int], list[int]] | None:
     """Images ordered along a tree of the best supported pairs, and the place of each one's parent."""
@@ -259,16 +261,16 @@ def factorise(rays: FloatArray, depths: FloatArray, iterations: int = 30) -> Fac
     """
     weights, previous = depths, None
     for _ in range(iterations + 1):
-        weights = balanced(rays, weights)
-        cameras, points = _rank_four(rays, weights)
+        weights = balanced_depths(rays, weights)
+        cameras, points = _rank_four_factors(rays, weights)
         weights = np.einsum("sni,sni->sn", rays, np.einsum("sij,nj->sni", cameras, points)) / (rays**2).sum(2)
         if previous is not None and np.abs(weights - previous).max() < _SETTLED:
             break
         previous = weights
-    return _turned_positive(cameras, points)
+    return _with_positive_depths(cameras, points)
 
 
-def balanced(rays: FloatArray, depths: FloatArray, rounds: int = 3) -> FloatArray:
+def balanced_depths(rays: FloatArray, depths: FloatArray, rounds: int = 3) -> FloatArray:
     """Depths scaled so that all columns, and all images, of the measurement matrix have the same norm."""
     square = (rays**2).sum(axis=2)
     scaled = depths
@@ -278,13 +280,13 @@ def balanced(rays: FloatArray, depths: FloatArray, rounds: int = 3) -> FloatArra
     return np.asarray(scaled)
 
 
-def _rank_four(rays: FloatArray, depths: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _rank_four_factors(rays: FloatArray, depths: FloatArray) -> tuple[FloatArray, FloatArray]:
     matrix = np.swapaxes(rays * depths[:, :, None], 1, 2).reshape(-1, rays.shape[1])
     basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -4:]
     return basis.reshape(-1, 3, 4), matrix.T @ basis
 
 
-def _turned_positive(cameras: FloatArray, points: FloatArray) -> Factors:
+def _with_positive_depths(cameras: FloatArray, points: FloatArray) -> Factors:
     """Turn the signs of cameras and points so that most depths are positive."""
     depths = cameras[:, 2] @ points.T
     camera_sign, point_sign = np.ones(len(cameras)), np.ones(len(points))

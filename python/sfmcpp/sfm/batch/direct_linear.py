@@ -60,7 +60,7 @@ def reprojection_errors_px(measured: Measurements, cameras: FloatArray, points: 
         return np.asarray(np.where(np.isfinite(error) & (projected[:, 2] > 0), error, np.inf))
 
 
-def without_worst(
+def triangulate_without_outliers(
     measured: Measurements, cameras: FloatArray, kept: BoolArray, limit_px: float, rounds: int = 5
 ) -> tuple[FloatArray, BoolArray]:
     """Triangulate, and leave out the observation of each track that is off most, until none is by more.
@@ -73,7 +73,7 @@ def without_worst(
     for number in range(rounds):
         looked_at = current & doubtful[measured.track]
         new = triangulate(measured, cameras, np.flatnonzero(looked_at), limit_px / 2)
-        points[doubtful] = _turned_to_front(measured, cameras, new, looked_at)[doubtful]
+        points[doubtful] = _with_points_in_front(measured, cameras, new, looked_at)[doubtful]
         error = np.where(looked_at, reprojection_errors_px(measured, cameras, points), -1.0)
         worst = np.zeros(measured.num_tracks)
         np.maximum.at(worst, measured.track[looked_at], error[looked_at])
@@ -85,10 +85,10 @@ def without_worst(
     seen = np.bincount(measured.track[current], minlength=measured.num_tracks)
     current = current & (seen[measured.track] >= 2)
     points = triangulate(measured, cameras, np.flatnonzero(current))
-    return _turned_to_front(measured, cameras, points, current), current
+    return _with_points_in_front(measured, cameras, points, current), current
 
 
-def _turned_to_front(
+def _with_points_in_front(
     measured: Measurements, cameras: FloatArray, points: FloatArray, kept: BoolArray
 ) -> FloatArray:
     """The points (N, 4) with the sign that puts them in front of most of the cameras that see them."""
@@ -134,7 +134,7 @@ def resect(rays: FloatArray, points: FloatArray, limit: float, seed: int) -> tup
     for _ in range(_REFITS):
         if best.sum() < _SAMPLE_SIZE:
             break
-        camera = _refitted(equations[best], unit[best])
+        camera = _reweighted_camera(equations[best], unit[best])
         again = _errors(camera[None], rays, unit)[0] < limit
         if (again == best).all():
             break
@@ -156,7 +156,7 @@ def _null_vectors(equations: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.eigh(squares)[1][..., 0].reshape(-1, 3, 4))
 
 
-def _refitted(equations: FloatArray, points: FloatArray) -> FloatArray:
+def _reweighted_camera(equations: FloatArray, points: FloatArray) -> FloatArray:
     """Least squares, the equations divided by the depths found before."""
     weight = np.ones(len(points))
     camera = np.zeros((3, 4))

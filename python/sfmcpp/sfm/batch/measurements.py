@@ -1,4 +1,4 @@
-"""Tracks with missing data as batch factorisation takes them: normalised, sorted, and what images share."""
+"""Normalised and sorted tracks with missing data, the input of batch factorisation."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Measurements:
         return np.asarray((seen @ seen.T).todense())
 
 
-def measure(
+def normalised_measurements(
     image_index: IndexArray, track_index: IndexArray, pixels: FloatArray, num_images: int
 ) -> tuple[Measurements, Indices]:
     """Sort the observations; the second result is the row of the input of each."""

@@ -1,4 +1,4 @@
-"""A projective problem seen in a metric frame: poses, points and which observations count."""
+"""A metric model in progress: poses, points, inlier observations; its refinement and merged tracks."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class MetricModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class KeptIndices:
     """What counts of a model.
 
     Attributes
@@ -202,13 +202,13 @@ class Kept:
     observations: NDArray[np.intp]
 
 
-def kept_of(model: MetricModel, free: tuple[str, ...]) -> Kept:
+def kept_indices(model: MetricModel, free: tuple[str, ...]) -> KeptIndices:
     """What counts of a model, the intrinsics `free` free."""
     part, points = model.counting()
     cameras = np.unique(part.camera_index).astype(np.intp)
     result = part.with_cameras(cameras)
     result.set_free_intrinsics(*free)
-    return Kept(result, cameras, points, np.flatnonzero(model.counts))
+    return KeptIndices(result, cameras, points, np.flatnonzero(model.counts))
 
 
 def model_in_frame(
@@ -315,7 +315,7 @@ def refine(model: MetricModel, plan: AdjustmentPlan) -> None:
         What is free and what counts.
     """
     for _ in range(_ROUNDS):
-        _choose(model, plan)
+        _select_inliers(model, plan)
         if not model.counts.any():
             return
         model.adjust(plan, loss="cauchy")
@@ -348,13 +348,13 @@ def close_gaps(model: MetricModel, plan: AdjustmentPlan) -> int:
     short = replace(plan, min_views=2)
     wide = [share * plan.max_error_px for share in _TOLERANCES]
     for tolerance in [*(t for t in wide if t > narrow), narrow]:
-        _choose(model, short)
+        _select_inliers(model, short)
         model.merge(tolerance)
         model.triangulate()
         model.leave_out_behind(short.min_views)
         model.adjust(plan, loss="cauchy")
         model.problem.point_index[:] = tracks
-    _choose(model, short)
+    _select_inliers(model, short)
     limit = plan.max_error_px
     if model.truncated_cost(limit) > (1 + _TOLERATED_GROWTH) * before.truncated_cost(limit) + 1e-12:
         model.problem, model.counts = before.problem, before.counts
@@ -367,7 +367,7 @@ def close_gaps(model: MetricModel, plan: AdjustmentPlan) -> int:
     return fewer
 
 
-def _choose(model: MetricModel, plan: AdjustmentPlan) -> None:
+def _select_inliers(model: MetricModel, plan: AdjustmentPlan) -> None:
     """Triangulate all points anew and let count what agrees."""
     model.triangulate_robustly(plan.max_error_px, plan.min_views)
     model.leave_out_outliers(plan.max_error_px, plan.min_views)

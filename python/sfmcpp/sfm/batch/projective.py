@@ -1,4 +1,4 @@
-"""From tracks with missing data to a projective reconstruction (thesis §3.3.1, algorithm 4, first half)."""
+"""Projective reconstruction from tracks with missing data (thesis §3.3.1, algorithm 4, first half)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,13 @@ from sfmcpp.model.checks import require_count, require_positive, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.sfm.batch.blocks import factorised_blocks
 from sfmcpp.sfm.batch.constraints import connected_blocks, joint_cameras
-from sfmcpp.sfm.batch.direct_linear import reprojection_errors_px, resect, triangulate, without_worst
-from sfmcpp.sfm.batch.measurements import Indices, Measurements, measure
+from sfmcpp.sfm.batch.direct_linear import (
+    reprojection_errors_px,
+    resect,
+    triangulate,
+    triangulate_without_outliers,
+)
+from sfmcpp.sfm.batch.measurements import Indices, Measurements, normalised_measurements
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 
 # Errors above this many robust standard deviations of one coordinate are outliers.
@@ -113,25 +118,33 @@ def reconstruct_projective(
     require_seed(seed)
     require_count("threads", threads, 0)
     plan = ProjectivePlan(max_error_px, min(min_limit_px, max_error_px), seed, threads)
-    measured, order = measure(tracks.image_index, tracks.track_index, tracks.pixels, tracks.num_images)
+    measured, order = normalised_measurements(
+        tracks.image_index, tracks.track_index, tracks.pixels, tracks.num_images
+    )
     pairs = pair_geometries(measured, max_error_px / 2, seed)
     if not pairs:
-        return _failed(tracks, "no two images share enough tracks consistent with an epipolar geometry")
+        return _failed_result(
+            tracks, "no two images share enough tracks consistent with an epipolar geometry"
+        )
     plausible = plausible_observations(measured, pairs)
     blocks = factorised_blocks(measured, pairs, plausible, max_error_px / 2)
     if not blocks:
-        return _failed(tracks, "no three images share enough consistent tracks")
+        return _failed_result(tracks, "no three images share enough consistent tracks")
     cameras = joint_cameras(*connected_blocks(blocks), tracks.num_images)
-    world = first_world(measured, cameras, plausible, plan)
+    world = initial_world(measured, cameras, plausible, plan)
     if adjusted:
-        world = settled(measured, world, plausible, plan)
+        world = adjusted_until_settled(measured, world, plausible, plan)
     if not world.kept.any():
-        return _failed(tracks, "too few tracks of every image are consistent with the factorisation")
-    return _result(tracks, measured, world, plausible, order)
+        return _failed_result(tracks, "too few tracks of every image are consistent with the factorisation")
+    return _successful_result(tracks, measured, world, plausible, order)
 
 
-def _result(
-    tracks: ImageTracks, measured: Measurements, world: World, plausible: BoolArray, order: NDArray[np.int64]
+def _successful_result(
+    tracks: ImageTracks,
+    measured: Measurements,
+    world: ProjectiveWorld,
+    plausible: BoolArray,
+    order: NDArray[np.int64],
 ) -> ProjectiveReconstruction:
     problem, images, kept_tracks, rows = problem_of(measured, world)
     problem.metadata = Metadata(
@@ -140,17 +153,17 @@ def _result(
     seen = np.bincount(measured.image, minlength=tracks.num_images)
     good = np.bincount(measured.image[plausible], minlength=tracks.num_images)
     missing = sorted(set(range(tracks.num_images)) - set(images.tolist()))
-    left_out = {image: _reason(int(seen[image]), int(good[image])) for image in missing}
+    left_out = {image: _reason_without_camera(int(seen[image]), int(good[image])) for image in missing}
     return ProjectiveReconstruction(problem, images, kept_tracks, order[rows], world.sigma_px, left_out)
 
 
-def _reason(seen: int, plausible: int) -> str:
+def _reason_without_camera(seen: int, plausible: int) -> str:
     if not plausible:
         return f"none of its {seen} tracks is consistent with another image"
     return f"too few of its {plausible} plausible tracks are consistent with the cameras of the other images"
 
 
-def _failed(tracks: ImageTracks, message: str) -> ProjectiveReconstruction:
+def _failed_result(tracks: ImageTracks, message: str) -> ProjectiveReconstruction:
     none = np.empty(0, dtype=np.int64)
     left_out = dict.fromkeys(range(tracks.num_images), message)
     return ProjectiveReconstruction(None, none, none, none, float("nan"), left_out, message)
@@ -179,7 +192,7 @@ class ProjectivePlan:
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class ProjectiveWorld:
     """A projective world in progress.
 
     Attributes
@@ -205,19 +218,21 @@ class World:
         return np.isfinite(self.cameras[:, 0, 0])
 
 
-def first_world(
+def initial_world(
     measured: Measurements, cameras: FloatArray, plausible: BoolArray, plan: ProjectivePlan
-) -> World:
+) -> ProjectiveWorld:
     """Triangulate all tracks with the cameras of the factorisation; wide limits."""
     points = triangulate(measured, cameras, np.flatnonzero(plausible & _seen_by_known(measured, cameras)))
     error = reprojection_errors_px(measured, cameras, points)
     usual = float(np.median(error[plausible & np.isfinite(error)]))
     limit = max(_FIRST_LIMIT * plan.max_error_px, OUTLIER_SIGMAS * usual)
-    points, kept = without_worst(measured, cameras, plausible, limit)
-    return World(cameras, points, kept, usual / _MEDIAN_LENGTH)
+    points, kept = triangulate_without_outliers(measured, cameras, plausible, limit)
+    return ProjectiveWorld(cameras, points, kept, usual / _MEDIAN_LENGTH)
 
 
-def settled(measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan) -> World:
+def adjusted_until_settled(
+    measured: Measurements, world: ProjectiveWorld, plausible: BoolArray, plan: ProjectivePlan
+) -> ProjectiveWorld:
     """Adjust, drop and take up observations and images in turn, until nothing changes any more.
 
     Nothing is kept if too little agrees. The limit of what agrees comes down to the plan's by halves: what
@@ -230,15 +245,15 @@ def settled(measured: Measurements, world: World, plausible: BoolArray, plan: Pr
         if not _is_determined(measured, world):
             return replace(world, kept=np.zeros_like(world.kept))
         before, last = world.kept, factor <= 1
-        world = _adjusted(measured, world, plan, _COARSE)
+        world = _adjusted_world(measured, world, plan, _COARSE)
         factor = factor / 2
-        world = _chosen_anew(measured, world, plausible, plan, factor)
+        world = _with_updated_inliers(measured, world, plausible, plan, factor)
         if last and np.count_nonzero(before != world.kept) <= _SETTLED * len(before):
             break
-    return _adjusted(measured, world, plan, _FINE)
+    return _adjusted_world(measured, world, plan, _FINE)
 
 
-def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, Indices, Indices]:
+def problem_of(measured: Measurements, world: ProjectiveWorld) -> tuple[Problem, Indices, Indices, Indices]:
     """The problem of what is kept; the images, tracks and rows of the measurements it has."""
     rows = np.flatnonzero(world.kept)
     images, camera_index = np.unique(measured.image[rows], return_inverse=True)
@@ -250,7 +265,9 @@ def problem_of(measured: Measurements, world: World) -> tuple[Problem, Indices, 
     return problem, images, tracks, rows
 
 
-def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan, tolerance: float) -> World:
+def _adjusted_world(
+    measured: Measurements, world: ProjectiveWorld, plan: ProjectivePlan, tolerance: float
+) -> ProjectiveWorld:
     problem, images, tracks, _ = problem_of(measured, world)
     scale = min(max(2 * world.sigma_px, 0.1), plan.max_error_px)
     options = SolveOptions(
@@ -270,26 +287,26 @@ def _adjusted(measured: Measurements, world: World, plan: ProjectivePlan, tolera
     return replace(world, cameras=cameras, points=points)
 
 
-def _chosen_anew(
-    measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan, factor: float
-) -> World:
+def _with_updated_inliers(
+    measured: Measurements, world: ProjectiveWorld, plausible: BoolArray, plan: ProjectivePlan, factor: float
+) -> ProjectiveWorld:
     """Choose the observations that agree by the noise as it is now, those left out before among them."""
     sigma = _sigma_px(measured, world)
     final = np.clip(OUTLIER_SIGMAS * sigma, plan.min_limit_px, plan.max_error_px)
     limit = max(float(final), factor * plan.max_error_px if factor > 1 else 0.0)
     error = reprojection_errors_px(measured, world.cameras, world.points)
     candidates = _seen_by_known(measured, world.cameras) & ((error < 2 * limit) | plausible)
-    points, kept = without_worst(measured, world.cameras, candidates, limit)
-    return World(world.cameras, points, kept, sigma)
+    points, kept = triangulate_without_outliers(measured, world.cameras, candidates, limit)
+    return ProjectiveWorld(world.cameras, points, kept, sigma)
 
 
-def _is_determined(measured: Measurements, world: World) -> bool:
+def _is_determined(measured: Measurements, world: ProjectiveWorld) -> bool:
     """Whether observations are as many as unknowns; a camera has twelve, its scale among them."""
     images, tracks = (np.unique(of[world.kept]) for of in (measured.image, measured.track))
     return bool(0 < 12 * len(images) + 3 * len(tracks) <= 2 * np.count_nonzero(world.kept))
 
 
-def _sigma_px(measured: Measurements, world: World) -> float:
+def _sigma_px(measured: Measurements, world: ProjectiveWorld) -> float:
     """Robust σ of a coordinate: what the fit leaves, over what it would leave of a unit variance."""
     error = reprojection_errors_px(measured, world.cameras, world.points)[world.kept]
     equations = 2 * len(error)
@@ -302,7 +319,9 @@ def _seen_by_known(measured: Measurements, cameras: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(cameras[measured.image, 0, 0]))
 
 
-def _without_poor_images(measured: Measurements, world: World, trusted: BoolArray) -> World:
+def _without_poor_images(
+    measured: Measurements, world: ProjectiveWorld, trusted: BoolArray
+) -> ProjectiveWorld:
     count = measured.num_images
     seen = np.bincount(measured.image[world.kept], minlength=count)
     expected = np.bincount(measured.image[trusted], minlength=count)
@@ -316,8 +335,8 @@ def _without_poor_images(measured: Measurements, world: World, trusted: BoolArra
 
 
 def _with_resected_images(
-    measured: Measurements, world: World, plausible: BoolArray, plan: ProjectivePlan
-) -> World:
+    measured: Measurements, world: ProjectiveWorld, plausible: BoolArray, plan: ProjectivePlan
+) -> ProjectiveWorld:
     """Give a camera to every image without one that sees enough known points."""
     cameras, kept = world.cameras.copy(), world.kept.copy()
     for image in np.flatnonzero(~world.known).tolist():

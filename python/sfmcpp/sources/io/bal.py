@@ -83,7 +83,7 @@ def read_bal_share(path: Path, ranks: Ranks) -> Share | None:
     point, points = numbers.rows(behind + _CAMERA * counts.cameras, counts.points, _POINT)
     if _first_no_index(observed, row, counts) is not None:  # before they become integers
         return None
-    own = _problem(NumberStream(path), counts, cameras, points, *_columns(observed))
+    own = _problem(NumberStream(path), counts, cameras, points, *_observation_columns(observed))
     return Share.of(own, counts.points, point, row)
 
 
@@ -183,7 +183,7 @@ def _require_no_duplicates(numbers: NumberStream, duplicate: tuple[int, int] | N
     )
 
 
-def _columns(observed: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+def _observation_columns(observed: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
     """Camera, point and pixel of observations, whose indices are in range."""
     cameras, points = observed[:, :2].astype(np.int32).T
     return cameras, points, turned_pixels(observed[:, 2:])

@@ -1,4 +1,4 @@
-"""What is left out on the way from one file to another, in words."""
+"""Notes on what a conversion between formats leaves out or changes."""
 
 from __future__ import annotations
 

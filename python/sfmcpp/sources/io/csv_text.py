@@ -87,12 +87,12 @@ def with_decimal_points(
     DatasetError
         If commas may as well separate thousands; it names the line.
     """
-    told = [(number, cells[place]) for number, cells in rows for place in places]
-    commas = [(number, cell) for number, cell in told if "," in cell]
+    numbered = [(number, cells[place]) for number, cells in rows for place in places]
+    commas = [(number, cell) for number, cell in numbered if "," in cell]
     if not commas:
         return rows
     line, cell = commas[0]
-    if any("." in cell for _, cell in told) or all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
+    if any("." in cell for _, cell in numbered) or all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
         raise DatasetError(path, f"the comma in {cell!r} may be decimal or of thousands: write points", line)
     numeric = set(places)
     return [

@@ -1,4 +1,4 @@
-"""Whole files: plain or compressed, as the suffix says.
+"""Reading and writing of whole files, plain or compressed, with limits of memory.
 
 Whatever goes wrong with a file becomes a DatasetError.
 """
@@ -86,11 +86,11 @@ def read_text_bytes(path: Path) -> bytes:
     DatasetError
         As :func:`read_bytes`, and for UTF-16.
     """
-    data = _without_mark(path, read_bytes(path))
+    data = _without_byte_order_mark(path, read_bytes(path))
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
-def _without_mark(path: Path, data: bytes) -> bytes:
+def _without_byte_order_mark(path: Path, data: bytes) -> bytes:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise DatasetError(path, "is text in UTF-16: must be UTF-8")
     return data.removeprefix(codecs.BOM_UTF8)
@@ -106,7 +106,7 @@ def read_pieces(path: Path) -> Iterator[bytes]:
     """
     is_empty, waiting, size = True, [], 0
     for chunk in _content(path):
-        waiting.append(_without_mark(path, chunk) if is_empty else chunk)
+        waiting.append(_without_byte_order_mark(path, chunk) if is_empty else chunk)
         size += len(chunk)
         is_empty = is_empty and not chunk
         if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
@@ -123,13 +123,13 @@ def read_own_bytes(path: Path, rank: int, ranks: int) -> bytes:
         require_regular_file(path)
         size = path.stat().st_size
         with path.open("rb") as file:
-            begin, end = (_cut(file, size, size * r // ranks) for r in (rank, rank + 1))
+            begin, end = (_next_boundary(file, size, size * r // ranks) for r in (rank, rank + 1))
             file.seek(begin)
             share = file.read(end - begin)
-    return share if begin else _without_mark(path, share)
+    return share if begin else _without_byte_order_mark(path, share)
 
 
-def _cut(file: IO[bytes], size: int, place: int) -> int:
+def _next_boundary(file: IO[bytes], size: int, place: int) -> int:
     """The first place from `place` on that is behind white space, or either end."""
     if place == 0:
         return 0
@@ -240,7 +240,7 @@ def largest_expansion(size: int) -> int:
     InvalidArgument
         If the variable is no positive whole number.
     """
-    asked = _asked(MAX_EXPANDED)
+    asked = _limit_from_environment(MAX_EXPANDED)
     if asked is not None:
         return asked << 20
     return min(_MOST_EXPANDED_BYTES, max(_ALWAYS_READABLE_BYTES, _EXPANSION * size))
@@ -253,15 +253,15 @@ def expands_too_far(limit: int) -> str:
 
 def largest_image() -> int:
     """Pixels that an image may have: 160 million, or what `MAX_IMAGE` says, in millions."""
-    asked = _asked(MAX_IMAGE)
+    asked = _limit_from_environment(MAX_IMAGE)
     return _MOST_PIXELS if asked is None else asked * 1_000_000
 
 
-def _asked(variable: str) -> int | None:
+def _limit_from_environment(variable: str) -> int | None:
     text = os.environ.get(variable, "")
     if not text:
         return None
     if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
-        told = text if len(text) <= _MOST_DIGITS else f"{text[:_MOST_DIGITS]}…"
-        raise InvalidArgument(f"{variable} = {told!r}: must be a positive whole number")
+        shown = text if len(text) <= _MOST_DIGITS else f"{text[:_MOST_DIGITS]}…"
+        raise InvalidArgument(f"{variable} = {shown!r}: must be a positive whole number")
     return int(text)

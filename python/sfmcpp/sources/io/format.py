@@ -1,4 +1,4 @@
-"""What a file format is to the rest of the package."""
+"""The description of a file format: its name, suffixes, functions and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Tracks of uncalibrated images from any file that holds some; of models the observations alone are used."""
+"""Tracks of uncalibrated images, from text, MATLAB and NPZ files or the observations of models.
+
+Malaga PARKING-6L has a MATLAB file for each image: ``Image1.mat``, ``Image2.mat`` … Each holds a matrix
+``Image`` of six columns. Its first row is the motion since the last image; the others are a point's number,
+counted from 1, u and v [px], and three zeros.
+"""
 
 from __future__ import annotations
 
@@ -89,37 +94,39 @@ def _reader_of_text(path: Path) -> Callable[[Path], ImageTracks]:
 
 
 def _read_problem(path: Path) -> ImageTracks:
-    return _of_problem(path, api.read(path))
+    return _tracks_of_problem(path, api.read(path))
 
 
-def _of_problem(path: Path, problem: Problem) -> ImageTracks:
+def _tracks_of_problem(path: Path, problem: Problem) -> ImageTracks:
     metadata = problem.metadata
     names = metadata.image_names or [f"image_{number:06d}" for number in range(problem.num_cameras)]
     centred = metadata.source_format in _CENTRED
     sizes = metadata.image_sizes
-    return _checked(path, problem.camera_index, problem.point_index, problem.pixels, names, sizes, centred)
+    return _numbered_tracks(
+        path, problem.camera_index, problem.point_index, problem.pixels, names, sizes, centred
+    )
 
 
 def _read_npz(path: Path) -> ImageTracks:
     members = npz.read_members(path)
     if npz.METADATA in members:
-        return _of_problem(path, npz.read_npz(path))
+        return _tracks_of_problem(path, npz.read_npz(path))
     missing = [name for name in _ARRAYS if name not in members]
     if missing:
         raise DatasetError(path, f"lacks the arrays {', '.join(missing)}: tracks are {', '.join(_ARRAYS)}")
     names = members.get("names")
     labels = None if names is None else [str(name) for name in names.ravel()]
     image, track, pixels = (members[name] for name in _ARRAYS)
-    return _checked(path, image, track, pixels, labels, members.get("image_sizes"))
+    return _numbered_tracks(path, image, track, pixels, labels, members.get("image_sizes"))
 
 
 def _read_camera_tracks(path: Path) -> ImageTracks:
     tracks = track_files.read_tracks(path)
     names = [f"image_{number:06d}" for number in range(len(tracks.t_s))]
-    return _checked(path, tracks.frame_index, tracks.track_index, tracks.pixels, names)
+    return _numbered_tracks(path, tracks.frame_index, tracks.track_index, tracks.pixels, names)
 
 
-def _checked(
+def _numbered_tracks(
     path: Path,
     image_index: NDArray[Any],
     track_index: NDArray[Any],
@@ -173,8 +180,8 @@ def read_track_table(path: Path) -> ImageTracks:
         sees a track twice; it names the line.
     """
     data = read_text_bytes(path)
-    order = _named_order(data)
-    text = NumberText(path, _numbers_alone(data), comments=True)
+    order = _column_order(data)
+    text = NumberText(path, _without_separators(data), comments=True)
     text.require_line_counts(text.lines.count == len(_NAMES[0]), f"4: {' '.join(order or _NAMES[0])}")
     first, second = (
         text.integers(slice(column, None, 4), "image or track", 0, LARGEST_INDEX) for column in (0, 1)
@@ -190,7 +197,7 @@ def read_track_table(path: Path) -> ImageTracks:
 
 def looks_like_table(data: bytes) -> bool:
     """Whether a text names the columns of a table of tracks, or its first line has four words."""
-    if _named_order(data):
+    if _column_order(data):
         return True
     for line in data[:_HEAD_BYTES].splitlines():
         words = line.replace(b",", b" ").split()
@@ -203,15 +210,15 @@ def _first_line(data: bytes) -> bytes:
     return data[:_HEAD_BYTES].partition(b"\n")[0]
 
 
-def _named_order(data: bytes) -> tuple[str, ...] | None:
+def _column_order(data: bytes) -> tuple[str, ...] | None:
     """Names of the columns in the first line, or None if it has none."""
     words = tuple(re.split(r"[\s,#]+", _first_line(data).decode("utf-8", "replace").strip(" \t\r#").lower()))
     return words if words in _NAMES else None
 
 
-def _numbers_alone(data: bytes) -> bytes:
+def _without_separators(data: bytes) -> bytes:
     """The text with white space for commas and, where it is no comment, for the line of names."""
-    if _named_order(data):
+    if _column_order(data):
         length = len(_first_line(data))
         data = b" " * length + data[length:]
     return data.replace(b",", b" ")
@@ -241,7 +248,7 @@ def read_malaga(folder: Path) -> ImageTracks:
     """
     matches = [match for match in map(_FILE.fullmatch, sorted(e.name for e in folder.iterdir())) if match]
     files = sorted(matches, key=lambda match: (int(match[1]), match[0]))
-    rows = [_rows(folder / match[0]) for match in files]
+    rows = [_malaga_rows(folder / match[0]) for match in files]
     joined = np.concatenate(rows)
     image = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
     track = np.unique(joined[:, 0], return_inverse=True)[1]
@@ -251,7 +258,7 @@ def read_malaga(folder: Path) -> ImageTracks:
         raise DatasetError(folder, str(error)) from error
 
 
-def _rows(path: Path) -> FloatArray:
+def _malaga_rows(path: Path) -> FloatArray:
     """(m, 3) number of the point, u, v."""
     value = mat_variables(path, [_VARIABLE])[_VARIABLE]
     matrix = number_array(path, _VARIABLE, value, 2, f"(rows, {_COLUMNS})")

@@ -1,4 +1,10 @@
-"""MATLAB files of version 5 to 7, read without trust: arrays of finite numbers."""
+"""MATLAB files of version 5 to 7, read without trust: arrays of finite numbers.
+
+SciPy's reader takes tags and sizes as they come, and a file with one wrong byte ends the process. What would
+have to be checked before it is called is all that there is to reading a matrix. The layout: a header of 128
+bytes, then elements of a tag, the type and the number of bytes, and their content, which is compressed or a
+matrix: four elements or more, its flags, its shape, its name and its numbers (MathWorks, MAT-File Format).
+"""
 
 from __future__ import annotations
 
@@ -87,7 +93,7 @@ def read_matrices(
         raise DatasetError(path, "not a MATLAB file of version 5 to 7")
     matrices = {}
     try:
-        for element in _expanded(memoryview(data)[_HEADER_BYTES:], order, limit):
+        for element in _matrices_of(memoryview(data)[_HEADER_BYTES:], order, limit):
             name, parts = _named(element, order)
             if wanted(name):
                 matrices[name] = _matrix(name, parts, order)
@@ -96,7 +102,7 @@ def read_matrices(
     return matrices
 
 
-def _expanded(data: memoryview, order: str, limit: int) -> Iterator[_Element]:
+def _matrices_of(data: memoryview, order: str, limit: int) -> Iterator[_Element]:
     """The matrices of a file."""
     for element in _elements(data, order):
         if element.type != _COMPRESSED:
@@ -148,14 +154,14 @@ def _matrix(name: str, parts: list[_Element], order: str) -> NDArray[Any]:
         raise _Malformed(f"{name} is {found}: must be an array of real numbers")
     shape = parts[1].numbers_of(_INT32, "sizes", order).tolist()
     values = parts[-1].numbers(order) if len(parts) == _PARTS else None
-    if values is None or not 2 <= len(shape) <= _MOST_DIMENSIONS or not _holds(shape, len(values)):
+    if values is None or not 2 <= len(shape) <= _MOST_DIMENSIONS or not _fits_count(shape, len(values)):
         found = "no numbers" if values is None else f"{len(values)} numbers"
         raise _Malformed(f"{name} of shape {tuple(shape)} has {found}")
     with np.errstate(invalid="ignore"):  # whole numbers may be stored as any type that holds them
         return np.reshape(values.astype(_CLASSES[kind], copy=False), shape, order="F")
 
 
-def _holds(shape: list[int], count: int) -> bool:
+def _fits_count(shape: list[int], count: int) -> bool:
     product = 1
     for length in shape:
         product *= length

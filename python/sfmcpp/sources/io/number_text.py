@@ -1,4 +1,4 @@
-"""Numbers of a text, read by the core, with the line of each one at hand for error messages.
+"""Numbers of a text, read by the core, with line numbers for error messages.
 
 :class:`NumberText` is a whole text, :class:`NumberStream` the numbers of a file of any size in order.
 """

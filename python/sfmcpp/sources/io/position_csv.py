@@ -116,7 +116,7 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     for count, (number, cells) in enumerate(rows):
         if not any(cells[column.place] for column in columns.axes):
             continue
-        name = _label(columns, count, cells)
+        name = _name_of_line(columns, count, cells)
         if name in found:
             raise DatasetError(source, f"{name!r} stands there twice", number)
         found[name] = _position(source, number, cells, columns)
@@ -159,7 +159,7 @@ def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
     return rows
 
 
-def _label(columns: PositionColumns, count: int, cells: list[str]) -> str:
+def _name_of_line(columns: PositionColumns, count: int, cells: list[str]) -> str:
     """The name of an image; else its number, which a column or the line tells."""
     place = columns.index if columns.name is None else columns.name
     return str(count) if place is None else cells[place]
@@ -237,9 +237,9 @@ class PositionColumns:
         if sum(map(_is_number, headers)) >= _NUMBERS:
             rule = "must be a header, such as name,lat,lon,height or name,x,y,z"
             raise ValueError(f"the first line holds numbers ({', '.join(headers)}): {rule}")
-        titles = [_plain(header) for header in headers]
-        name = _place(titles, _NAMES)
-        latitude_first, cartesian = (_places(titles, groups) for groups in (_GEODETIC, _METRIC))
+        titles = [_normalised_header(header) for header in headers]
+        name = _index_of_first(titles, _NAMES)
+        latitude_first, cartesian = (_indices_of_groups(titles, groups) for groups in (_GEODETIC, _METRIC))
         places = latitude_first or cartesian
         if places is None or (name is None and not numbered):
             rule = "must have name and lat, lon, height, or name and x, y, z"
@@ -247,33 +247,35 @@ class PositionColumns:
         geodetic = latitude_first is not None
         units = (DEGREES, DEGREES, LENGTH) if geodetic else (LENGTH,) * 3
         axes = [_column(headers, place, unit) for place, unit in zip(places, units, strict=True)]
-        return cls(axes, geodetic, _sigma_columns(headers), name, _place(titles, _INDEX))
+        return cls(axes, geodetic, _sigma_columns(headers), name, _index_of_first(titles, _INDEX))
 
 
 def _sigma_columns(headers: Sequence[str]) -> list[Column]:
     titles = [_spread_axis(header) for header in headers]
-    places = _places(titles, _SIGMAS)
-    told = [header for header, title in zip(headers, titles, strict=True) if any(title in s for s in _SIGMAS)]
-    if places is None and told:
+    places = _indices_of_groups(titles, _SIGMAS)
+    stated = [
+        header for header, title in zip(headers, titles, strict=True) if any(title in s for s in _SIGMAS)
+    ]
+    if places is None and stated:
         rule = "must be sigma_x, sigma_y, sigma_z, or sigma_horizontal, sigma_vertical, or one sigma"
-        raise ValueError(f"its standard deviations are {', '.join(told)}: {rule}")
+        raise ValueError(f"its standard deviations are {', '.join(stated)}: {rule}")
     return [_column(headers, place, LENGTH) for place in places or ()]
 
 
 def _column(headers: Sequence[str], place: int, units: dict[str, float]) -> Column:
     """Make a column of numbers, in our unit where it names none."""
     header = headers[place]
-    unit = _split(header)[1]
+    unit = _header_and_unit(header)[1]
     return Column(place, header, unit_factor(header, unit, units) if unit else 1.0)
 
 
-def _split(header: str) -> tuple[str, str]:
+def _header_and_unit(header: str) -> tuple[str, str]:
     match = _WITH_UNIT.fullmatch(header)
     return (header, "") if match is None else (match[1], match[2] or "")
 
 
 def _words(header: str) -> list[str]:
-    title = _AXIS_TWICE.sub("", _split(header)[0].lower(), count=1)
+    title = _AXIS_TWICE.sub("", _header_and_unit(header)[0].lower(), count=1)
     return re.findall(r"[^\W_]+", title.replace("gps", "", 1))
 
 
@@ -285,7 +287,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _plain(header: str) -> str:
+def _normalised_header(header: str) -> str:
     return " ".join(_words(header))
 
 
@@ -299,10 +301,10 @@ def _spread_axis(header: str) -> str:
     return " ".join(word for word in words if word not in _SPREAD) or _ALL_AXES
 
 
-def _place(titles: Sequence[str], names: Sequence[str]) -> int | None:
+def _index_of_first(titles: Sequence[str], names: Sequence[str]) -> int | None:
     return next((titles.index(name) for name in names if name in titles), None)
 
 
-def _places(titles: Sequence[str], groups: Sequence[Sequence[str]]) -> list[int] | None:
-    places = [_place(titles, names) for names in groups]
+def _indices_of_groups(titles: Sequence[str], groups: Sequence[Sequence[str]]) -> list[int] | None:
+    places = [_index_of_first(titles, names) for names in groups]
     return [place for place in places if place is not None] if None not in places else None

@@ -199,12 +199,12 @@ def _view_counts(text: NumberText) -> tuple[NDArray[np.int64], int]:
     text.require_line_counts(lines.count >= _POINT_NUMBERS, "at least 4 (X Y Z and the number of frames)")
     counts = text.integers(lines.first + 3, "number of frames", 0, LARGEST_COUNT)
     fits = {width: lines.count == _POINT_NUMBERS + width * counts for width in _VIEW_WIDTHS}
-    width = max(_VIEW_WIDTHS, key=lambda w: _leading(fits[w]))
+    width = max(_VIEW_WIDTHS, key=lambda w: _count_leading(fits[w]))
     text.require_line_counts(fits[width], f"4 + {width} for each of the frames announced by the fourth")
     return counts, width
 
 
-def _leading(good: BoolArray) -> int:
+def _count_leading(good: BoolArray) -> int:
     """How many are true before the first that is false."""
     return len(good) if good.all() else int(np.argmin(good))
 
@@ -220,14 +220,14 @@ def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Unce
     return Uncertainty.of_covariances(covariances)
 
 
-def _read_beside(cameras: Path) -> Problem:
+def _read_with_points_beside(cameras: Path) -> Problem:
     points = points_path(cameras)
     if cameras.is_file() and not points.exists():
         raise DatasetError(cameras, f"the points file {points.name!r} is not beside it")
     return read_sba(cameras, points)
 
 
-def _claims(path: Path) -> bool:
+def _is_sba(path: Path) -> bool:
     return is_cameras_name(path) and not _starts_like_bal(path)
 
 
@@ -327,8 +327,8 @@ FORMAT = Format(
     "sba",
     "sba's demonstration format: …cams….txt with …pts.txt and calib.txt beside it",
     ("cams*.txt",),
-    _read_beside,
+    _read_with_points_beside,
     write_sba,
-    _claims,
+    _is_sba,
     lacks=(*GEOMETRY_ALONE, "shared intrinsics"),
 )

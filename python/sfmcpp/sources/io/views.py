@@ -1,4 +1,4 @@
-"""Models of photos as several programs write them: views, poses, intrinsics, and points with observations.
+"""Views, poses, intrinsics and points of photo models: the structure that several JSON formats share.
 
 Each has identifiers of its own; a view says which pose and intrinsics are its. Here they become a problem,
 and a problem what writers need.

@@ -131,7 +131,7 @@ def sphere_scene(
     geometry = ImageGeometry(camera_model, focal_px, image_size, distortion)
     rng = np.random.default_rng(seed)
     cameras = looking_at(radius_m * _fibonacci_lattice(num_cameras), np.zeros(3), UP)
-    return observe(geometry, cameras, _in_ball(num_points, ball_m, rng), pixel_sigma_px, rng)
+    return observe(geometry, cameras, _uniform_in_ball(num_points, ball_m, rng), pixel_sigma_px, rng)
 
 
 def _fibonacci_lattice(count: int) -> FloatArray:
@@ -142,7 +142,7 @@ def _fibonacci_lattice(count: int) -> FloatArray:
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
 
 
-def _in_ball(count: int, radius_m: float, rng: np.random.Generator) -> FloatArray:
+def _uniform_in_ball(count: int, radius_m: float, rng: np.random.Generator) -> FloatArray:
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     points: FloatArray = radius_m * np.cbrt(rng.uniform(size=(count, 1))) * directions

@@ -1,4 +1,4 @@
-"""Noise on a problem: wrong observations among the right ones, and starts away from its present state."""
+"""Disturbances of a problem: hidden observations, outliers, perturbed initial states."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def perturb(
     free_points, free_cameras = ~problem.fixed_points, ~problem.fixed_cameras
     result.points[free_points] += point_steps[free_points]
     if position_sigma_m > 0 or rotation_sigma_deg > 0:
-        moved = _moved(problem, position_steps, so3.exp(rotation_steps_rad))
+        moved = _moved_cameras(problem, position_steps, so3.exp(rotation_steps_rad))
         result.cameras[free_cameras] = moved[free_cameras]
     if focal_sigma > 0 and "f" in problem.intrinsic_names:
         column = problem.intrinsic_names.index("f")
@@ -139,7 +139,7 @@ def perturb(
     return result
 
 
-def _moved(problem: Problem, steps: FloatArray, turns: FloatArray) -> FloatArray:
+def _moved_cameras(problem: Problem, steps: FloatArray, turns: FloatArray) -> FloatArray:
     """(C, 3, 4) cameras moved by `steps` (C, 3) and `turns` (C, 3, 3); of rigs, their frames moved so."""
     poses = problem.cameras if problem.rigs is None else problem.rigs.frames(problem.cameras)
     moved = np.concatenate(
@@ -181,7 +181,7 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
     if pattern == "scattered":
         seen = rng.uniform(size=problem.num_observations) >= share
     else:
-        seen = _in_runs(problem, round((1 - share) * problem.num_cameras), rng)
+        seen = _seen_in_runs(problem, round((1 - share) * problem.num_cameras), rng)
     return keep_points_seen_twice(
         Problem(
             problem.camera_model,
@@ -197,7 +197,7 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
     )
 
 
-def _in_runs(problem: Problem, length: int, rng: np.random.Generator) -> BoolArray:
+def _seen_in_runs(problem: Problem, length: int, rng: np.random.Generator) -> BoolArray:
     first = rng.integers(0, problem.num_cameras, problem.num_points)
     since = (problem.camera_index - first[problem.point_index]) % problem.num_cameras
     return np.asarray(since < length)

@@ -1,4 +1,4 @@
-"""How far the cameras of a scene see, and what stands in their way."""
+"""Visibility: how far the cameras of a scene see, and occlusion."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
-"""SIFT: blobs of any size and orientation, and how they look.
+"""Detectors and descriptors: SIFT blobs, and corners in buckets (thesis §3.1.1).
 
 It is OpenCV's (Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004). Its scale
 space, from twice the size of a 6-megapixel photo down, takes 1.4 GB, and a third of the time goes to fetching
 that memory: here the two finest octaves are searched tile by tile, and the others in an image of a quarter of
 the size.
+
+Corners are defined in :mod:`sfmcpp.sources.vision.klt`. Unlike a blob a corner has no size of its own; it is
+described so that SIFT's matcher takes it.
 """
 
 from __future__ import annotations
@@ -61,7 +64,7 @@ class _Settings(NamedTuple):
 
 def find_blobs(cv2: ModuleType, image: SearchImage, count: int, contrast: float) -> Keypoints:
     """At most `count` blobs of a response from `contrast` on: the largest, and others spread over it."""
-    rows, columns = (_strips(side) for side in image.shape)
+    rows, columns = (_equal_strips(side) for side in image.shape)
     wanted = max(_CANDIDATES * count, _LEAST_CANDIDATES) / (len(rows) * len(columns))
     coarse = count
     if image.mask is not None:
@@ -92,7 +95,7 @@ def describe(
     return kept, descriptors
 
 
-def _strips(length: int) -> list[_Strip]:
+def _equal_strips(length: int) -> list[_Strip]:
     """Equal parts of an axis of `length` pixels."""
     ends = np.linspace(0, length, math.ceil(length / _TILE_PX) + 1).round().astype(int).tolist()
     return [
@@ -159,8 +162,8 @@ def find_corners(cv2: ModuleType, image: SearchImage, kind: str, count: int, qua
         return columns_of([], None)
     pixels, responses = places.reshape(-1, 2), np.ravel(responses).astype(np.float64)
     best = spread_choice(pixels.astype(np.float64), responses, image.shape, count)
-    refined = _refined(cv2, image.gray, pixels[best])
-    angles = _orientations(cv2, image.gray, refined)
+    refined = _subpixel_corners(cv2, image.gray, pixels[best])
+    angles = _corner_orientations(cv2, image.gray, refined)
     keypoints = [
         cv2.KeyPoint(float(x), float(y), 2 * _BLUR_PX, math.degrees(angle), float(response), _LAYER << 8)
         for (x, y), angle, response in zip(refined, angles, responses[best], strict=True)
@@ -169,7 +172,7 @@ def find_corners(cv2: ModuleType, image: SearchImage, kind: str, count: int, qua
     return found.chosen(image.allows(found.pixels))
 
 
-def _refined(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+def _subpixel_corners(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     """To where the gradients around a corner point best; one that goes farther than it may stays."""
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
     half = (_REFINED_HALF_PX, _REFINED_HALF_PX)
@@ -178,7 +181,7 @@ def _refined(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> N
     return np.where(good.all(axis=1, keepdims=True), moved, pixels)
 
 
-def _orientations(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> FloatArray:
+def _corner_orientations(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> FloatArray:
     """Of the mean gradient around each of (n, 2), from x towards y [rad], from 0 to 2π."""
     columns, rows = np.rint(pixels).astype(np.int64).T
     slopes = [

@@ -1,4 +1,4 @@
-"""What is detected in a photo, and how it looks: SIFT, or corners in buckets (thesis §3.1.1).
+"""Features of a photo: keypoints, descriptors and colours (thesis §3.1.1).
 
 Descriptors are compared by the Hellinger distance, which is the Euclidean one of their roots (Arandjelović
 and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012).
@@ -118,7 +118,7 @@ def detect_in(
     step = np.array(color.shape[1::-1]) / image.gray.shape[::-1]
     pixels = (found.pixels + 0.5) * step
     scales = found.scales * math.sqrt(step.prod())
-    return Features(pixels, scales, found.angles, _colors(color, pixels), _rooted(found.descriptors))
+    return Features(pixels, scales, found.angles, _colors(color, pixels), _root_normalised(found.descriptors))
 
 
 def _search_image(
@@ -141,7 +141,7 @@ def _colors(color: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.uint8]:
     return np.asarray(color[rows.clip(0, height - 1), columns.clip(0, width - 1)])
 
 
-def _rooted(descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _root_normalised(descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     total = descriptors.sum(axis=1, keepdims=True, dtype=np.float32)
     roots = np.sqrt(descriptors / np.maximum(total, 1))
     return np.asarray(np.minimum(np.rint(512 * roots), 255), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""What all readers of images share: the doors to OpenCV and Pillow, which files are images, their order."""
+"""Access to OpenCV and Pillow, image file types, and limits of image sizes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OPENING = Lock()
 
 
 def load_cv2() -> ModuleType:
-    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
+    """OpenCV, with its own messages off: errors are raised as this package's exceptions."""
     # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:

@@ -1,4 +1,4 @@
-"""What detectors take and give: an image to search, and keypoints as columns of numbers."""
+"""Types that detectors share: the search image, keypoints as columns, grid cells that spread them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tracks of corners through images.
+"""KLT tracking of corners through images.
 
 Corners are those whose structure tensor has a large smaller eigenvalue (Shi and Tomasi, "Good features to
 track", CVPR 1994), or a large determinant beside its trace (Harris and Stephens, "A combined corner and edge
@@ -126,13 +126,13 @@ class _Tracker:
     def look_at(self, image: GreyImage) -> View:
         """Follow the corners into `image`, and fill up its cells."""
         if self.image is not None and len(self.corners):
-            moved, good = self._followed(self.image, image)
+            moved, good = self._tracked(self.image, image)
             self.corners, self.tracks = moved[good], self.tracks[good]
         self.image = image
         self._add(self._new_corners(image))
         return View(self.tracks, self.corners.astype(np.float64))
 
-    def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
+    def _tracked(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
         moved, found, residual = self._flow(before, image, self.corners)
         back, found_back, _ = self._flow(image, before, moved)
         distance = np.linalg.norm(back - self.corners, axis=1)

@@ -1,4 +1,4 @@
-"""Poses of images by name: of a model that is to be measured, or of its truth, wherever they come from."""
+"""Poses of images by name, of a model or of its truth, and their association."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
         raise DatasetError(found, str(error)) from error
 
 
-def images_asked_for(path: Path) -> list[str] | None:
+def images_of_model_path(path: Path) -> list[str] | None:
     """Names of all images that ``sfmcpp reconstruct`` was given, as its report in `path` tells; else None."""
     report = path / _REPORT
     if not report.is_file():

@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is from the truth.
+"""Metrics of trajectories and relative poses: 3D error, APE, RPE, area under the recall curve.
 
 APE and RPE are named and defined as in M. Grupp's evo (github.com/MichaelGrupp/evo), which follows J. Sturm
 et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012.
@@ -125,7 +125,7 @@ def ape(estimate: FloatArray, truth: FloatArray) -> Errors:
         its rotation [deg] as ``"rotation_angle_deg"``, the Frobenius norm of ``E − I`` as
         ``"full_transformation"``.
     """
-    return _parts(relative_poses(truth, estimate))
+    return _translation_and_angle(relative_poses(truth, estimate))
 
 
 @checked(estimate=("n", 3, 4), truth=("n", 3, 4))
@@ -168,7 +168,7 @@ def rpe(
     first, second = pairs.T
     true = relative_poses(truth[first], truth[second])
     estimated = relative_poses(estimate[first], estimate[second])
-    return _parts(relative_poses(true, estimated))
+    return _translation_and_angle(relative_poses(true, estimated))
 
 
 def pairs_apart(
@@ -190,7 +190,7 @@ def relative_poses(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.concatenate([back @ second[:, :, :3], back @ offset], axis=2)
 
 
-def _parts(differences: FloatArray) -> Errors:
+def _translation_and_angle(differences: FloatArray) -> Errors:
     rotations = differences[:, :, :3]
     return {
         "translation_part": np.linalg.norm(differences[:, :, 3], axis=1),
@@ -289,7 +289,7 @@ def _errors_from(row: int, estimate: FloatArray, truth: FloatArray, no_baseline:
     """Errors (n − row − 1,) of the pairs of an image and all after it."""
     missing = np.isnan(estimate[row:, 0, 0])
     with np.errstate(invalid="ignore"):
-        ours, true = (_seen_from(poses[row], poses[row + 1 :]) for poses in (estimate, truth))
+        ours, true = (_poses_in_frame_of(poses[row], poses[row + 1 :]) for poses in (estimate, truth))
         turn = rotation_angle(np.swapaxes(true[:, :, :3], 1, 2) @ ours[:, :, :3])
         apart = _angles(ours[:, :, 3], true[:, :, 3])
     apart[np.linalg.norm(true[:, :, 3], axis=1) <= no_baseline] = 0.0
@@ -298,7 +298,7 @@ def _errors_from(row: int, estimate: FloatArray, truth: FloatArray, no_baseline:
     return np.asarray(errors)
 
 
-def _seen_from(first: FloatArray, others: FloatArray) -> FloatArray:
+def _poses_in_frame_of(first: FloatArray, others: FloatArray) -> FloatArray:
     """Poses (k, 3, 4) in the frame of the first camera."""
     back = first[:, :3].T
     return np.concatenate([back @ others[:, :, :3], back @ (others[:, :, 3:] - first[:, 3:])], axis=2)

@@ -1,4 +1,4 @@
-"""A model measured against the truth, image by image and pair by pair."""
+"""Evaluation of a model against the truth, image by image and pair by pair."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sfmcpp.study.evaluation.image_poses import (
     ImagePoses,
     MatchedImages,
     Rows,
-    images_asked_for,
+    images_of_model_path,
     is_problem_file,
     match_by_name,
     match_with_trajectory,
@@ -184,7 +184,7 @@ def evaluate_model(
     require_one_of("align_to", align_to, MODEL_ALIGNMENTS)
     require_not_negative("max_difference_s", max_difference_s)
     if images is None and isinstance(model, str | PathLike):
-        images = images_asked_for(Path(model))
+        images = images_of_model_path(Path(model))
     ours = read_image_poses(model) if isinstance(model, str | PathLike) else ImagePoses.of(model)
     true = read_truth(truth) if isinstance(truth, str | PathLike) else truth
     if isinstance(true, Trajectory):
@@ -249,8 +249,8 @@ def _measured(
         tuple(true.names[row] for row in rows),
         aligned,
         truth,
-        _others(true.names, rows),
-        _others(model.names, matched.model_rows),
+        _names_without(true.names, rows),
+        _names_without(model.names, matched.model_rows),
         matched.matched_by,
         alignment,
         used,
@@ -259,6 +259,6 @@ def _measured(
     )
 
 
-def _others(names: Sequence[str], rows: Rows) -> tuple[str, ...]:
+def _names_without(names: Sequence[str], rows: Rows) -> tuple[str, ...]:
     """Names of all rows but some, in their order."""
     return tuple(np.delete(np.array(names, dtype=object), rows).tolist())

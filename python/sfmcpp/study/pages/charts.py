@@ -1,4 +1,4 @@
-"""Charts as SVG text, for pages: they grow with the window, and take their colours from the page's style."""
+"""Charts for pages, as SVG text or pictures of pixels, in the colours of the page's style."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.study.pages.viewpoint import framed
+from sfmcpp.study.pages.viewpoint import bounding_sphere
 from sfmcpp.study.sfm_measures import ResidualMap
 
 _WIDTH, _HEIGHT = 480, 200
@@ -102,8 +102,8 @@ def arrows(residuals: ResidualMap) -> tuple[str, float]:
     rows, columns = residuals.counts.shape
     cell = _WIDTH / columns
     lengths = np.linalg.norm(residuals.means, axis=2)
-    told = np.isfinite(lengths)
-    scale = float(nice_ticks(float(np.quantile(lengths[told], 0.95)), 1)[-1]) if told.any() else 1.0
+    is_known = np.isfinite(lengths)
+    scale = float(nice_ticks(float(np.quantile(lengths[is_known], 0.95)), 1)[-1]) if is_known.any() else 1.0
     darkest = max(int(residuals.counts.max()), 1)
     parts = []
     for row, column in np.ndindex(rows, columns):
@@ -111,12 +111,12 @@ def arrows(residuals: ResidualMap) -> tuple[str, float]:
         share = residuals.counts[row, column] / darkest
         size = f'x="{x:.2f}" y="{y:.2f}" width="{cell:.2f}" height="{cell:.2f}"'
         title = f"{residuals.counts[row, column]:,} observations"
-        if told[row, column]:
+        if is_known[row, column]:
             dx, dy = residuals.means[row, column]
             title += f", mean ({dx:+.3f}, {dy:+.3f}) px"
         look = f'class="cell" fill-opacity="{0.5 * share:.3f}"'
         parts.append(f"<rect {look} {size}><title>{title}</title></rect>")
-        if told[row, column]:
+        if is_known[row, column]:
             parts.append(_arrow(x + cell / 2, y + cell / 2, dx, dy, cell / scale, cell * _LONGEST_ARROW))
     frame = f'<rect class="frame" x="0.5" y="0.5" width="{_WIDTH - 1}" height="{rows * cell - 1:.2f}"/>'
     return _svg(_WIDTH, round(rows * cell, 2), "".join(parts) + frame, "mean residuals"), scale
@@ -205,23 +205,23 @@ def top_view(
     """
     width, height = size
     picture: Pixels = np.zeros((height, width, 4), dtype=np.uint8)
-    middle, _ = framed(points, centres)
-    spans = _spans(points, centres)
+    middle, _ = bounding_sphere(points, centres)
+    spans = _displayed_ranges(points, centres)
     scale = min((width - 24) / max(spans[0], 1e-12), (height - 24) / max(spans[1], 1e-12))
     order = np.argsort(points[:, 2], kind="stable")
     at = _pixels(points[order], middle, scale, size)
     rgba = np.concatenate([colors[order], np.full((len(points), 1), 255, dtype=np.uint8)], axis=1)
     for dx, dy in np.ndindex(2, 2):
-        _dab(picture, at + np.array([dx, dy]), rgba)
+        _draw_dot(picture, at + np.array([dx, dy]), rgba)
     marks = _pixels(centres, middle, scale, size)
     for dx in range(-3, 4):
         for dy in range(-3, 4):
             if dx * dx + dy * dy <= 10:
-                _dab(picture, marks + np.array([dx, dy]), np.array(_CAMERA, dtype=np.uint8))
+                _draw_dot(picture, marks + np.array([dx, dy]), np.array(_CAMERA, dtype=np.uint8))
     return picture
 
 
-def _spans(points: FloatArray, centres: FloatArray) -> FloatArray:
+def _displayed_ranges(points: FloatArray, centres: FloatArray) -> FloatArray:
     ends = [centres] if len(centres) else []
     if len(points):
         ends.append(np.quantile(points, [0.05, 0.95], axis=0))
@@ -234,7 +234,7 @@ def _pixels(places: FloatArray, middle: FloatArray, scale: float, size: tuple[in
     return np.asarray(np.floor(np.clip(flat, -100, 100_000)), dtype=np.int64)
 
 
-def _dab(picture: Pixels, at: NDArray[np.int64], rgba: Pixels) -> None:
+def _draw_dot(picture: Pixels, at: NDArray[np.int64], rgba: Pixels) -> None:
     inside = ((at >= 0) & (at < (picture.shape[1], picture.shape[0]))).all(axis=1)
     x, y = at[inside].T
     picture[y, x] = rgba[inside] if rgba.ndim == 2 else rgba

@@ -1,4 +1,4 @@
-"""A page of a model in three dimensions: coloured points, cameras, and the photo of a camera on a click."""
+"""A page of a model in three dimensions: points, cameras, and photos on a click."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
 from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
 from sfmcpp.study.pages.parts import data_uri, filled_page, packed, save_page
-from sfmcpp.study.pages.viewpoint import camera_size, framed, turn_upright
+from sfmcpp.study.pages.viewpoint import bounding_sphere, camera_size, turn_upright
 
 _TEMPLATE = "model_page.html"
 # A page with more would take long to open.
@@ -134,7 +134,7 @@ def corners_at_distance_one(
 def _data(scene: ModelScene) -> dict[str, Any]:
     turn = np.eye(3) if scene.east_north_up else turn_upright(scene.cameras)
     points, centres = scene.points @ turn.T, scene.cameras[:, :, 3] @ turn.T
-    origin, radius = framed(points, centres)
+    origin, radius = bounding_sphere(points, centres)
     stride = max(1, -(-len(points) // MOST_POINTS))
     axes = turn @ scene.cameras[:, :, :3]
     poses = np.concatenate([axes, (centres - origin)[:, :, None]], axis=2)

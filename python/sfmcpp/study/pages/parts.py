@@ -1,4 +1,4 @@
-"""What pages are put together from: templates and scripts of this folder, arrays, pictures."""
+"""Building blocks of pages: templates and scripts of this folder, packed arrays, pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page of points, cameras and a path that opens in any browser, without a network."""
+"""A page of points, cameras and a path, without a network."""
 
 from __future__ import annotations
 
@@ -107,10 +107,10 @@ def _data(scene: Scene) -> dict[str, Any]:
     origin = (turned.min(axis=0) + turned.max(axis=0)) / 2
     moved = np.column_stack([turn, -origin])
     return {
-        "points": packed(_moved(scene.points, moved)),
-        "path": packed(_moved(scene.path, moved)),
-        "truth": packed(_moved(scene.truth, moved)),
-        "cameras": packed(_moved_cameras(scene.cameras, moved)),
+        "points": packed(_transformed_points(scene.points, moved)),
+        "path": packed(_transformed_points(scene.path, moved)),
+        "truth": packed(_transformed_points(scene.truth, moved)),
+        "cameras": packed(_transformed_cameras(scene.cameras, moved)),
         "truthName": scene.truth_name,
         "unit": scene.unit,
         "north": turn[:, 1].tolist() if scene.east_north_up else None,
@@ -120,10 +120,10 @@ def _data(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _moved(points: FloatArray, move: FloatArray) -> FloatArray:
+def _transformed_points(points: FloatArray, move: FloatArray) -> FloatArray:
     return np.asarray(points @ move[:, :3].T + move[:, 3])
 
 
-def _moved_cameras(cameras: FloatArray, move: FloatArray) -> FloatArray:
-    centres = _moved(cameras[:, :, 3], move)
+def _transformed_cameras(cameras: FloatArray, move: FloatArray) -> FloatArray:
+    centres = _transformed_points(cameras[:, :, 3], move)
     return np.concatenate([move[:, :3] @ cameras[:, :, :3], centres[:, :, None]], axis=2)

@@ -1,4 +1,4 @@
-"""How a model is put on a page: which way is up, what to look at, how large cameras are drawn."""
+"""Viewpoint of a page: up direction, centre and radius of the view, size of the cameras."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def turn_upright(cameras: FloatArray) -> FloatArray:
     up = np.linalg.eigh(spread)[1][:, 0]
     if up @ (tops + 0.5 * behind) < 0:
         up = -up
-    return _axes(up, -behind, -down[0], ahead[0])
+    return _upright_axes(up, -behind, -down[0], ahead[0])
 
 
 def view_from_world(cameras: FloatArray) -> FloatArray:
@@ -43,23 +43,23 @@ def view_from_world(cameras: FloatArray) -> FloatArray:
     top, tops = -axes[0, :, 1], -axes[:, :, 1].mean(axis=0)
     length = float(np.linalg.norm(tops))
     up = tops / length if length > _PARALLEL else top
-    return _axes(up, axes[0, :, 2], top, axes[0, :, 0])
+    return _upright_axes(up, axes[0, :, 2], top, axes[0, :, 0])
 
 
-def _axes(up: FloatArray, *ahead: FloatArray) -> FloatArray:
+def _upright_axes(up: FloatArray, *ahead: FloatArray) -> FloatArray:
     """Rotation to x right, y ahead, z up: `ahead` is the first direction that is not parallel to `up`."""
-    forward = next(level for direction in ahead if (level := _level(direction, up)) is not None)
+    forward = next(level for direction in ahead if (level := _horizontal_part(direction, up)) is not None)
     return np.stack([np.cross(forward, up), forward, up])
 
 
-def _level(direction: FloatArray, up: FloatArray) -> FloatArray | None:
+def _horizontal_part(direction: FloatArray, up: FloatArray) -> FloatArray | None:
     """Unit vector along the part of a direction that is orthogonal to `up`; None if there is hardly any."""
     level = direction - (direction @ up) * up
     length = float(np.linalg.norm(level))
     return np.asarray(level / length) if length > _PARALLEL else None
 
 
-def framed(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, float]:
+def bounding_sphere(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, float]:
     """Centre and radius of what a view should show: all cameras, and points but for the farthest.
 
     Parameters

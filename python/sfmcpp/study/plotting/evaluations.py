@@ -47,8 +47,8 @@ def plot_evaluation(evaluation: Evaluation) -> Figure:
     share = np.clip((high - low)[0] / (high - low)[1], *_WIDTHS_BESIDE_ERRORS)
     figure = new_figure(10, 4.5)
     paths, errors = figure.subplots(1, 2, width_ratios=[share, _WIDTH_OF_ERRORS])
-    _draw_ways(paths, truth[:, seen], estimate[:, seen], "estimate")
-    _show(paths, low, high)
+    _draw_paths(paths, truth[:, seen], estimate[:, seen], "estimate")
+    _set_limits(paths, low, high)
     paths.set_xlabel(f"{'xyz'[seen[0]]} [m]")
     paths.set_ylabel(f"{'xyz'[seen[1]]} [m]")
     figure.legend(fontsize=9, frameon=False, loc="outside lower left", ncols=3)
@@ -58,7 +58,7 @@ def plot_evaluation(evaluation: Evaluation) -> Figure:
     return figure
 
 
-def _draw_ways(axes: Axes, truth: FloatArray | None, estimate: FloatArray, label: str) -> None:
+def _draw_paths(axes: Axes, truth: FloatArray | None, estimate: FloatArray, label: str) -> None:
     """Both ways (n, 2), the true one wider, so that it shows on both sides of an estimate that lies on it."""
     if truth is not None:
         axes.plot(*truth.T, color=COLORS[4], linewidth=5.0, alpha=0.6, label="ground truth")
@@ -66,7 +66,7 @@ def _draw_ways(axes: Axes, truth: FloatArray | None, estimate: FloatArray, label
     axes.plot(*estimate[0], "o", color=COLORS[1], markersize=6, label="start")
 
 
-def _show(axes: Axes, low: FloatArray, high: FloatArray) -> None:
+def _set_limits(axes: Axes, low: FloatArray, high: FloatArray) -> None:
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal", adjustable="box")
@@ -123,9 +123,9 @@ def plot_top_view(
     axes = figure.subplots()
     axes.plot(points[:, 0], points[:, 2], ".", color="#8fa1af", markersize=2, label="points", zorder=1)
     label = f"estimate, {alignment}" if alignment else "estimate"
-    _draw_ways(axes, None if truth is None else truth[:, [0, 2]], path[:, [0, 2]], label)
+    _draw_paths(axes, None if truth is None else truth[:, [0, 2]], path[:, [0, 2]], label)
     axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
-    _show(axes, low, high)
+    _set_limits(axes, low, high)
     axes.set_title("Camera trajectory, top view", fontsize=11)
     axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (unknown scale)")
     axes.set_ylabel(f"z, forward [{unit}]" if unit else "z, forward (unknown scale)")

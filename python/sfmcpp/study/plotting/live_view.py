@@ -76,7 +76,7 @@ class LiveView:
 
     def __init__(self, title: str, port: int = FIRST_PORT) -> None:
         viser = load_viser()
-        with _without_greeting():
+        with _without_viser_output():
             self._server = viser.ViserServer(host=_HOST, port=port, label=title, verbose=False)
         self._next_s = 0.0
         self._whole = (np.zeros(3), 1.0)
@@ -124,7 +124,7 @@ class LiveView:
 
     def close(self) -> None:
         """Stop serving."""
-        with _without_greeting():
+        with _without_viser_output():
             self._server.stop()
 
     def _add_controls(self, title: str) -> None:
@@ -220,7 +220,7 @@ def _legend(cell: float, unit: str) -> str:
     return f'<div style="padding:0 12px">{"<br>".join([*rows, f"grid: {cell:g} {unit}".rstrip()])}</div>'
 
 
-def _without_greeting() -> contextlib.AbstractContextManager[object]:
+def _without_viser_output() -> contextlib.AbstractContextManager[object]:
     """Viser prints its address and its good-bye; standard output is for results."""
     return contextlib.redirect_stdout(io.StringIO())
 

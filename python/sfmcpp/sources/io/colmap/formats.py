@@ -1,4 +1,4 @@
-"""COLMAP's two formats as the rest of the package sees them: a folder is read and written as one file is."""
+"""COLMAP's text and binary formats, each a folder that is read and written like one file."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
     _require_no_rigs(folder)
     tables = tables_from_problem(problem, folder)
-    kinds = [kind for kind in _KINDS if kind in wanted or _has_any(folder, kind.names)]
+    kinds = [kind for kind in _KINDS if kind in wanted or _has_any_file(folder, kind.names)]
     contents = list(chain.from_iterable(kind.named_contents(folder, problem, tables) for kind in kinds))
     origin = origin_files(problem)
     contents += origin.items()
@@ -157,12 +157,12 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
         raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{hint}")
 
 
-def _has_any(folder: Path, names: tuple[str, ...]) -> bool:
+def _has_any_file(folder: Path, names: tuple[str, ...]) -> bool:
     return any((folder / name).exists() for name in names)
 
 
 def _claims_text(path: Path) -> bool:
-    return path.is_dir() and _has_any(path, text.FILES) and not _has_any(path, binary.FILES)
+    return path.is_dir() and _has_any_file(path, text.FILES) and not _has_any_file(path, binary.FILES)
 
 
 def _claims_binary(path: Path) -> bool:
@@ -213,8 +213,8 @@ def with_origin(problem: Problem, folder: Path) -> Problem:
     if not path.exists():
         return problem
     try:
-        told = json.loads(read_bytes(path))
-        WorldOrigin.from_dict(told if isinstance(told, dict) else {}).put_into(problem.metadata)
+        entries = json.loads(read_bytes(path))
+        WorldOrigin.from_dict(entries if isinstance(entries, dict) else {}).put_into(problem.metadata)
     except (ValueError, InvalidArgument) as error:
         raise DatasetError(path, str(error)) from error
     return problem

@@ -1,4 +1,9 @@
-"""From a problem to COLMAP's tables; what the metadata knows is kept, the rest gets defaults."""
+"""From a problem to COLMAP's tables, with identifiers and models from the metadata where known.
+
+Points that an image sees by several keypoints: COLMAP's tracks may hold that, observations may not. SIFT
+gives one corner several orientations, and each becomes a keypoint. The first in the track is the
+observation; the others become keypoints without a point, are remembered, and put back on writing.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +72,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     require_valid(problem, folder)
     lenses = lenses_from_corner(problem, folder)
     cameras = _cameras(problem, lenses, folder)
-    point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
+    point_ids = _metadata_entry(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
     problem = with_second_sightings(problem, point_ids)
     images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
@@ -106,7 +111,7 @@ def _finite_keypoints(images: ImageTable) -> BoolArray:
     return np.asarray(np.bincount(bad, minlength=len(images.ids)) == 0)
 
 
-def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> NDArray[Any]:
+def _metadata_entry(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> NDArray[Any]:
     value = problem.metadata.extra.get(key)
     if value is None:
         return default
@@ -120,7 +125,7 @@ def _cameras(problem: Problem, lenses: CornerLenses, folder: Path) -> CameraTabl
     return CameraTable(
         folder,
         None,
-        _extra(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
+        _metadata_entry(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
         models=models,
         sizes=lenses.sizes,
         params=[params_from_intrinsics(name, row) for name, row in zip(models, values, strict=True)],
@@ -169,7 +174,7 @@ def _images(
     images = ImageTable(
         folder,
         None,
-        _extra(problem, "colmap_image_ids", np.arange(1, problem.num_cameras + 1), folder),
+        _metadata_entry(problem, "colmap_image_ids", np.arange(1, problem.num_cameras + 1), folder),
         quaternions=quaternion_from_rotation(rotations),
         translations=translations,
         camera_ids=camera_ids[problem.intrinsics_index],

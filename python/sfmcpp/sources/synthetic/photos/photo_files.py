@@ -1,4 +1,4 @@
-"""Files of photos, with what a camera would tell in their EXIF blocks (CIPA DC-008, "Exif 2.32")."""
+"""Photo files with EXIF blocks (CIPA DC-008, "Exif 2.32")."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _GEODETIC_ITERATIONS = 6
 
 
 @dataclass(frozen=True)
-class Told:
+class ExifContent:
     """What the file of a photo tells.
 
     Attributes
@@ -38,7 +38,7 @@ class Told:
     position: tuple[float, float, float] | None = None
 
 
-def write_photo(path: Path, picture: Picture, told: Told) -> None:
+def write_photo(path: Path, picture: Picture, content: ExifContent) -> None:
     """Write one photo, as JPEG or PNG by the suffix of its name.
 
     Raises
@@ -48,11 +48,11 @@ def write_photo(path: Path, picture: Picture, told: Told) -> None:
     """
     pillow = load_pillow()
     exif = pillow.Exif()
-    if told.focal_px is not None:
+    if content.focal_px is not None:
         exif.update({0x010F: "sfmcpp", 0x0110: "synthetic"})
-        exif.get_ifd(_EXIF_BLOCK).update(_focal_tags(told.focal_px))
-    if told.position is not None:
-        exif.get_ifd(_GPS_BLOCK).update(_position_tags(*told.position))
+        exif.get_ifd(_EXIF_BLOCK).update(_focal_tags(content.focal_px))
+    if content.position is not None:
+        exif.get_ifd(_GPS_BLOCK).update(_position_tags(*content.position))
     with failures_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         pillow.fromarray(picture).save(path, exif=exif, quality=_QUALITY)

@@ -1,4 +1,4 @@
-"""What a camera sees of textured rectangles: rays through parts of pixels, the nearest rectangle on each."""
+"""Ray casting of textured rectangles, with several rays per pixel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LONGEST_BLUR = 2.0
 
 
 @dataclass(frozen=True)
-class _Window:
+class _RenderWindow:
     """Part of an image: rows and columns of rays."""
 
     rows: slice
@@ -67,7 +67,7 @@ class Eye:
         nearness = np.zeros(shape, dtype=np.float32)
         seen = np.full(shape, -1, dtype=np.int16)
         for number, face in enumerate(faces):
-            self._meet(number, face, camera, nearness, seen)
+            self._cast_rays(number, face, camera, nearness, seen)
         width, height = self._geometry.image_size
         total = np.zeros((height, width, 3))
         for number in np.unique(seen):
@@ -79,7 +79,7 @@ class Eye:
                 total[:, :, channel] += found.reshape(height, width)
         return np.asarray(total / _FINE**2)
 
-    def _meet(
+    def _cast_rays(
         self, number: int, face: Face, camera: FloatArray, nearness: Samples, seen: NDArray[np.int16]
     ) -> None:
         """Note a face on all rays on which it is the nearest so far."""
@@ -95,9 +95,9 @@ class Eye:
         nearness[at][first] = near[first]
         seen[at][first] = number
 
-    def _window(self, face: Face, camera: FloatArray) -> _Window | None:
+    def _window(self, face: Face, camera: FloatArray) -> _RenderWindow | None:
         """Rays that may meet a face: all, unless all of it is well in front of the camera."""
-        whole = _Window(slice(0, self._x.shape[0]), slice(0, self._x.shape[1]))
+        whole = _RenderWindow(slice(0, self._x.shape[0]), slice(0, self._x.shape[1]))
         corners = (face.corners - camera[:, 3]) @ camera[:, :3]
         if (corners[:, 2] <= _NEAREST_M).all():
             return None
@@ -114,7 +114,7 @@ class Eye:
         high = np.ceil(rays.max(axis=0) + 2 * _FINE).clip(0, self._x.shape[::-1]).astype(int)
         if (low >= high).any():
             return None
-        return _Window(slice(low[1], high[1]), slice(low[0], high[0]))
+        return _RenderWindow(slice(low[1], high[1]), slice(low[0], high[0]))
 
     def _colours(
         self,

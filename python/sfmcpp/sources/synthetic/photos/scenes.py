@@ -1,4 +1,4 @@
-"""Places to take photos of, and where the photos are taken.
+"""Scenes for rendered photos, and the cameras in them.
 
 World: metres, z up. Each function takes the number of photos and a source of randomness.
 """

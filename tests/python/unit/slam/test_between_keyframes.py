@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.geometry import Similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import Measurement, Odometer, Path, SlamResult, SlamSettings, WorldMap, run_slam
-from sfmcpp.slam.between_keyframes import settle_between
+from sfmcpp.slam.between_keyframes import fit_between_keyframes
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, STEP_S, drive, path, small_map
@@ -108,7 +108,7 @@ def test_frames_between_two_keyframes_are_fitted_together() -> None:
         ([Odometer(stream)], SlamSettings(weight_bounds="none"), None),
         ([Odometer(stream)], SlamSettings(), 0.03),
     ):
-        settle_between(result, frames, SensorSuite(sensors), settings)
+        fit_between_keyframes(result, frames, SensorSuite(sensors), settings)
         if limit is None:
             assert all(between[k] is before[k] for k in before)
         else:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sfm.imported_matches import match_graph_of_arrays, one_for_one
+from sfmcpp.sfm.imported_matches import match_graph_of_arrays, unique_matches
 
 RNG = np.random.default_rng(4)
 POINTS = np.column_stack([RNG.uniform(-2, 2, (60, 2)), RNG.uniform(4, 9, 60)])
@@ -106,5 +106,5 @@ def test_arrays_that_do_not_go_together_are_refused(changes: dict[str, Any], mes
 
 def test_a_feature_that_matches_several_matches_none() -> None:
     found = np.array([[5, 5], [1, 2], [1, 3], [4, 4], [6, 4], [5, 5], [0, 9]], np.int32)
-    np.testing.assert_array_equal(one_for_one(found), [[0, 9], [5, 5]])
-    assert one_for_one(np.empty((0, 2), np.int32)).shape == (0, 2)
+    np.testing.assert_array_equal(unique_matches(found), [[0, 9], [5, 5]])
+    assert unique_matches(np.empty((0, 2), np.int32)).shape == (0, 2)
