@@ -172,7 +172,7 @@ def _warning_of_infinite_cost(problem: Problem, summary: Summary) -> Iterator[st
 
 
 def _derivative_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
-    """What makes functions doubtful at the start: derivatives that are not theirs."""
+    """Warnings about user functions whose derivatives differ from finite differences at the start."""
     functions: dict[str, ResidualGroup | CameraFunction] = {
         f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
     }
@@ -188,7 +188,7 @@ def _derivative_warnings(problem: Problem, constraints: Sequence[Group]) -> Iter
 
 
 def _require_names_of_losses(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
-    """Of losses that are functions nothing tells another run or process whether they are alike."""
+    """Refuse losses that are functions: another run or process cannot check that it has the same one."""
     for loss in (options.loss, *(group.loss for group in constraints)):
         if isinstance(loss, LossFunction):
             raise InvalidArgument(f"loss = {loss!r}: must be the name of a loss {what}")
@@ -199,7 +199,7 @@ def _checkpoint_bytes(arrays: dict[str, Any]) -> int:
 
 
 def _save_and_resume(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any, Any]:
-    """What the core calls to save, and what it goes on from."""
+    """The function that the core calls to save a checkpoint, and the arrays to resume from."""
     taken = checkpoints.taken
     saved = checkpoints.offer if checkpoints.are_saved else None
     return saved, None if taken is None else dict(taken.arrays)
@@ -258,7 +258,7 @@ def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
 def _run_facts(
     problem: Problem, constraints: Sequence[Group], arrays: dict[str, Any], options: SolveOptions
 ) -> dict[str, Any]:
-    """What is solved: a digest of each array of the problem and of each group of constraints."""
+    """Identity of a run: a digest of each array of the problem and of each group of constraints."""
     digests = {name: digest(value) for name, value in arrays.items() if name != "constraints"}
     for group, known in zip(constraints, arrays["constraints"], strict=True):
         digests[f"constraints {group.name!r}"] = digest(known | _residuals_of_function(problem, group))
@@ -266,7 +266,7 @@ def _run_facts(
 
 
 def _residuals_of_function(problem: Problem, group: Group) -> dict[str, Any]:
-    """What a function is known by in another process: what it says of the start."""
+    """Identity of a user function: its residuals at the start."""
     return {"function": group.residuals_at(problem)} if isinstance(group, ResidualGroup) else {}
 
 
@@ -290,12 +290,12 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
 
 
 def continues_after(answer: object) -> bool:
-    """Whether a run goes on after this answer of a callback: only False, Python's or NumPy's, stops."""
+    """Whether a run continues after this answer of a callback: only False, Python's or NumPy's, stops it."""
     return not isinstance(answer, bool | np.bool_) or bool(answer)
 
 
 def loss_weight_warnings(arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None) -> list[str]:
-    """What to know of the weights at the end of a solve of these arrays, of which each rank has a part."""
+    """Warning if most observations have hardly any weight by the loss; each rank has a part of the arrays."""
     if summary.loss == "squared" or summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px:
         return []
     squared = np.square(_core.residuals(arrays)).sum(axis=1)

@@ -104,7 +104,7 @@ def has_own_sigmas(arrays: dict[str, Any]) -> bool:
 
 
 def unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
-    """What residuals are in, by whether any part of a problem has σ of its own."""
+    """Unit of residuals: pixels, or σ if any part of a problem has its own."""
     return "σ" if any(own_sigmas) else "px"
 
 

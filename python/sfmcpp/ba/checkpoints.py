@@ -24,7 +24,7 @@ Where = Callable[[], Mapping[str, NDArray[Any]]]
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a run stood.
+    """State of a run at a checkpoint.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Checkpoint:
 
 @runtime_checkable
 class CheckpointStore(Protocol):
-    """Where checkpoints are kept; :class:`sfmcpp.CheckpointFolder` is one."""
+    """Storage of checkpoints; :class:`sfmcpp.CheckpointFolder` is one."""
 
     @property
     def failure(self) -> DatasetError | None:
@@ -62,7 +62,7 @@ class CheckpointStore(Protocol):
         """Whether it is time for another."""
 
     def save(self, facts: Mapping[str, Any], where: Where) -> bool:
-        """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
+        """Save a checkpoint; if that fails, `failure` has the error and the run continues."""
 
     def load(self) -> Checkpoint:
         """Give the newest."""
@@ -70,7 +70,7 @@ class CheckpointStore(Protocol):
 
 @runtime_checkable
 class SharedCheckpointStore(CheckpointStore, Protocol):
-    """Where several ranks keep theirs; :class:`sfmcpp.CheckpointFolder` is one."""
+    """Storage of the checkpoints of several ranks; :class:`sfmcpp.CheckpointFolder` is one."""
 
     def load(self, sequence: int | None = None) -> Checkpoint:
         """Give the newest, or that one."""
@@ -130,7 +130,7 @@ class RunCheckpoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong with them."""
+        """Failures of checkpoints, in sentences."""
         remark = "" if self.taken is None else self.taken.remark
         failure = None if self._save is None else self._save.failure
         return [text for text in (remark, failure and f"no checkpoint: {failure}") if text]
@@ -192,7 +192,7 @@ class RankCheckpoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong with them."""
+        """Failures of checkpoints, in sentences."""
         failure = None if self._save is None else self._save.failure
         return [] if failure is None else [f"no checkpoint: {failure}"]
 
@@ -223,7 +223,7 @@ def _store_of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpoint
 
 
 def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """What must be the same for a run to go on with the same bits.
+    """Facts that must be equal for a run to be resumed with the same bits.
 
     Parameters
     ----------

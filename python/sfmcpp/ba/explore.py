@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class StepExploration:
-    """What lies along a step.
+    """Costs along a step.
 
     Attributes
     ----------

@@ -73,7 +73,7 @@ def camera_places(links: NDArray[np.int64], num_cameras: int) -> Numbers:
 
 
 class Tracks:
-    """Who observes some of the points of a problem, all of their observations.
+    """All observations of some points of a problem: which cameras observe them.
 
     Parameters
     ----------

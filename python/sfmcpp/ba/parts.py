@@ -149,7 +149,7 @@ def joined_rows(pieces: Sequence[Rows]) -> Rows:
 
 
 def joined_parts(parts: Sequence[Part]) -> Problem:
-    """Put all parts of a problem together; cameras are those of the first."""
+    """Join all parts of a problem; cameras are those of the first."""
     points = joined_rows([part.rows_of_points for part in parts])
     return part_from_rows(
         cameras_alone(parts[0].problem), points, joined_rows([part.rows_of_observations for part in parts])
@@ -262,7 +262,7 @@ class OwnParts:
 
 
 def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
-    """Put the parts that the ranks have brought together on rank 0, one after the other; None elsewhere."""
+    """Gather the parts of all ranks on rank 0, one after the other; None elsewhere."""
     mine = parts.mine
     sizes = np.array(ranks.everyones((mine.num_points, mine.num_observations)))
     point, observation = sizes[: ranks.rank].sum(axis=0)

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Communicator(Protocol):
-    """What is asked of a communicator; those of mpi4py have it."""
+    """Interface of a communicator; those of mpi4py have it."""
 
     def Get_rank(self) -> int:  # noqa: N802
         """Number of this process, from 0 on."""
@@ -98,7 +98,7 @@ class Ranks:
             return self.communicator.allgather(value)
 
     def turn(self, count: int) -> tuple[int, int]:
-        """Where this rank's share of so many things in a row begins and ends."""
+        """Begin and end of this rank's share of a row of items."""
         return count * self.rank // self.size, count * (self.rank + 1) // self.size
 
     def exchanged(self, mine: list[T]) -> list[T]:
@@ -124,7 +124,7 @@ class Ranks:
         return result  # type: ignore[no-any-return]
 
     def dealt(self, parts: Callable[[int], T]) -> T:
-        """Give each rank what rank 0 makes for it, one after the other; asked of rank 0 alone."""
+        """Send each rank its part, made on rank 0, one after the other."""
         with self._all_ready():
             if not self.is_root:
                 return self.communicator.recv(source=0)  # type: ignore[no-any-return]
@@ -180,7 +180,7 @@ def _outcome(task: Callable[[], T]) -> tuple[T | None, BaseException | None]:
 
 
 def _error_with_rank(error: BaseException, rank: int, ranks: int) -> BaseException:
-    """The error of another rank, with its number where there is a text that can say it."""
+    """The error of another rank, with the number of the rank if the error has a text."""
     if isinstance(error, InvalidArgument) and ranks > 1:
         return InvalidArgument(f"rank {rank}: {error}")
     return error

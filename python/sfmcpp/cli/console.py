@@ -65,7 +65,7 @@ def print_interrupted() -> ExitCode:
 
 
 def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
-    """Turn whatever stops a command into a line on stderr and an exit code."""
+    """Turn errors and interrupts of a command into a line on stderr and an exit code."""
 
     @wraps(command)
     def run(*arguments: P.args, **options: P.kwargs) -> ExitCode:

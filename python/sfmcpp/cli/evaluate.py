@@ -198,7 +198,7 @@ def _error_table(title: str, content: dict[str, Any]) -> list[str]:
 
 
 def names_images(path: Path) -> bool:
-    """Whether `path` is a model or a truth with named images, as far as its name and kind tell."""
+    """Whether `path` is a model or a truth with named images, by its name and kind."""
     from sfmcpp.study.evaluation.image_poses import is_problem_file
 
     return path.is_dir() or (path.exists() and is_problem_file(path))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Gps:
-    """Positions of images as asked for on the command line.
+    """The option `--gps` of the command line.
 
     Attributes
     ----------

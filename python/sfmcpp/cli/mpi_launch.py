@@ -51,7 +51,7 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
 
 
 def run_on_ranks(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
-    """Run a command on all ranks; where one fails alone, it says why and ends all.
+    """Run a command on all ranks; one that fails alone reports its error and ends all.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from sfmcpp.sources.io.format import Format
 
 
 def read_with_notes(source: Path, *, quiet: bool = False) -> Problem:
-    """Read a problem, and tell what was left out.
+    """Read a problem, and print notes on what was left out.
 
     Raises
     ------

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """One solve as asked for on the command line.
+    """Arguments of a solve on the command line.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ def _solve(
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
-    """Write what is wanted beside the result, and go on where one fails: no other must be lost with it."""
+    """Write the files beside the result; if one fails, the others are still written."""
 
     def write_picture(path: Path) -> None:
         from sfmcpp.study.plotting import plot_convergence, save_figure
@@ -263,7 +263,7 @@ def _report(path: Path, size: ProblemSize, summary: Summary, seconds_read: float
 
 
 def _write_complaints(step: Callable[[Path], None], path: Path | None) -> list[DatasetError]:
-    """What is wrong with a file that is wanted."""
+    """Errors of writing a file."""
     try:
         if path is not None:
             step(path)

@@ -138,7 +138,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
 
 
 def _status(result: SlamResult, frames: int) -> str:
-    """Say how a run stands in a few words."""
+    """State of a run in a few words."""
     if result.world is None:
         return "initialising"
     points = int(np.count_nonzero(result.world.known))
@@ -149,7 +149,7 @@ def _status(result: SlamResult, frames: int) -> str:
 
 @contextmanager
 def _live_page(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
-    """`--view`: serve the map on a page as long as the block runs, and say where."""
+    """`--view`: serve the map on a page as long as the block runs, and print its address."""
     from sfmcpp.study.plotting.live_view import LiveView
 
     try:

@@ -20,7 +20,7 @@ PAGE_SUFFIXES = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a solve writes: the problem and what tells of it; None is not wanted."""
+    """Output files of a solve; None: not wanted."""
 
     problem: Path | None = None
     report: Path | None = None
@@ -101,7 +101,7 @@ def require_page_name(path: Path) -> None:
 
 
 def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
-    """Raise a DatasetError unless a problem could be written to `path`; its name tells an unknown format."""
+    """Raise a DatasetError unless a problem can be written to `path`; its name implies a missing format."""
     chosen = chosen or format_of(path)
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")

@@ -175,7 +175,7 @@ def _points_shared(case: Case, inside: NDArray[np.bool_]) -> int:
 
 
 def _weak_cameras(case: Case) -> Iterator[Finding]:
-    """Cameras that observe fewer points of others than tell their pose, and a wrong one."""
+    """Cameras with too few shared points to determine their pose and detect a wrong one."""
     problem = case.problem
     useful = np.asarray(case.incidence.sum(axis=1)).ravel()
     wanted = POINTS_TO_TELL_AN_OUTLIER + (_own_intrinsics(case) + 1) // 2

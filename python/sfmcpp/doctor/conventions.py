@@ -188,7 +188,7 @@ def better_at_start(case: Case) -> tuple[Convention, float, float] | None:
 
 
 def _better_adjusted(case: Case) -> tuple[Convention, float, float] | None:
-    """Where an adjustment does not come near: the convention from whose start one does."""
+    """The convention from whose start an adjustment succeeds, where it fails without."""
     if case.trial is None or case.trial.median_px <= _FITS * case.extent_px:
         return None
 
@@ -202,7 +202,7 @@ def _better_adjusted(case: Case) -> tuple[Convention, float, float] | None:
 def _best_convention(
     case: Case, before: float, judge: Callable[[Convention], float]
 ) -> tuple[Convention, float, float] | None:
-    """The first of those that fit as well as any: symmetric scenes do not tell some of them apart."""
+    """The first of the conventions that fit best: symmetric scenes do not distinguish some of them."""
     medians = np.array([judge(convention) for convention in CONVENTIONS])
     best = int(np.argmax(medians < _AS_WELL * medians.min()))
     extent = extent_px(CONVENTIONS[best].read(case.sample))

@@ -73,7 +73,7 @@ def _image_sizes_px(problem: Problem) -> FloatArray:
 
 
 def _apparent_scale(problem: Problem) -> float | None:
-    """What the images that the pixels are of seem to be scaled by; None if they are those of the problem."""
+    """Apparent scale of the images of the pixels; None if it is that of the problem."""
     sizes = _image_sizes_px(problem)
     if len(sizes) < _LEAST_OBSERVATIONS or not sizes.all():
         return None

@@ -29,7 +29,7 @@ _MEDIAN_OF_NORM = np.sqrt(2 * np.log(2))
 
 @dataclass(frozen=True)
 class Trial:
-    """What an adjustment came to.
+    """Result of a trial adjustment.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def adjust_or_stop(problem: Problem, constraints: Sequence[Group], options: Solv
 
 
 def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
-    """Adjust a copy of `problem`, or say why that cannot be done."""
+    """Adjust a copy of `problem`; a text with the reason if that fails."""
     moved = problem.copy()
     options = SolveOptions(
         loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS, function_tolerance=TOLERANCE

@@ -69,7 +69,7 @@ def to_normalised(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 
 def undistorted_pixels(pixels: FloatArray, rows: FloatArray, index: NDArray[np.integer]) -> FloatArray:
-    """Where lenses without distortion would have seen `pixels` (M, 2), of ``rows[index]`` (G, 12).
+    """Undistort `pixels` (M, 2) of cameras ``rows[index]``, of rows (G, 12).
 
     Beyond the range in which a lens is invertible pixels stay as they are.
     """

@@ -81,7 +81,7 @@ def _num_inliers(
 
 
 def _least_squares_rotation(rays_1: FloatArray, rays_2: FloatArray, inliers: BoolArray) -> FloatArray:
-    """Least-squares rotation of the inliers; the identity where they are too few to tell."""
+    """Least-squares rotation of the inliers; the identity where they are too few."""
     if np.count_nonzero(inliers) < 2:
         return np.eye(3)
     u, _, vt = np.linalg.svd(rays_1[inliers].T @ rays_2[inliers])

@@ -48,7 +48,7 @@ _FEW = 200
 
 @dataclass(frozen=True, eq=False)
 class TwoViewGeometry:
-    """What the matches of two images say of their cameras.
+    """Two-view geometry of the matches of two images.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ def _planar_or_rotation(
 def _with_uncertain_focal(
     free: TwoViewGeometry, matches: Matches, camera: FloatArray, explained: BoolArray
 ) -> TwoViewGeometry:
-    """What was found without the intrinsics, which are far off; with the pose if it is of any use."""
+    """Geometry found without the intrinsics, which are far off; with the pose if it is usable."""
     share = float((explained & free.inliers).sum() / free.inliers.sum())
     if free.kind != "general" or share < _LEAST_PART_OF_POSE:
         return free
@@ -256,7 +256,7 @@ def _near_lines(matches: Matches, camera: FloatArray, threshold_px: float) -> Bo
 
 
 def _epipolar_inliers(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
-    """Matches near their epipolar lines and in front of both cameras, or too far away to tell."""
+    """Matches near their epipolar lines and in front of both cameras, or too far away to decide."""
     near = _near_lines(matches, camera, threshold_px)
     in_front = in_front_of_both(np.eye(3, 4), camera, *matches.normalised)
     far = matches.parallax_px(camera[:, :3]) <= threshold_px

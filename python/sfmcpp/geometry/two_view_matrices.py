@@ -235,7 +235,7 @@ def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray
 def significant_fundamental(
     pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions, min_inliers: int
 ) -> MatrixEstimate:
-    """What :func:`fundamental_from_matches` does with arguments that are checked."""
+    """Implementation of :func:`fundamental_from_matches`, for checked arguments."""
     chance = chance_near_line(pixels_1, pixels_2, options.threshold_px)
     least = max(min_inliers, least_significant(len(pixels_1), SEVEN_POINTS, chance))
     return _estimate(
@@ -246,7 +246,7 @@ def significant_fundamental(
 def significant_homography(
     pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions, min_inliers: int
 ) -> MatrixEstimate:
-    """What :func:`homography_from_matches` does with arguments that are checked."""
+    """Implementation of :func:`homography_from_matches`, for checked arguments."""
     chance = chance_near_point(pixels_1, pixels_2, options.threshold_px)
     least = max(min_inliers, least_significant(len(pixels_1), FOUR_POINTS, chance))
     return _estimate(

@@ -64,7 +64,7 @@ class Map(Store):
         )
 
     def observe(self, rows: ArrayLike, points: ArrayLike) -> None:
-        """Say which points some keypoints see.
+        """Add observations: points that some keypoints see.
 
         Parameters
         ----------
@@ -326,7 +326,7 @@ class Map(Store):
         return LocalProblem(problem, images, cameras.astype(np.intp), points, rows)
 
     def _uncertainty(self, rows: Rows) -> Uncertainty:
-        """What a problem takes of the covariances of some keypoints."""
+        """Uncertainties of some keypoints, as a problem has them."""
         upper = self.keypoint_covariances[rows]
         unknown = np.isnan(upper).any(axis=1)
         if unknown.all():

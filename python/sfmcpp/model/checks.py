@@ -92,7 +92,7 @@ def require_one_of(name: str, value: object, known: Collection[str]) -> None:
 
 
 def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
-    """What `known` holds by the key `value`; InvalidArgument, with all keys, if it holds nothing."""
+    """Value of `known` with the key `value`; InvalidArgument, with all keys, if there is none."""
     require_one_of(name, value, known)
     return known[value]
 

@@ -47,7 +47,7 @@ _KEYS = {True: "origin_geodetic", False: "origin_xyz_m"}
 
 @dataclass(repr=False, eq=False)
 class Metadata:
-    """What files say beyond the problem itself; kept so that read, write, read loses nothing.
+    """Contents of files beyond the problem itself; kept so that read, write, read loses nothing.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ def _chosen_rows(values: Any, chosen: NDArray[Any]) -> Any:
 
 
 def _renumbered(values: Any, number: IndexArray) -> NDArray[np.int64]:
-    """What `number` has become of each value; −1 also of values that it does not know."""
+    """Renumbered values; −1 for values that are unknown."""
     old = np.asarray(values, dtype=np.int64)
     known = (old >= 0) & (old < len(number))
     result = np.full(len(old), -1, dtype=np.int64)
@@ -263,7 +263,7 @@ def _next_of_images(images: NDArray[Any], numbers: NDArray[Any], added: NDArray[
 
 @dataclass(frozen=True, eq=False)
 class WorldOrigin:
-    """Where a world in metres has its origin.
+    """Origin of a world in metres.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class WorldOrigin:
 
     @classmethod
     def of(cls, metadata: Metadata) -> WorldOrigin | None:
-        """The origin that ``metadata.extra`` tells; None if it tells none."""
+        """The origin in ``metadata.extra``; None if there is none."""
         for geodetic, key in _KEYS.items():
             if key in metadata.extra:
                 return cls(finite_array(f"metadata {key}", metadata.extra[key], (3,)), geodetic)

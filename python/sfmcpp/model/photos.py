@@ -54,7 +54,7 @@ class Photo:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What was detected in an image.
+    """Features detected in an image.
 
     Attributes
     ----------

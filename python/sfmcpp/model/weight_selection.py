@@ -12,7 +12,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class ConflictReport:
-    """How far a sensor is from what the images say: one constraint, or the worst member of a group.
+    """Distance of a sensor from the images: of one constraint, or of the worst member of a group.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class WeightSelection:
         return bool(0 < self.weight <= scored[0] or self.weight >= scored[-1])
 
     def describe(self) -> str:
-        """What was chosen, and whether sensor and images agree, in one line."""
+        """The choice, and whether sensor and images agree, in one line."""
         amounts = f"σ = {self.sensor_sigma:.3g} {self.unit}" if self.weight > 0 else "left out"
         end = ", at the end of what was tried: no better one inside" if self.at_end else ""
         return f"{self.weight:.3g} by {self.method} ({amounts}{end}); {self.conflict.describe()}"

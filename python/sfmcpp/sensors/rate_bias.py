@@ -42,7 +42,7 @@ _ROUNDS = 6
 
 @checked()
 def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> FloatArray | None:
-    """What rates are off by all the time, beside rotations that pairs of images tell.
+    """Estimate the bias of angular rates from the rotations of pairs of images.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _durations_s(turns: Sequence[Turn]) -> FloatArray:
 def _errors(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], offsets: FloatArray
 ) -> FloatArray:
-    """Rotation vectors (offsets, n, 3) from what images tell to what the stream does [rad]."""
+    """Rotation vectors (offsets, n, 3) from the rotations of images to those of the stream [rad]."""
     times = np.array([[turn.start_s, turn.end_s] for turn in turns])
     seen = np.stack([turn.rotation for turn in turns])
     return so3.log(np.swapaxes(seen, 1, 2) @ turns_at_offsets(stream, mounting, times, offsets))

@@ -249,7 +249,7 @@ def _noise(residuals: FloatArray, parameters: int) -> float:
 
 
 def _relative_sigma(moments: PointMoments, scale: float, noise: float) -> float:
-    """What the scale may be off, as a share; InvalidArgument where that is too much to call it a scale."""
+    """Relative standard deviation of the scale; InvalidArgument where it is too large."""
     extent = scale * np.sqrt(len(moments.shares) * moments.source_variance)
     if not noise <= LARGEST_RELATIVE_SIGMA * extent:
         raise InvalidArgument(

@@ -39,7 +39,7 @@ _LEAST_TURN_RAD = float(np.radians(0.3))
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Motion of the camera between two times, as a pair of images tells it.
+    """Motion of the camera between two times, from a pair of images.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def check_rotations(
 def check_turns(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], largest_offset_s: float = 0.5
 ) -> RotationCheck:
-    """Compare a sensor's rotations with those that pairs of images tell.
+    """Compare a sensor's rotations with those of pairs of images.
 
     They are fewer than poses and do not hang together, but no map has followed the sensor in them: six are
     enough where the rate changes. The unit is taken to be right.

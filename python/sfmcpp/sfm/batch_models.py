@@ -90,7 +90,7 @@ def _growth_from(
     projective: ProjectiveReconstruction,
     found: MetricUpgrade,
 ) -> Growth:
-    """Put the metric problem into a map of the scene, with the tracks that it found to be one."""
+    """Growth that begins with the metric problem, with its merged tracks, in a map of the scene."""
     problem, images, tracks = found.problem, projective.images, projective.tracks
     assert problem is not None
     assert projective.problem is not None

@@ -71,7 +71,7 @@ class Cameras:
 
 
 def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
-    """Say which photos share a camera.
+    """Numbers of the cameras that photos share.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def _require_inside(row: FloatArray, width: int, height: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class CameraInput:
-    """What is said of the cameras of all images.
+    """The argument `camera` of a reconstruction: known intrinsics or focal length, use of EXIF.
 
     Attributes
     ----------

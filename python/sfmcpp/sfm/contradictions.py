@@ -87,7 +87,7 @@ def _errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
 
 
 def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
-    """Say it in a sentence."""
+    """Warning about these pairs, in a sentence."""
     worst = pairs[0]
     names = f"{graph.photos[worst.first].name} and {graph.photos[worst.second].name}"
     return (
@@ -98,7 +98,7 @@ def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _ConfirmedFeatures:
-    """What an image shows, as other images confirm: one row for each match with one of them.
+    """Features of an image that matches with other images confirm: one row for each match.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ def _best_matched_pairs(pairs: Sequence[Pair], num_images: int) -> list[Pair]:
 def _confirmed_features(
     pairs: Sequence[Pair], views: Sequence[_View | None], outlier_px: float
 ) -> list[_ConfirmedFeatures]:
-    """What each image shows, by its matches that agree with the model."""
+    """Confirmed features of each image, by the matches that agree with the model."""
     parts: list[list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]]] = [[] for _ in views]
     for pair in pairs:
         one, other = views[pair.first], views[pair.second]
@@ -322,7 +322,7 @@ def _neighbourhood_sums(total: FloatArray) -> FloatArray:
 
 
 def missing_matches_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
-    """Say it in a sentence."""
+    """Warning about these pairs, in a sentence."""
     first, second = graph.photos[pairs[0].first].name, graph.photos[pairs[0].second].name
     return (
         f"{len(pairs)} pairs of images are at the same position in the model but do not show the same scene, "

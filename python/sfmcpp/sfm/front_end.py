@@ -47,7 +47,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class FrontEndSettings:
-    """What decides about the match graph of photos.
+    """Settings of the match graph of photos.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def build_match_graph(
     progress: Progress = no_progress,
     seconds: dict[str, float] | None = None,
 ) -> MatchGraph:
-    """Detect features in photos, match them, and find out what each pair says of its cameras.
+    """Detect features in photos, match them, and estimate the geometry of each pair.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def sizes_of(tracks: ImageTracks) -> NDArray[np.int64]:
 
 
 def joined_tracks(tracks: ImageTracks) -> Tracks:
-    """Say which features of :func:`graph_of_tracks` are one track; tracks seen once are none."""
+    """Tracks of the features of :func:`graph_of_tracks`, without tracks that are seen once."""
     order, begin = _sorted_by_image(tracks)
     seen = tracks.track_index[order]
     views = np.bincount(seen, minlength=tracks.num_tracks)

@@ -23,7 +23,7 @@ _MAX_DISTANCE = 0.02
 
 @dataclass(eq=False)
 class GrownModels:
-    """What grew.
+    """Models that have grown.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ def stop_listener(progress: Callable[[int], bool], elsewhere: BoolArray) -> Call
 
 
 def _add_model(grown: GrownModels, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
-    """Put a model beside the others; those that it overlaps become one with it, and with each other."""
+    """Add a model; those that it overlaps are merged with it, and with each other."""
     world, joined = growth.world, False
     while (both := _merged_with_overlapping(grown.models, world, settings)) is not None:
         world, joined = both, True
@@ -115,7 +115,7 @@ def _is_large_enough(world: Map, settings: IncrementalSettings) -> bool:
 
 
 def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
-    """Take the images of `other` into `kept`, if the points that both have say where; whether they do.
+    """Add the images of `other` to `kept` if common points determine their place; whether they do.
 
     Both are of the same scene: images, keypoints and points have the same numbers. Poses and points that
     `kept` has stay.

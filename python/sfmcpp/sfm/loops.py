@@ -82,7 +82,7 @@ def _adjust(world: Map, scale_px: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _MapBackup:
-    """What an adjustment changes of a map, and who sees what."""
+    """Copy of what an adjustment changes in a map, and of the observations."""
 
     poses: FloatArray
     points: FloatArray

@@ -23,7 +23,7 @@ _MOST_NAMED = 3
 
 
 def image_outcomes(graph: MatchGraph, grown: GrownModels) -> dict[str, ImageOutcome]:
-    """Say of each image whether it has a pose, and why not.
+    """Outcome of each image: whether it has a pose, and why not.
 
     Parameters
     ----------

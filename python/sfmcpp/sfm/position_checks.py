@@ -92,7 +92,7 @@ def _fits_after_move(centres: FloatArray, metres: FloatArray, trusted: BoolArray
 
 
 def evidence_of_swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:
-    """Say what speaks for axes of the positions that are swapped.
+    """Evidence that axes of the positions are swapped.
 
     Parameters
     ----------

@@ -237,7 +237,7 @@ def read_gps_argument(gps: str | PathLike[str]) -> NamedPositions | None:
 
 
 def exif_positions_of_folder(folder: Path) -> NamedPositions:
-    """What the EXIF blocks of the photos in a folder tell of where they were taken.
+    """Positions of the photos of a folder, from their EXIF blocks.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def exif_positions_of_folder(folder: Path) -> NamedPositions:
 
 
 def _exif_positions(photos: Sequence[Photo]) -> dict[str, Triple]:
-    """Positions with their heights: without one a photo is anywhere on a plumb line."""
+    """Positions of photos from EXIF, those with a height only."""
     positions = {photo.name: photo.position for photo in photos if photo.position is not None}
     return {name: position for name, position in positions.items() if math.isfinite(position[2])}
 

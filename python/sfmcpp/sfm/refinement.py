@@ -17,7 +17,7 @@ from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
 
 @dataclass
 class Refinement:
-    """What became of the models.
+    """Result of the subpixel refinement of models.
 
     Attributes
     ----------

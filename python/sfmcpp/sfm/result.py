@@ -18,7 +18,7 @@ from sfmcpp.sfm.match_graph import MatchGraph
 
 @dataclass(frozen=True)
 class ImageOutcome:
-    """What became of one image.
+    """Outcome of one image.
 
     Attributes
     ----------

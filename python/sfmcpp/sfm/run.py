@@ -44,7 +44,7 @@ Source = str | PathLike[str] | MatchGraph | ImageTracks
 
 @dataclass
 class _Run:
-    """What is carried from stage to stage."""
+    """State that is passed from stage to stage."""
 
     cameras: CameraInput
     sharing: str
@@ -271,7 +271,7 @@ def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
 
 
 def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
-    """Estimate focal lengths that nobody tells from the fundamental matrices of their images."""
+    """Estimate unknown focal lengths from the fundamental matrices of their images."""
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
         of_camera = cameras.of_image == camera
@@ -296,7 +296,7 @@ def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModel
 
 
 def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: bool) -> None:
-    """Bring the largest model into the world; positions that nobody asked for may turn out to be useless."""
+    """Georeference the largest model; positions that were not asked for may prove useless."""
     world = found.models[0]
     try:
         found.gps = georeference_map(world, positions, run.settings)

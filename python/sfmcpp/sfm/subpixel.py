@@ -101,7 +101,7 @@ def inverses(matrices: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class SubpixelSettings:
-    """What decides about patches, and about which of their places are trusted.
+    """Settings of patches and of the acceptance of their alignment.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class SubpixelSettings:
 
 @dataclass(frozen=True)
 class SubpixelOutcome:
-    """What became of the observations of a model.
+    """Result of the subpixel refinement of the observations of a model.
 
     Attributes
     ----------

@@ -106,7 +106,7 @@ class _Stop:
 
 
 def _step_groups(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
-    """What sensors say from each stop to the next, with the weights usual so far."""
+    """Constraints from each stop to the next, with the usual weights so far."""
     for k, (start, end) in enumerate(pairwise(stops)):
         rotation, previous = end.pose[:, :3], start.pose[:, :3]
         measured = sensors.measure(start.t_s, end.t_s, rotation, metric=world.metric, previous=previous)

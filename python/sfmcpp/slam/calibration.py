@@ -34,7 +34,7 @@ _LEAST_PARALLAX_PX = 0.3
 
 
 def calibrate(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) -> None:
-    """Set the clock of a gyroscope, and of all that shares its stamps, and its zero, once the images tell.
+    """Correct the clock and the bias of a gyroscope, and of streams with its stamps, as soon as images allow.
 
     What sensors have said of the keyframes so far they say again, with the weights of their declared σ.
 
@@ -58,7 +58,7 @@ def calibrate(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) 
 
 
 def _set_clocks(result: SlamResult, sensors: SensorSuite) -> bool:
-    """Whether a clock was set: by pairs of images, and now and then by all frames, which tell more."""
+    """Whether a clock was set: by pairs of images, and every few keyframes by all frames."""
     world = result.world
     assert world is not None
     warnings = sensors.set_clocks(None, _LARGEST_OFFSET_S)
@@ -72,7 +72,7 @@ def _set_clocks(result: SlamResult, sensors: SensorSuite) -> bool:
 def remove_biases(
     images: Sequence[Frame | Keyframe], intrinsics: FloatArray, sensors: SensorSuite, settings: SlamSettings
 ) -> bool:
-    """Take from rates what the images, those that were not asked before, say is no rotation.
+    """Subtract from rates the bias that new images show.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def remove_biases(
 def _rotation_between_images(
     before: Frame | Keyframe, after: Frame | Keyframe, intrinsics: FloatArray, settings: SlamSettings
 ) -> Turn | None:
-    """What two images tell of the rotation between them; None where they tell none, or two."""
+    """Relative motion of two images; None where it is undetermined or ambiguous."""
     in_before, in_after = common(before.view, after.view)
     found = relative_pose(
         before.view.pixels[in_before],
@@ -117,7 +117,7 @@ def _rotation_between_images(
 
 
 def _renew_constraints(result: SlamResult, sensors: SensorSuite) -> None:
-    """What sensors have said of the keyframes so far they say again."""
+    """Measure all constraints of the keyframes again, with the corrected sensors."""
     world = result.world
     assert world is not None
     for before, keyframe in pairwise(world.keyframes):
@@ -126,7 +126,7 @@ def _renew_constraints(result: SlamResult, sensors: SensorSuite) -> None:
 
 
 def check_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
-    """Tell what is wrong with positions as a whole, and set their clocks.
+    """Find faults of positions as a whole, and correct their clocks.
 
     Bends are judged by the rotations of pairs of images, and the clock by an odometer and a gyroscope, as
     the map has followed the positions.
@@ -188,7 +188,7 @@ def _keyframe_rotations(world: WorldMap, sensors: SensorSuite) -> Trajectory:
 
 
 def _dead_reckoned_path(times: Sequence[float], sensors: Sequence[MotionSensor]) -> Trajectory | None:
-    """The camera's way by odometer and gyroscope, the longest stretch that both tell; None without both."""
+    """Path of the camera by odometer and gyroscope, on the longest stretch with both; None without both."""
     odometer = next((s for s in sensors if isinstance(s, Odometer) and s.mounting is not None), None)
     gyro = next((s for s in sensors if isinstance(s, Gyroscope)), None)
     if odometer is None or gyro is None:
@@ -209,7 +209,7 @@ def _poses_of_steps(steps: Sequence[FloatArray]) -> FloatArray:
 
 
 def _relative_pose(odometer: Odometer, gyro: Gyroscope, start_s: float, end_s: float) -> FloatArray | None:
-    """Pose (3, 4) start_from_end of the camera; None where one of them tells nothing, or nothing certain."""
+    """Pose (3, 4) start_from_end of the camera; None where either measurement is missing or doubtful."""
     turn = gyro.between(start_s, end_s)
     if turn is None or odometer.mounting is None or odometer.between(start_s, end_s) is None:
         return None

@@ -54,7 +54,7 @@ State = dict[str, Any]
 
 
 def flatten(value: Any) -> dict[str, NDArray[Any]]:
-    """Put an object and all it refers to into a few arrays.
+    """Convert an object, with all that it refers to, to a few arrays.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def flatten(value: Any) -> dict[str, NDArray[Any]]:
 
 
 def unflatten(arrays: Mapping[str, NDArray[Any]], classes: Iterable[type]) -> Any:
-    """Make again what :func:`flatten` was given.
+    """Restore an object from the arrays of :func:`flatten`.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class _Unflattening:
 
 
 class SlamCheckpoints:
-    """Where a run over frames stands, saved and taken up.
+    """Saving and resuming of a run over frames.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class SlamCheckpoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong with them."""
+        """Failures of checkpoints, in sentences."""
         return self._run.warnings
 
 

@@ -34,7 +34,7 @@ _ABSOLUTE = {"gps", "ins"}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlamRun:
-    """What a run over a drive gave.
+    """Result of a run over a drive.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class SlamRun:
 
     @property
     def world(self) -> WorldMap | None:
-        """The map; None if none could be started, `result.message` says why."""
+        """The map; None if none could be started, with the reason in `result.message`."""
         return self.result.world
 
     @property
@@ -74,7 +74,7 @@ class SlamRun:
 
     @property
     def georeferenced(self) -> bool:
-        """Whether the map is in the world of a sensor that tells positions or poses."""
+        """Whether the map is in the world of a sensor of positions or poses."""
         return self.result.metric and not _ABSOLUTE.isdisjoint(self.sensors)
 
     @property

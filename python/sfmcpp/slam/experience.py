@@ -80,7 +80,7 @@ class Experience:
 
     @property
     def denied(self) -> Gap | None:
-        """When the worst conflict was, with what leads to it and away; None where there is none to tell."""
+        """Time span of the worst conflict, with its onset and end; None where there is none."""
         worst = _worst_conflict(self.reports)
         if not worst:
             return None

@@ -35,7 +35,7 @@ FEWEST = 8
 
 @dataclass(frozen=True, eq=False)
 class Fused:
-    """A new keyframe with what its sensors say.
+    """A new keyframe with its weighted sensor measurements.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def presumed_weights(
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:
-    """Give each measurement the weight that its sensor had so far, where nothing tells a new one."""
+    """Give each measurement its sensor's weight so far, where no new one can be chosen."""
     return [WeightedMeasurement(m, _usual_weight(world, m)) for m in measurements]
 
 
@@ -144,7 +144,7 @@ def _group(sensor: str, kind: str, members: Sequence[Member]) -> ConstraintGroup
 
 
 def pose_view(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> PoseView | None:
-    """What weights are chosen by: the inliers of a pose on the map (thesis eq. 5.15); None of few."""
+    """Data for choosing weights: the inliers of a pose on the map (thesis eq. 5.15); None if few."""
     known, row = view.only(world.knows(view.tracks)), world.intrinsics[0]
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
     inliers = pose_inliers(pose, points, known.pixels, row, threshold_px)

@@ -80,7 +80,7 @@ class Initialiser:
         self._contradictions = 0
 
     def state(self) -> dict[str, Any]:
-        """What it has learned from the frames so far."""
+        """State gained from the frames so far, for checkpoints."""
         return {"frames": self.frames, "reason": self.reason, "contradictions": self._contradictions}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -110,7 +110,7 @@ class Initialiser:
         return self._map_of(before, after)
 
     def _map_of_pair(self, frame: Frame) -> WorldMap | None:
-        """The map of a left and a right image, if they tell enough points: one keyframe, in metres."""
+        """The map of a left and a right image, if they give enough points: one keyframe, in metres."""
         world = self._map([(frame, np.eye(3, 4))])
         world.metric = True
         return world if triangulate_new(world, self._settings) >= _FEWEST_OF_A_PAIR else None
@@ -139,7 +139,7 @@ class Initialiser:
         return world if self._adjusted(world) else None
 
     def _pose_of_last(self, before: FloatArray, after: FloatArray) -> FloatArray | None:
-        """Pose (3, 4) of the last frame in the first: turned as a gyroscope tells, if the images agree.
+        """Pose (3, 4) of the last frame in the first, with the gyroscope's rotation if the images agree.
 
         What contradicts it is not believed at once: a few matches often fit a wrong rotation. Nor is it left
         aside for ever: the sensor may be wrong.
@@ -243,7 +243,7 @@ def _images_contradict(
 def _agrees_with_gyroscope(
     measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe
 ) -> bool:
-    """Whether a rotation of the start is one that the sensor, a gyroscope, tells."""
+    """Whether a rotation of the start agrees with the gyroscope."""
     turn = before.pose[:, :3].T @ keyframe.pose[:, :3]
     angle = float(so3.rotation_angle(np.asarray(measurement.value).T @ turn))
     return angle < _SAME_TURN_SIGMAS * sigma

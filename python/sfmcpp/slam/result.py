@@ -21,7 +21,7 @@ from sfmcpp.weighting import WeightSelection
 
 @dataclass
 class Path:
-    """Where the camera was.
+    """Poses of the camera at all frames.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Path:
             self.between.update(zip(numbers, carried, strict=True))
 
     def predict(self, time_s: float) -> FloatArray:
-        """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
+        """Pose (3, 4) at a later time by constant motion from the last two (thesis eqs 1.1–1.3)."""
         latest = self.latest(2)
         *earlier, last = latest
         now = latest[last]
@@ -147,7 +147,7 @@ def carry(
 
 @dataclass
 class KeyframeRecord:
-    """What happened at one keyframe, for the report.
+    """Record of one keyframe, for the report.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class KeyframeRecord:
 
 @dataclass(frozen=True)
 class FinalAdjustment:
-    """What the adjustment of all keyframes did.
+    """Result of the adjustment of all keyframes.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class FinalAdjustment:
         )
 
     def describe(self) -> str:
-        """Say it in a sentence."""
+        """Description in a sentence."""
         costs = {"images": self.pixels, **self.sensors}
         text = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
         return f"{'kept' if self.kept else 'not kept'}: cost of {text}"
@@ -223,7 +223,7 @@ class FinalAdjustment:
 
 @dataclass
 class SlamResult:
-    """What a run has found so far.
+    """Result of a run so far.
 
     Attributes
     ----------

@@ -124,7 +124,7 @@ class Slam:
         self.result.path.settle(frame.number, fitted)
 
     def finish(self) -> None:
-        """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
+        """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
         if self.result.world is not None:
@@ -168,7 +168,7 @@ class Slam:
         return None if found is None else found.pose
 
     def _note_pose(self, frame: Frame, pose: FloatArray | None) -> None:
-        """Say where a frame is; None: it is a keyframe, and the map says it."""
+        """Store the pose of a frame; None: it is a keyframe, whose pose is in the map."""
         between = self.result.path.between
         between.pop(frame.number, None)
         if pose is not None:
@@ -176,7 +176,7 @@ class Slam:
         self._lately = [seen for seen in self._lately if seen.number < frame.number] + [frame]
 
     def _track_without_map(self, frame: Frame, clock: Clock) -> None:
-        """Too few points are left: go on from the last frame, and look for a new start once that fails."""
+        """Track from frame to frame where too few points are left; initialise again once that fails."""
         result, last = self.result, self._lately[-1]
         step = self._follower.follow(frame, last, result)
         if step is None:
@@ -199,7 +199,7 @@ class Slam:
         self._add_keyframe(frame, step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
-        """A new part of the map, once the frames since the loss tell one."""
+        """Start a new part of the map from the frames since the loss, if possible."""
         part = initialiser.try_frame(frame)
         if part is None:
             return

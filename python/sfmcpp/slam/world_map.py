@@ -57,7 +57,7 @@ class Keyframe:
 
     @property
     def view(self) -> View:
-        """What it sees, outliers left out."""
+        """Its observations without outliers."""
         begin = self.world.keypoint_begin[self.image]
         rows = slice(begin, begin + self.world.keypoint_counts[self.image])
         tracks = self.world.keypoint_points[rows]
@@ -95,7 +95,7 @@ class WorldMap(Map):
 
     @property
     def stereo(self) -> bool:
-        """Whether right images tell its scale: it is in metres, and there are some."""
+        """Whether right images determine its scale: it is in metres, and there are some."""
         return self.metric and self.baseline_m is not None
 
     @property

@@ -56,7 +56,7 @@ def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
 
 
 def find_camera(source: Path) -> Path:
-    """Find the file nearest to a folder of images or a video that tells their camera.
+    """Find the camera file nearest to a folder of images or a video.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def read_intrinsics(path: Path) -> FloatArray:
 
 
 def read_camera(path: Path) -> Calibration:
-    """As :func:`read_intrinsics`, with what the file tells beside it."""
+    """As :func:`read_intrinsics`, with the other contents of the file."""
     file, camera = camera_file(path)
     if file.suffix.lower() in DOCUMENTS:
         return read_calibration(file, camera)

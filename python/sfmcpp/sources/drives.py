@@ -30,7 +30,7 @@ _TRUTH = "state_groundtruth_estimate0/data.csv"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive:
-    """What a SLAM run reads.
+    """Input of a SLAM run: frames, sensors, truth.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Drive:
 
 
 def _ignored_columns_text(path: Path) -> str:
-    """What a file of sensors has under names that are not known, in words."""
+    """Note on the columns of a sensor file with unknown names."""
     if path.suffix.lower() not in (".csv", ".txt"):
         return ""
     names = ", ".join(repr(name) for name in left_out_columns(path))
@@ -232,7 +232,7 @@ def _read_images(
 
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
-    """What the camera's file tells of how it sits on the body."""
+    """Mounting in the camera's file."""
     if camera is not None and not isinstance(camera, (str, PathLike)):
         return None
     return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
@@ -246,7 +246,7 @@ def _euroc_drive(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajec
 
 @dataclass(frozen=True)
 class EurocFolder:
-    """What a folder of EuRoC holds.
+    """Contents of a folder of EuRoC.
 
     Attributes
     ----------

@@ -111,7 +111,7 @@ def _frame_rate_of_video(images: Frames) -> float:
 
 
 def _times_beside_images(images: Frames) -> FloatArray | None:
-    """Times that files or names tell [s]; None if none does."""
+    """Times from files or names of images [s]; None if there are none."""
     listed = file_beside(images.path, _TIMES)
     if listed is not None:
         return read_times(listed, lambda count: require_as_many(listed, count, "times", images))

@@ -40,7 +40,7 @@ CameraArgument = str | PathLike[str] | Sequence[float] | None
 
 
 class FrameSource(ABC):
-    """Where frames come from, one after the other.
+    """Source of frames, one after the other.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class FrameSource(ABC):
         """Times of the first frame and of the last one expected [s]."""
 
     def identity(self) -> dict[str, Any]:
-        """What tells these frames from others, as far as it is known before they are looked at."""
+        """Identity of these frames, as far as it is known before they are read."""
         return {"camera": self.intrinsics, "count": len(self), "times": self.span_s}
 
     @abstractmethod
@@ -161,7 +161,7 @@ class TrackSequence(FrameSource):
         return Frame(number, float(self.t_s[number]), self.view(number))
 
     def view(self, frame: int) -> View:
-        """What `frame` sees."""
+        """Observations of `frame`."""
         span = slice(self._begin[frame], self._begin[frame + 1])
         right = None if self._right is None else self._right.only(span)
         return View(self._tracks[span], self._pixels[span], right)
@@ -176,7 +176,7 @@ def _right_view(right_px: ArrayLike, baseline_m: float | None, count: int) -> Ri
 
 
 class ImageStream(FrameSource):
-    """Frames of a camera, each image read and its corners followed when the frame is asked for.
+    """Frames of a camera; images are read and corners tracked lazily.
 
     Parameters
     ----------

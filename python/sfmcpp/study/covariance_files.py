@@ -80,13 +80,13 @@ class Covariances:
 
     @property
     def gauge(self) -> str:
-        """What the covariances refer to."""
+        """Gauge of the covariances."""
         if self.freedoms == 0:
             return "the frame that fixed parameters or positions give"
         return f"the mean of all cameras and points, as {self.freedoms} gauge freedoms are left"
 
     def to_dict(self) -> dict[str, Any]:
-        """What a report says of them."""
+        """Entries of a report."""
         factor = None if np.isnan(self.variance_factor) else self.variance_factor
         return {"refer_to": self.gauge, "free_freedoms": self.freedoms, "variance_factor": factor}
 
@@ -110,7 +110,7 @@ def write_covariances(path: Path, found: Covariances) -> None:
 
 
 def require_covariance_format(path: Path) -> None:
-    """Raise a DatasetError unless the name of a file tells a format for covariances."""
+    """Raise a DatasetError unless the name of a file has a suffix of a covariance format."""
     if path.suffix.lower() not in COVARIANCE_SUFFIXES:
         raise DatasetError(
             path, f"the name of a file of covariances must end in {', '.join(COVARIANCE_SUFFIXES)}"

@@ -41,7 +41,7 @@ def grouped_by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
 
 
 def _common_reason(shared: str, reasons: set[str]) -> str:
-    """What reasons have in common: all of it, all but the numbers, or what is in front of the colon."""
+    """Common part of reasons: all of it, all but the numbers, or the part before the colon."""
     for candidates in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
         if len(candidates) == 1:
             return candidates.pop()
@@ -80,7 +80,7 @@ def _stated_accuracy(gps: GpsOutcome) -> str:
 
 
 class ReportTable(ABC):
-    """What a report of a run shows on screen."""
+    """Report of a run as a table on screen."""
 
     def table(self, written: Iterable[Path] = ()) -> str:
         """Make a table of it.

@@ -39,7 +39,7 @@ _READERS = 4
 
 
 def write_files(report: SfmReport, folder: Path) -> list[Path]:
-    """Write all files of a reconstruction, and go on where one fails; without a model, report and page alone.
+    """Write all files of a reconstruction, also after one fails; without a model, report and page alone.
 
     Beside the model of an earlier run these would tell of what is not there: then nothing is written.
 
@@ -98,7 +98,7 @@ def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:
 
 
 class _Pictures:
-    """Small pictures of the photos, made once and when they are asked for."""
+    """Thumbnails of the photos, made once on request."""
 
     def __init__(self, report: SfmReport) -> None:
         self._report = report

@@ -97,7 +97,7 @@ class ModelMeasures:
 
     @property
     def mean_point_error_px(self) -> float | None:
-        """Mean over points of the mean error of each [px], as COLMAP tells it; None without observations."""
+        """Mean over points of their mean errors [px], as COLMAP defines it; None without observations."""
         if not self.num_observations:
             return None
         sums = np.bincount(self._local.problem.point_index, self.errors_px, minlength=self.num_points)
@@ -169,7 +169,7 @@ class ModelMeasures:
         return [name for name, held in zip(names, fixed, strict=True) if not held]
 
     def model_name(self, camera: int) -> str:
-        """What COLMAP calls the model of a camera: its own name, or the smallest that holds it."""
+        """COLMAP's name of the model of a camera: its own name, or the smallest that holds it."""
         if self.world.camera_names[camera] or self.world.camera_model != "perspective":
             return self.world.camera_names[camera] or self.world.camera_model
         values, fixed = self.world.intrinsics[camera], self.world.fixed_intrinsics[camera]
@@ -205,7 +205,7 @@ class ModelMeasures:
         return found
 
     def camera_dict(self, camera: int) -> dict[str, Any]:
-        """What a report tells of a camera."""
+        """Entries of a report about a camera."""
         values = self.intrinsics_of(camera)
         width, height = self.world.camera_sizes[camera].tolist()
         distortion = {name: values[name] for name in values if name[0] in "kp"}
@@ -225,7 +225,7 @@ class ModelMeasures:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """What a report tells of the model."""
+        """Entries of a report about the model."""
         lengths = self.track_lengths
         values, counts = np.unique(lengths, return_counts=True)
         return {

@@ -31,7 +31,7 @@ _FOLDERS_OF_ANY_SET = frozenset({"images", "photos", "pictures", "img", "jpg"})
 
 
 class SfmReport(ReportTable):
-    """What a reconstruction gave, for people, for programs and as files.
+    """Report of a reconstruction, as text, plain values and files.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class SfmReport(ReportTable):
         return grouped_by_reason(found)
 
     def verdict(self) -> str:
-        """Say in a sentence how many images are in the model, and why others are not."""
+        """Sentence on how many images are in the model, and why others are not."""
         run = self.run
         if run.model is None:
             text = f"no model: none of {len(run.images):,} images could be registered"
@@ -124,12 +124,12 @@ class SfmReport(ReportTable):
         return {"seconds": {**seconds, "total": sum(seconds.values())}}
 
     def options(self) -> dict[str, Any]:
-        """How it was asked for, but for what changes no result; paths as text."""
+        """Options of the run that affect its result; paths as text."""
         given = {key: value for key, value in self.run.options.items() if key not in _OF_THE_MACHINE}
         return {key: str(value) if isinstance(value, PathLike) else value for key, value in given.items()}
 
     def images(self) -> dict[str, dict[str, Any]]:
-        """What became of each image, by name."""
+        """Outcome of each image, by name."""
         numbers = {photo.name: number for number, photo in enumerate(self.run.graph.photos)}
         residuals = self.run.gps.residuals_m if self.run.gps else {}
         found = {}
@@ -154,7 +154,7 @@ class SfmReport(ReportTable):
         return found
 
     def pair(self, pair: Pair) -> dict[str, Any]:
-        """What became of a pair of images."""
+        """Outcome of a pair of images."""
         photos, geometry = self.run.graph.photos, pair.geometry
         return {
             "first": photos[pair.first].name,
@@ -232,7 +232,7 @@ def thumbnail_of_file(photo: Photo) -> bytes | None:
 
 
 def camera_line(measures: ModelMeasures, camera: int) -> str:
-    """Say in a line what a camera is: its model, focal length and distortion."""
+    """Description of a camera in a line: its model, focal length and distortion."""
     facts = measures.camera_dict(camera)
     sigma = facts["sigma"].get("f")
     focal = f"focal length {facts['focal_px']:.2f} px" + (f" ± {sigma:.2g}" if sigma else "")

@@ -39,7 +39,7 @@ _FACTS = ("frames", "keyframes", "points", "bridged", "lost")
 
 
 def write_files(report: SlamReport, folder: Path) -> list[Path]:
-    """Write all files of a run, or the report alone if there is no map, and go on where one fails.
+    """Write all files of a run, or the report alone if there is no map, also after one fails.
 
     Raises
     ------

@@ -33,7 +33,7 @@ _DRIFT: _Ways = (("aligned to the first tenth, by poses", {"align_to": "first:0.
 
 
 class SlamReport(ReportTable):
-    """What a SLAM run gave, for people, for programs and as files.
+    """Report of a SLAM run, as text, plain values and files.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ class SlamReport(ReportTable):
         return f"{rule}, median {', '.join(medians)}" if medians else rule
 
     def _conflict(self, name: str) -> Iterator[tuple[str, str]]:
-        """Where a sensor disagrees with the images, and by how much."""
+        """Text on where a sensor disagrees with the images, and by how much."""
         sigmas_of_keyframes = [r.conflicts[name] for r in self.run.result.records if name in r.conflicts]
         worse = [sigmas for sigmas in sigmas_of_keyframes if sigmas > CONFLICT_SIGMAS]
         if worse:

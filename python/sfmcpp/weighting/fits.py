@@ -189,7 +189,7 @@ class WeightFits:
         return self.bounded(k, self.noise**2 * self.measurements(k) / error)
 
     def left_out_loss(self, squared: FloatArray) -> FloatArray:
-        """Loss of predicted errors, given squared: Tukey's, whatever that of the fits.
+        """Tukey's loss of predicted errors, given squared, independent of that of the fits.
 
         Of points seen at small angles some are lost without one of their observations, and would decide
         alone.
@@ -227,7 +227,7 @@ def squared_residuals(problem: Problem) -> FloatArray:
 
 
 def _without_fixed_members(group: Group, problem: Problem) -> Group:
-    """Members on cameras and points that all are fixed or unseen have no say and must not count as wrong."""
+    """Group without the weights of members whose cameras and points are all fixed or unobserved."""
     moved = np.zeros(group.num_members, dtype=np.bool_)
     if group.cameras is not None:
         poses_matter = isinstance(group, ResidualGroup) or CONSTRAINT_KINDS[group.kind].on_poses

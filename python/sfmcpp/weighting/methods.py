@@ -49,7 +49,7 @@ class WeightMethod:
 
 
 def _largest_weight(scores: FloatArray, _: BoolArray) -> int:
-    """Prescribed weights are taken whatever they do to the inliers."""
+    """Last weight of the grid: prescribed weights are used regardless of the inliers."""
     return len(scores) - 1
 
 

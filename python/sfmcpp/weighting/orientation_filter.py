@@ -28,7 +28,7 @@ _UNKNOWN = np.pi**2
 
 @dataclass(frozen=True, eq=False)
 class FilteredOrientations:
-    """What the filter says at each of n times.
+    """Orientations by the filter at each of n times.
 
     Attributes
     ----------

@@ -172,7 +172,7 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """What a camera sees, the pose that the images alone say, their noise there, and how to look at it."""
+    """Observations of a camera, the pose by the images alone, their noise there, and the kind of bounds."""
 
     view: PoseView
     pose: FloatArray

@@ -200,7 +200,7 @@ class _Selection:
         return found, fit
 
     def _require_redundancy(self, at: FitStatistics) -> None:
-        """A group that the fit can follow in all it says, at whatever weight, leaves nothing to choose by."""
+        """Refuse a group without redundancy, which the fit follows at any weight."""
         if self._together:
             at.require_small()
         if at.too_large:

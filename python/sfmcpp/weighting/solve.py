@@ -149,7 +149,7 @@ def _refuse_what_one_process_needs(problem: Problem | None) -> None:
 
 @dataclass(frozen=True)
 class _Weights:
-    """The weights that groups are solved with, those of them that were chosen, and what is to be said."""
+    """Weights of the groups of a solve, the selections among them, and warnings."""
 
     all: list[float]
     chosen: list[WeightSelection]

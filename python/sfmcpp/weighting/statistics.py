@@ -52,7 +52,7 @@ class Redundancy:
 
 
 class FitStatistics:
-    """The linear model at a state near the optimum; what it says is of its own minimum.
+    """Statistics of the linear model at a state near the optimum, taken at the model's own minimum.
 
     Where the cameras have more than `MAX_COLUMNS` free parameters it says no more than what the errors are.
 

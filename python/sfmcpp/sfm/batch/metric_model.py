@@ -157,7 +157,7 @@ class MetricModel:
         self.problem.points[points] = part.points
 
     def normalise(self) -> None:
-        """Put the mean of the centres at the origin, and their root mean squared distance from it at one."""
+        """Move the mean of the centres to the origin, and scale their RMS distance from it to one."""
         centres = self.problem.centres
         mean = centres.mean(axis=0)
         spread = float(np.sqrt(((centres - mean) ** 2).sum(axis=1).mean()))
@@ -186,7 +186,7 @@ class MetricModel:
 
 @dataclass(frozen=True, eq=False)
 class KeptIndices:
-    """What counts of a model.
+    """Indices of the images, tracks and observations that a model keeps.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class KeptIndices:
 
 
 def kept_indices(model: MetricModel, free: tuple[str, ...]) -> KeptIndices:
-    """What counts of a model, the intrinsics `free` free."""
+    """Kept part of a model as a problem, with the intrinsics `free` free, and its indices."""
     part, points = model.counting()
     cameras = np.unique(part.camera_index).astype(np.intp)
     result = part.with_cameras(cameras)
@@ -300,7 +300,7 @@ def share_intrinsics(model: MetricModel) -> None:
 
 
 def _plain_metadata(metadata: Metadata) -> Metadata:
-    """What stays true of the observations and points of the result: names, sizes, colours."""
+    """Metadata without entries per observation and point: names, sizes, colours."""
     return replace(metadata, extra={})
 
 

@@ -20,7 +20,7 @@ _CONFIDENCE, _MOST_SAMPLES = 0.99, 4000
 
 @dataclass(frozen=True, eq=False)
 class PairGeometry:
-    """What two images say of each other.
+    """Epipolar geometry of two images.
 
     Attributes
     ----------

@@ -54,7 +54,7 @@ def _no_indices() -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class MetricUpgrade:
-    """What became of the upgrade.
+    """Result of the metric upgrade.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ def _ranked_models(models: list[MetricModel], limit_px: float) -> list[MetricMod
 def _adjusted_best_model(
     models: list[MetricModel], plan: AdjustmentPlan, focal: str, merge_tracks: bool
 ) -> MetricUpgrade:
-    """Adjust the best model without outliers, and tell what is wrong with it."""
+    """Adjust the best model without outliers, with warnings about it."""
     best = models[0]
     rivals = [m for m in models[1:] if _is_equally_good(m, best, plan.max_error_px)]
     refine(best, plan)

@@ -90,7 +90,7 @@ def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
 
 
 def no_model_message(focal: str) -> str:
-    """Reason where no metric frame has its points in front of its cameras, `focal` as asked for."""
+    """Reason where no metric frame has its points in front of its cameras, for this kind of `focal`."""
     return (
         f"no calibration with {_focal_text(focal)} places the points in front of the cameras: the "
         "assumptions on the intrinsics or the projective reconstruction are wrong, or the motion does not "

@@ -209,7 +209,7 @@ def write_alicevision(problem: Problem, path: Path) -> None:
 
 
 def _texts(numbers: Iterable[float]) -> list[str]:
-    """As Boost writes numbers, which these programs read and write with: as texts."""
+    """Numbers as texts, as Boost writes them for these programs."""
     return [str(number) for number in numbers]
 
 

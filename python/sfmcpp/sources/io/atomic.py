@@ -111,7 +111,7 @@ def _flush_file(file: IO[bytes], durable: bool) -> None:
 
 
 def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Give all files their names, or put back what was there. No new one stands beside an old one."""
+    """Rename all files to their targets, or restore the old ones: never new ones beside old ones."""
     if len(targets) == 1:
         temporaries[0].replace(targets[0])
         return
@@ -129,14 +129,14 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
 
 
 def _remove(leftovers: Sequence[Path]) -> None:
-    """Remove what has no use any more; what cannot be removed is swept by the next writer."""
+    """Remove temporary files; what cannot be removed is removed by the next writer."""
     for path in leftovers:
         with suppress(OSError):
             path.unlink()
 
 
 def _sync_folders(folders: set[Path]) -> None:
-    """See to it that the names of files are on the disk as well, where the file system can."""
+    """Synchronise folders, so that the names of files are on the disk too, where the file system can."""
     for folder in folders:
         with suppress(OSError):
             number = os.open(folder, os.O_RDONLY)

@@ -106,7 +106,7 @@ def write_bal(problem: Problem, path: Path) -> None:
 
 @dataclass(frozen=True)
 class _Counts:
-    """What the header says."""
+    """Counts in the header."""
 
     cameras: int
     points: int

@@ -49,7 +49,7 @@ class Calibration:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Width and height [px] of the images that it is for, where the file tells.
+        """Width and height [px] of its images, if the file has them.
 
         Raises
         ------

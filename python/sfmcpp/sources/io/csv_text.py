@@ -73,7 +73,7 @@ def finite_number(path: Path, line: int, column: str, cell: str, factor: float =
 
 
 def separator_of(header: str) -> str:
-    """What separates the cells below a header: tabs or semicolons if it has any, else commas."""
+    """Separator of the cells below a header: tabs or semicolons if it has any, else commas."""
     return next((separator for separator in _SEPARATORS if separator in header), ",")
 
 

@@ -77,7 +77,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """What :func:`read_bytes` gives of a text, without the mark that some editors put before UTF-8.
+    """Content of a text file as of :func:`read_bytes`, without a byte order mark.
 
     Lines that end with CR alone end with LF: all would be one line, which a comment makes an empty text.
 
@@ -97,7 +97,7 @@ def _without_byte_order_mark(path: Path, data: bytes) -> bytes:
 
 
 def read_pieces(path: Path) -> Iterator[bytes]:
-    """What :func:`read_text_bytes` gives in pieces of some megabytes, each but the last ending with a blank.
+    """Content as of :func:`read_text_bytes` in pieces of some megabytes, all but the last end with a blank.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _next_boundary(file: IO[bytes], size: int, place: int) -> int:
 
 @contextmanager
 def open_content(path: Path) -> Iterator[IO[bytes]]:
-    """What :func:`read_bytes` gives, to be read at any place; a plain file is not read before."""
+    """Content as of :func:`read_bytes`, as a seekable stream; a plain file is not read in advance."""
     with failures_named(path), ExitStack() as stack:
         require_regular_file(path)
         is_plain = path.suffix.lower() not in _DECOMPRESSORS and path.stat().st_size

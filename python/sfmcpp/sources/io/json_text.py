@@ -33,7 +33,7 @@ class Part:
 
     @property
     def place(self) -> str:
-        """Where it is in the document: ``views[3].width``; no text for the whole."""
+        """Path in the document: ``views[3].width``; empty for the whole."""
         before = self._whole.place if self._whole is not None else ""
         if isinstance(self._key, int):
             return f"{before}[{self._key}]"

@@ -36,7 +36,7 @@ _OTHER_CLASSES = {1: "a cell array", 2: "a structure", 3: "an object", 4: "text"
 
 
 class _Malformed(Exception):
-    """What breaks the layout."""
+    """Violation of the layout."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class NumberText:
 
     @cached_property
     def lines(self) -> Lines:
-        """Where the numbers stand, line by line; lines without numbers are left out."""
+        """Positions of the numbers, line by line; lines without numbers are left out."""
         first, count, number = _core.number_lines(self._data, self._comments)
         return Lines(first, count, number + self._before)
 

@@ -160,7 +160,7 @@ def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
 
 
 def _name_of_line(columns: PositionColumns, count: int, cells: list[str]) -> str:
-    """The name of an image; else its number, which a column or the line tells."""
+    """The name of an image; else its number, from a column or the line."""
     place = columns.index if columns.name is None else columns.name
     return str(count) if place is None else cells[place]
 
@@ -205,7 +205,7 @@ class Column:
 
 @dataclass(frozen=True)
 class PositionColumns:
-    """Where a line has the position of an image.
+    """Columns that hold the position of an image.
 
     Attributes
     ----------

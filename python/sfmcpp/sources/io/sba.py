@@ -210,7 +210,7 @@ def _count_leading(good: BoolArray) -> int:
 
 
 def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Uncertainty:
-    """What the covariances of observations say; three numbers are the upper triangle."""
+    """Uncertainties from the covariances of observations; three numbers are the upper triangle."""
     places = [3, 4, 4, 5] if width == _VIEW_WIDTHS[1] else [3, 4, 5, 6]
     covariances = text.values[views[:, None] + np.array(places)].reshape(-1, 2, 2)
     bad = first_bad_covariance(covariances)

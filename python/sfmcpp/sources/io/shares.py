@@ -28,7 +28,7 @@ _ROWS_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True)
 class Share:
-    """What one rank has read: all cameras, and some rows that follow one another in the whole.
+    """Share of a file that one rank has read: all cameras, and consecutive rows.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ _NO_ROW = re.compile(rb"^(?![ \t]*(?:#.*)?\r?$)(?!(?:" + _ROW + rb")\r?$).+$", r
 
 @dataclass(frozen=True, eq=False)
 class CameraTracks:
-    """What one calibrated camera saw over n frames: M observations of tracks.
+    """Observations of one calibrated camera over n frames: M observations of tracks.
 
     Attributes
     ----------

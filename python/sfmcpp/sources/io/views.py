@@ -203,7 +203,7 @@ class WrittenPoint:
 
 
 class WrittenViews:
-    """What files of views say of a problem, each thing numbered by its row.
+    """Contents of files of views for a problem, each numbered by its row.
 
     Parameters
     ----------

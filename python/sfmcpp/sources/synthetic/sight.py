@@ -22,7 +22,7 @@ Hides = Callable[[FloatArray, FloatArray], BoolArray]
 
 @dataclass(frozen=True)
 class Sight:
-    """What limits the views of cameras besides their images.
+    """Limits of the views of cameras besides their images.
 
     Attributes
     ----------

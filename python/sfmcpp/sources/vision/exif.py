@@ -38,7 +38,7 @@ _WHEN = re.compile(r"\s*(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 
 @dataclass(frozen=True)
 class ExifFacts:
-    """What a file tells; see :class:`~sfmcpp.model.photos.Photo` for units and meaning."""
+    """EXIF facts of a file; see :class:`~sfmcpp.model.photos.Photo` for units and meaning."""
 
     focal_px: float | None = None
     camera: str = ""
@@ -47,7 +47,7 @@ class ExifFacts:
 
 
 def exif_facts(image: Any) -> ExifFacts:
-    """What the EXIF block of an image that Pillow has opened tells; nothing is decoded for it."""
+    """EXIF facts of an image that Pillow has opened, without decoding it."""
     main, exif, gps = _blocks(image)
     width, height = image.size
     return ExifFacts(

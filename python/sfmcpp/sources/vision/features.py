@@ -26,7 +26,7 @@ FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """What decides about features.
+    """Settings of feature detection.
 
     Attributes
     ----------

@@ -124,5 +124,5 @@ def _has_picture(folder: Path) -> bool:
 
 
 def unreadable(path: Path, error: OSError) -> DatasetError:
-    """What the operating system says of a file, as an error that names it."""
+    """Error of the operating system for a file, as an error that names it."""
     return DatasetError(path, (error.strerror or str(error)).lower())

@@ -33,7 +33,7 @@ CORNERS = ("shi-tomasi", "harris")
 
 @dataclass(frozen=True)
 class KltSettings:
-    """What decides about corners and how they are followed.
+    """Settings of corner detection and tracking.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class _Tracker:
         return corners[rank_within(cells) < wanted[cells]]
 
     def _free_pixels(self) -> GreyImage:
-        """Where a new corner may be: away from the border and from the corners there are."""
+        """Mask of pixels for new corners: away from the border and from existing corners."""
         free = np.zeros(self.shape, np.uint8)
         edge = self._border_px
         free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255

@@ -33,7 +33,7 @@ _COUNTING_UP, _EVEN_STEP = 0.8, 1.5
 
 @dataclass(frozen=True)
 class _Choice:
-    """What a way to choose pairs is given."""
+    """Input of the ways to choose pairs."""
 
     photos: Sequence[Photo]
     features: Sequence[Features]

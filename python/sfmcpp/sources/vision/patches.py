@@ -22,7 +22,7 @@ _LEAST_SIDE_PX = 32
 
 @dataclass(frozen=True, eq=False)
 class PatchAlignment:
-    """Where an image looks like templates.
+    """Result of aligning templates to an image.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ def sample_patches(pyramid: Pyramid, pixels: FloatArray, steps: FloatArray, radi
 def align_patches(
     pyramid: Pyramid, templates: Samples, which: IndexArray, pixels: FloatArray, steps: FloatArray
 ) -> PatchAlignment:
-    """Look for the places where an image looks like templates, whatever their brightness and contrast.
+    """Align templates to an image, independently of brightness and contrast.
 
     Parameters
     ----------

@@ -189,7 +189,7 @@ def read_color(photo: Photo) -> ColorImage:
 
 
 def read_mask(photo: Photo) -> NDArray[np.bool_] | None:
-    """Where something may be detected in a photo.
+    """Mask of the pixels of a photo in which features may be detected.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def _bytes_of(file: Path) -> bytes:
 
 @contextmanager
 def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
-    """Pillow's image of a file's bytes, its header read; whatever goes wrong with it names the file."""
+    """Pillow's image of a file's bytes, its header read; errors name the file."""
     try:
         image = open_image(file, data)
     except load_pillow().UnidentifiedImageError:

@@ -100,7 +100,7 @@ class Alignment:
 
     @property
     def warning(self) -> str:
-        """What makes the alignment doubtful, or nothing."""
+        """Warning if the alignment is doubtful; empty otherwise."""
         if not self.count or self.by == "poses" or self.thinness >= STRAIGHT:
             return ""
         return (

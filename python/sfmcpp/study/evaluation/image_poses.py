@@ -117,7 +117,7 @@ def is_problem_file(path: Path) -> bool:
 
 
 def model_path(path: Path) -> Path:
-    """Where the model is: `path` itself, or the folder ``model`` in what ``sfmcpp reconstruct`` wrote."""
+    """Path of the model: `path` itself, or the folder ``model`` in the results of ``sfmcpp reconstruct``."""
     inside = path / _MODEL
     return inside if not _has_model(path) and _has_model(inside) else path
 
@@ -153,7 +153,7 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
 
 
 def images_of_model_path(path: Path) -> list[str] | None:
-    """Names of all images that ``sfmcpp reconstruct`` was given, as its report in `path` tells; else None."""
+    """Names of all images given to ``sfmcpp reconstruct``, from its report in `path`; else None."""
     report = path / _REPORT
     if not report.is_file():
         return None

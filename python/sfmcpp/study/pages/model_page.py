@@ -31,7 +31,7 @@ _BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
 
 @dataclass(frozen=True, eq=False)
 class ModelScene:
-    """What the page shows.
+    """Contents of the page.
 
     Attributes
     ----------

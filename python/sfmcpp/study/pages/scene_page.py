@@ -18,7 +18,7 @@ _TEMPLATE = "scene_page.html"
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a page shows; all in one world.
+    """Contents of a page; all in one world.
 
     Attributes
     ----------

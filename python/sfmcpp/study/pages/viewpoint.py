@@ -16,7 +16,7 @@ _ASKED = 500
 
 
 def turn_upright(cameras: FloatArray) -> FloatArray:
-    """Rotation from the world to x right, y ahead, z up, told by cameras (K, 3, 4) ``[R | c]``.
+    """Rotation from the world to x right, y ahead, z up, estimated from cameras (K, 3, 4) ``[R | c]``.
 
     People and drones keep the long side of an image level: up is what is most nearly orthogonal to the
     cameras' x axes; where all are parallel, it is where their tops point, or what is behind cameras that look

@@ -113,7 +113,7 @@ def _lowest(costs: Sequence[NDArray[np.float64]]) -> float | None:
 
 
 def _display_minimum(costs: Sequence[NDArray[np.float64]], best: float | None) -> float:
-    """Where the lowest cost is drawn."""
+    """Height at which the lowest cost is drawn."""
     gaps = np.concatenate(costs) / (best or 1.0) - 1
     return _BELOW_THE_NEXT * min(gaps[gaps > SMALLEST_GAP].tolist(), default=1.0)
 

@@ -59,7 +59,7 @@ def load_viser() -> ModuleType:
 
 
 class LiveView:
-    """A page with points, path, keyframes and the camera of a SLAM run, served while the run goes on.
+    """A page with points, path, keyframes and the camera of a SLAM run, served during the run.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _round_length(least: float) -> float:
 
 
 def _legend(cell: float, unit: str) -> str:
-    """What the colours are, and how wide a cell of the grid is."""
+    """Legend: meaning of the colours, and the width of a cell of the grid."""
     ramp = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _RAMP)
     bars = {"path": _PATH, "keyframes": _KEYFRAME, "camera": _CAMERA}
     looks = {name: f"rgb{color}" for name, color in bars.items()}

@@ -38,7 +38,7 @@ _SCALED, _AFFINE = 4, 6
 
 @dataclass(frozen=True, eq=False)
 class ColmapDatabase:
-    """What a database tells of I images, in the order of their names.
+    """Contents of a database for I images, in the order of their names.
 
     Attributes
     ----------

@@ -196,13 +196,13 @@ ORIGIN = "sfmcpp_origin.json"
 
 
 def origin_files(problem: Problem) -> dict[str, list[bytes]]:
-    """Name and content, in pieces, of the file, if the metadata tell an origin."""
+    """Name and content, in pieces, of the file of the origin, if the metadata have one."""
     origin = WorldOrigin.of(problem.metadata)
     return {} if origin is None else {ORIGIN: [json.dumps(origin.to_dict(), indent=1).encode(), b"\n"]}
 
 
 def with_origin(problem: Problem, folder: Path) -> Problem:
-    """Put the origin that a folder tells, if it does, into the metadata.
+    """Add the origin in a folder, if there is one, to the metadata.
 
     Raises
     ------

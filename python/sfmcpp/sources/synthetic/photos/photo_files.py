@@ -24,7 +24,7 @@ _GEODETIC_ITERATIONS = 6
 
 @dataclass(frozen=True)
 class ExifContent:
-    """What the file of a photo tells.
+    """EXIF contents of the file of a photo.
 
     Attributes
     ----------

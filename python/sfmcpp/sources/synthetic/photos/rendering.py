@@ -62,7 +62,7 @@ class Eye:
         return (x * scale).astype(np.float32), (y * scale).astype(np.float32)
 
     def picture(self, faces: Sequence[Face], camera: FloatArray) -> FloatArray:
-        """What a `camera` (3, 4) sees of `faces`: (height, width, 3) red, green, blue in 0 … 255."""
+        """Render `faces` as a `camera` (3, 4) sees them: (height, width, 3) red, green, blue in 0 … 255."""
         shape = self._x.shape
         nearness = np.zeros(shape, dtype=np.float32)
         seen = np.full(shape, -1, dtype=np.int16)

@@ -17,7 +17,7 @@ from sfmcpp.sources.synthetic.photos.faces import Face, Painter, plain_texture
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What there is to see, and the cameras that see it.
+    """A scene of textured faces, and its cameras.
 
     Attributes
     ----------
