@@ -35,7 +35,7 @@ from sfmcpp.errors import SfmcppError
 from sfmcpp.map.files import read_map
 from sfmcpp.sources.cameras import read_intrinsics
 from sfmcpp.sources.io.image_tracks import read_image_tracks
-from sfmcpp.sources.io.mat import mat_variables
+from sfmcpp.sources.io.mat_files import mat_variables
 from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks

@@ -15,7 +15,7 @@ from experiments.inputs import Drive, Input, on_all_inputs, sensor_of_drive, seq
 from experiments.report import Report
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import Frame, Slam, SlamResult, SlamSettings, WorldMap
-from sfmcpp.slam.fusing import pose_constraint, pose_view
+from sfmcpp.slam.fusion import pose_constraint, pose_view
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.study.plotting.style import new_figure, style_axes
 from sfmcpp.weighting import PoseConstraint, PoseView, WeightSelection, select_weight

@@ -1,4 +1,4 @@
-"""One run of the core's minimiser."""
+"""A single run of the core's minimiser, by one process or by several ranks."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
-from sfmcpp.ba.callbacks import goes_on
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
-from sfmcpp.ba.let_go import warnings_about_the_loss
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -28,6 +28,10 @@ Callback = Callable[[Iteration], "bool | None"]
 
 # Of derivatives that a function gives against differences, as a share of the largest.
 _LARGEST_DERIVATIVE_ERROR = 1e-3
+_LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
+# Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
+# as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be counted.
+_LEAST_RMS = 0.4
 
 
 @checked()
@@ -66,21 +70,24 @@ def adjust(
     DatasetError
         If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
-    report = None if callback is None else lambda core: goes_on(callback(_iteration(core)))
+    report = None if callback is None else lambda core: continues_after(callback(_iteration(core)))
     if checkpoint is not None or resume is not None:
         _require_names_of_losses(constraints, options, "in a run that is saved")
         require_named(problem.camera_model, "in a run that is saved")
     arrays = _arrays(problem, constraints)
     checkpoints = RunCheckpoints(
-        checkpoint, resume, lambda: _facts(problem, constraints, arrays, options), _least_bytes(arrays)
+        checkpoint,
+        resume,
+        lambda: _run_facts(problem, constraints, arrays, options),
+        _checkpoint_bytes(arrays),
     )
-    doubts = list(_doubts(problem, constraints))
-    core = _core.solve(arrays, options, report, *_saved_and_taken(checkpoints))
+    doubtful = list(_derivative_warnings(problem, constraints))
+    core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
-    about_loss = warnings_about_the_loss(arrays, summary)
-    no_image = _without_image(problem, summary)
-    told = [*summary.warnings, *doubts, *no_image, *about_loss, *checkpoints.warnings]
-    return replace(summary, warnings=told, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
+    about_loss = loss_weight_warnings(arrays, summary)
+    no_image = _warning_of_infinite_cost(problem, summary)
+    warnings = [*summary.warnings, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
+    return replace(summary, warnings=warnings, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 
 def adjust_on_ranks(
@@ -124,34 +131,34 @@ def adjust_on_ranks(
     ranks.agreed(lambda: require_kinds(constraints, "on several ranks"))
     ranks.agreed(lambda: _require_names_of_losses(constraints, options, "on several ranks"))
     arrays = ranks.agreed(lambda: _arrays(parts.mine, constraints))
-    alike = {name: value for name, value in options.to_dict().items() if name != "threads"}
-    require_alike(ranks, alike | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
+    common = {name: value for name, value in options.to_dict().items() if name != "threads"}
+    require_alike(ranks, common | {f"constraints[{g['name']!r}]": g for g in arrays["constraints"]})
     own = SolveOptions(**{**options.to_dict(), "threads": options.threads or ranks.cores_of_this()})
     exchange = _core.CommunicatorExchange(ranks.communicator)
     listener = _RankListener(callback, exchange)
     checkpoints = RankCheckpoints(
         checkpoint,
         resume,
-        lambda: _facts(parts.mine, constraints, arrays, options),
-        _least_bytes(arrays),
+        lambda: _run_facts(parts.mine, constraints, arrays, options),
+        _checkpoint_bytes(arrays),
         ranks,
     )
     with interrupts_held(exchange.interrupt) as waiting:
-        core = _core.solve(arrays, own, listener, *_saved_and_taken(checkpoints), exchange)
+        core = _core.solve(arrays, own, listener, *_save_and_resume(checkpoints), exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
         summary = _summary(core, options)
-        loads = ranks.everyones(_load(parts.mine, core, exchange))
+        loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
         iterations = listener.all_with_bytes(summary.iterations)
-        about_loss = warnings_about_the_loss(arrays, summary, ranks)
+        about_loss = loss_weight_warnings(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
 
 
-def _without_image(problem: Problem, summary: Summary) -> Iterator[str]:
+def _warning_of_infinite_cost(problem: Problem, summary: Summary) -> Iterator[str]:
     """Why the cost at the start is no finite number: nothing has moved."""
     if math.isfinite(summary.initial_cost):
         return
@@ -164,8 +171,8 @@ def _without_image(problem: Problem, summary: Summary) -> Iterator[str]:
         )
 
 
-def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
-    """What makes functions doubtful at the start: derivatives that are not theirs."""
+def _derivative_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
+    """Warnings about user functions whose derivatives differ from finite differences at the start."""
     functions: dict[str, ResidualGroup | CameraFunction] = {
         f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
     }
@@ -181,18 +188,18 @@ def _doubts(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
 
 
 def _require_names_of_losses(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
-    """Of losses that are functions nothing tells another run or process whether they are alike."""
+    """Refuse losses that are functions: another run or process cannot check that it has the same one."""
     for loss in (options.loss, *(group.loss for group in constraints)):
         if isinstance(loss, LossFunction):
             raise InvalidArgument(f"loss = {loss!r}: must be the name of a loss {what}")
 
 
-def _least_bytes(arrays: dict[str, Any]) -> int:
+def _checkpoint_bytes(arrays: dict[str, Any]) -> int:
     return sum(number_array(name, arrays[name]).nbytes for name in ("cameras", "intrinsics", "points"))
 
 
-def _saved_and_taken(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any, Any]:
-    """What the core calls to save, and what it goes on from."""
+def _save_and_resume(checkpoints: RunCheckpoints | RankCheckpoints) -> tuple[Any, Any]:
+    """The function that the core calls to save a checkpoint, and the arrays to resume from."""
     taken = checkpoints.taken
     saved = checkpoints.offer if checkpoints.are_saved else None
     return saved, None if taken is None else dict(taken.arrays)
@@ -212,7 +219,7 @@ class _RankListener:
         return replace(iteration, bytes_sent=self._sent_for.get(iteration.iteration, 0.0))
 
     def all_with_bytes(self, iterations: list[Iteration]) -> list[Iteration]:
-        """All of them; an interrupt may have kept the last from being heard of."""
+        """All iterations; an interrupt may have prevented the report of the last one."""
         self._sent_for.setdefault(iterations[-1].iteration, self._exchange.bytes_sent - self._sent)
         return [*map(self.with_bytes, iterations)]
 
@@ -220,7 +227,9 @@ class _RankListener:
         sent = self._exchange.bytes_sent
         self._sent_for[core.iteration], self._sent = sent - self._sent, sent
         try:
-            return self._callback is None or goes_on(self._callback(self.with_bytes(_iteration(core))))
+            return self._callback is None or continues_after(
+                self._callback(self.with_bytes(_iteration(core)))
+            )
         except Exception as error:
             self._failure = error
             return False
@@ -230,7 +239,7 @@ class _RankListener:
             raise self._failure
 
 
-def _load(part: Problem, core: _core.CoreSummary, exchange: _core.CommunicatorExchange) -> RankLoad:
+def _rank_load(part: Problem, core: _core.CoreSummary, exchange: _core.CommunicatorExchange) -> RankLoad:
     return RankLoad(
         points=part.num_points,
         observations=part.num_observations,
@@ -246,18 +255,18 @@ def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
     return {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
 
 
-def _facts(
+def _run_facts(
     problem: Problem, constraints: Sequence[Group], arrays: dict[str, Any], options: SolveOptions
 ) -> dict[str, Any]:
-    """What is solved: a digest of each array of the problem and of each group of constraints."""
+    """Identity of a run: a digest of each array of the problem and of each group of constraints."""
     digests = {name: digest(value) for name, value in arrays.items() if name != "constraints"}
     for group, known in zip(constraints, arrays["constraints"], strict=True):
-        digests[f"constraints {group.name!r}"] = digest(known | _told_at(problem, group))
+        digests[f"constraints {group.name!r}"] = digest(known | _residuals_of_function(problem, group))
     return facts_of_run("solve", problem=digests, options=options.to_dict())
 
 
-def _told_at(problem: Problem, group: Group) -> dict[str, Any]:
-    """What a function is known by in another process: what it says of the start."""
+def _residuals_of_function(problem: Problem, group: Group) -> dict[str, Any]:
+    """Identity of a user function: its residuals at the start."""
     return {"function": group.residuals_at(problem)} if isinstance(group, ResidualGroup) else {}
 
 
@@ -278,3 +287,26 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     values["linear_solver_changes"] = [LinearSolverChange(**change) for change in core.linear_solver_changes]
     used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
     return Summary(**values, **used, options=options.to_dict(), version=_core.__version__)
+
+
+def continues_after(answer: object) -> bool:
+    """Whether a run continues after this answer of a callback: only False, Python's or NumPy's, stops it."""
+    return not isinstance(answer, bool | np.bool_) or bool(answer)
+
+
+def loss_weight_warnings(arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None) -> list[str]:
+    """Warning if most observations have hardly any weight by the loss; each rank has a part of the arrays."""
+    if summary.loss == "squared" or summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px:
+        return []
+    squared = np.square(_core.residuals(arrays)).sum(axis=1)
+    _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)
+    counts = np.array([np.count_nonzero(weights < _LITTLE_WEIGHT), len(weights)])
+    little, count = counts if ranks is None else np.sum(ranks.everyones(counts), axis=0)
+    if little <= _LARGEST_SHARE * count:
+        return []
+    instead = "" if summary.loss == "auto" else ', or loss "auto"'
+    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} px"
+    return [
+        f"{share} of the observations are beyond the scale of the loss ({scale}) and have less than a tenth "
+        f"of their weight: start from a better state, with a larger scale{instead}"
+    ]

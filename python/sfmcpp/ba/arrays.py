@@ -82,10 +82,10 @@ def _core_constraint(group: Group, problem: Problem) -> dict[str, Any]:
         points = np.zeros(0, np.int32) if group.points is None else group.points
         rows = group.residuals_at(problem).shape[1]
         return common | {"function": group.evaluate, "rows": rows, "point_index": points}
-    return common | _measured(group)
+    return common | _constraint_values(group)
 
 
-def _measured(group: ConstraintGroup) -> dict[str, Any]:
+def _constraint_values(group: ConstraintGroup) -> dict[str, Any]:
     sizes = [len(x) for x in group.points] or [0] * group.num_members
     return {
         "kind": group.kind,
@@ -104,7 +104,7 @@ def has_own_sigmas(arrays: dict[str, Any]) -> bool:
 
 
 def unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
-    """What residuals are in, by whether any part of a problem has σ of its own."""
+    """Unit of residuals: pixels, or σ if any part of a problem has its own."""
     return "σ" if any(own_sigmas) else "px"
 
 

@@ -1,4 +1,4 @@
-"""A problem looked over without solving it: rules, residuals, cost, derivatives."""
+"""Evaluation of a problem without solving it: rules, residuals, cost, derivatives."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def observations_without_image(problem: Problem) -> NDArray[np.intp]:
 
 @checked()
 def residuals_px(problem: Problem) -> NDArray[np.float64]:
-    """Residuals observed − projected of every observation, whatever its standard deviation.
+    """Residuals observed − projected of every observation, not divided by its standard deviation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a run leaves behind to go on from, and how it is told that it is the same run that goes on."""
+"""Checkpoints of a run, and the check that a resumed run solves the same problem with the same options."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Where = Callable[[], Mapping[str, NDArray[Any]]]
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a run stood.
+    """State of a run at a checkpoint.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Checkpoint:
 
 @runtime_checkable
 class CheckpointStore(Protocol):
-    """Where checkpoints are kept; :class:`sfmcpp.CheckpointFolder` is one."""
+    """Storage of checkpoints; :class:`sfmcpp.CheckpointFolder` is one."""
 
     @property
     def failure(self) -> DatasetError | None:
@@ -62,7 +62,7 @@ class CheckpointStore(Protocol):
         """Whether it is time for another."""
 
     def save(self, facts: Mapping[str, Any], where: Where) -> bool:
-        """Save a checkpoint; where that fails, `failure` says so and the run goes on."""
+        """Save a checkpoint; if that fails, `failure` has the error and the run continues."""
 
     def load(self) -> Checkpoint:
         """Give the newest."""
@@ -70,7 +70,7 @@ class CheckpointStore(Protocol):
 
 @runtime_checkable
 class SharedCheckpointStore(CheckpointStore, Protocol):
-    """Where several ranks keep theirs; :class:`sfmcpp.CheckpointFolder` is one."""
+    """Storage of the checkpoints of several ranks; :class:`sfmcpp.CheckpointFolder` is one."""
 
     def load(self, sequence: int | None = None) -> Checkpoint:
         """Give the newest, or that one."""
@@ -130,7 +130,7 @@ class RunCheckpoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong with them."""
+        """Failures of checkpoints, in sentences."""
         remark = "" if self.taken is None else self.taken.remark
         failure = None if self._save is None else self._save.failure
         return [text for text in (remark, failure and f"no checkpoint: {failure}") if text]
@@ -177,8 +177,8 @@ class RankCheckpoints:
         ranks: Ranks,
     ) -> None:
         self._ranks = ranks
-        resumed = ranks.agreed(lambda: _of_rank(resume, ranks.rank))
-        saved = ranks.agreed(lambda: _of_rank(save, ranks.rank))
+        resumed = ranks.agreed(lambda: _store_of_rank(resume, ranks.rank))
+        saved = ranks.agreed(lambda: _store_of_rank(save, ranks.rank))
         self._save, self._facts = saved, facts() if save or resume else {}
         self._facts |= {"ranks": [ranks.rank, ranks.size]}
         self.taken = None if resumed is None else self._newest_of_all(resumed)
@@ -192,7 +192,7 @@ class RankCheckpoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong with them."""
+        """Failures of checkpoints, in sentences."""
         failure = None if self._save is None else self._save.failure
         return [] if failure is None else [f"no checkpoint: {failure}"]
 
@@ -214,7 +214,7 @@ class RankCheckpoints:
         return taken
 
 
-def _of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore | None:
+def _store_of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore | None:
     if store is None:
         return None
     if not isinstance(store, SharedCheckpointStore):
@@ -223,7 +223,7 @@ def _of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpointStore 
 
 
 def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """What must be the same for a run to go on with the same bits.
+    """Facts that must be equal for a run to be resumed with the same bits.
 
     Parameters
     ----------
@@ -259,12 +259,12 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[st
     for name, noun in (("run", "command"), ("version", "version"), ("instruction_set", "instruction set")):
         if then.get(name) != now[name]:
             yield f"is a checkpoint of another {noun}: {then.get(name)!r}, this is {now[name]!r}"
-    if differing := _differing(then, now, "problem"):
+    if differing := _differing_entries(then, now, "problem"):
         yield (
             f"is a checkpoint of another problem: {', '.join(differing)} differ "
             "(a run goes on from the problem as it was at its start)"
         )
-    for name in _differing(then, now, "options"):
+    for name in _differing_entries(then, now, "options"):
         if name not in _MAY_CHANGE:
             yield (
                 "is a checkpoint of other options: "
@@ -272,7 +272,7 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[st
             )
 
 
-def _differing(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
+def _differing_entries(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
     before, after = dict(then.get(part, {})), now[part]
     return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
 

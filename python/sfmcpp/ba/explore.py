@@ -1,4 +1,4 @@
-"""The costs along one step, for pictures and studies of line searches."""
+"""Costs along one step, for plots and studies of line searches."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class StepExploration:
-    """What lies along a step.
+    """Costs along a step.
 
     Attributes
     ----------

@@ -1,17 +1,30 @@
-"""What a linear model gives out: rows of constraints, covariances, its minimum."""
+"""Results of a linear model: constraint rows, covariances, its minimum; errors name undetermined cameras."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+
+    from sfmcpp.ba.linearize import LinearModel
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+_COLUMN = re.compile(r"column (\d+) of a camera: ")
+_SINGULAR = "normal equations are singular"
+# Least eigenvalue of a block with a unit diagonal that is more than rounding.
+_RANK_TOLERANCE = 1e-12
+_MOST_NAMED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +109,19 @@ class LinearStep:
 
 
 def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray, by_sensor: FloatArray | None) -> Covariance:
-    """Covariances with the poses of frames, and at the end of free sensors, moved to those of their cameras.
+    """Propagate covariances of the poses of frames and free sensors to the poses of their cameras.
 
-    By derivatives (c, 6, 6) of the poses of cameras by those of frames and, if any is free, of sensors.
+    Parameters
+    ----------
+    of_frames : Covariance
+        Blocks begin with the pose of the frame and end with that of the sensor, if any sensor is free.
+    by_frame, by_sensor : (c, 6, 6) float64
+        Derivatives of the poses of the cameras by those of frames and of sensors; None: no sensor is free.
+
+    Returns
+    -------
+    Covariance
+        The same with poses of cameras.
     """
     count, size = of_frames.cameras.shape[:2]
     by_columns = np.tile(np.eye(size), (count, 1, 1))
@@ -114,3 +137,46 @@ def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray, by_sensor: Flo
             rows = rows.T
         joint = rows
     return Covariance(by_columns @ of_frames.cameras @ by_columns.transpose(0, 2, 1), of_frames.points, joint)
+
+
+def with_camera_names(method: Method) -> Method:
+    """Let a method of a linear model name the cameras that are meant where it fails."""
+
+    @wraps(method)
+    def call(self: LinearModel, *arguments: Any, **named: Any) -> Any:
+        try:
+            return method(self, *arguments, **named)
+        except InvalidArgument as error:
+            raise InvalidArgument(_with_cameras(str(error), self)) from error
+
+    return cast(Method, call)
+
+
+def _with_cameras(text: str, model: LinearModel) -> str:
+    column = _COLUMN.match(text)
+    if column is not None:
+        camera, parameter = np.argwhere(model.camera_columns == int(column[1]))[0].tolist()
+        return f"camera {camera}, {model.parameter_names[parameter]}: {text[column.end() :]}"
+    if _SINGULAR in text and (weak := _undetermined_cameras(model)):
+        shown = ", ".join(map(str, weak[:_MOST_NAMED])) + ", …" * (len(weak) > _MOST_NAMED)
+        number = "cameras" if len(weak) > 1 else "camera"
+        return f"{text}; {number} {shown} would be undetermined even if all points were known"
+    return text
+
+
+def _undetermined_cameras(model: LinearModel) -> list[int]:
+    """Cameras whose own block of the normal matrix, the points given, is singular."""
+    normal = model.normal_matrix()
+    found = []
+    for camera, columns in enumerate(model.camera_columns):
+        own = columns[columns >= 0]
+        block = normal[own][:, own].toarray()
+        diagonal = np.diagonal(block)
+        if len(own) and (diagonal.min() <= 0 or _least_eigenvalue(block, diagonal) < _RANK_TOLERANCE):
+            found.append(camera)
+    return found
+
+
+def _least_eigenvalue(block: np.ndarray, diagonal: np.ndarray) -> float:
+    scale = 1 / np.sqrt(diagonal)
+    return float(np.linalg.eigvalsh(scale[:, None] * block * scale)[0])

@@ -11,9 +11,14 @@ from numpy.typing import ArrayLike
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import chosen_numbers, core_arrays, core_constraints
-from sfmcpp.ba.linear_results import ConstraintRows, Covariance, LinearStep, moved_to_cameras
+from sfmcpp.ba.linear_results import (
+    ConstraintRows,
+    Covariance,
+    LinearStep,
+    moved_to_cameras,
+    with_camera_names,
+)
 from sfmcpp.ba.options import SolveOptions
-from sfmcpp.ba.undetermined import naming_cameras
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
@@ -73,7 +78,7 @@ class LinearModel:
     point_columns : (N,) int32
         First of the three columns of each point; −1: none.
     parameter_names : tuple of str
-        What the D parameters of a camera are.
+        Names of the D parameters of a camera.
     num_columns, num_camera_columns : int
         Columns in all, and those of cameras and intrinsics.
     loss_scale_px : float
@@ -115,7 +120,7 @@ class LinearModel:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """What the D parameters of a camera are."""
+        """Names of the D parameters of a camera."""
         intrinsics = tuple(self._core.free_intrinsics)
         if self._problem.is_metric:
             return _POSE + intrinsics + (() if self._by_sensor is None else _SENSOR)
@@ -132,8 +137,8 @@ class LinearModel:
         Returns
         -------
         (M, 2, D) float64, (M, 2, 3) float64
-            By pose and free intrinsics of the camera, whose columns :attr:`camera_columns` tells, and by the
-            point; zero where a parameter has no column.
+            Derivatives by pose and free intrinsics of the camera, in the columns of :attr:`camera_columns`,
+            and by the point; zero where a parameter has no column.
         """
         by_camera, by_point = self._core.jacobian()
         return by_camera, by_point
@@ -211,18 +216,18 @@ class LinearModel:
         return matrix, -gradient[:c] + across @ gradient[c:]
 
     @property
-    @naming_cameras
+    @with_camera_names
     def num_determined(self) -> int:
-        """How many parameters observations and constraints determine: the rank of H."""
+        """Number of parameters that observations and constraints determine: the rank of H."""
         return self._core.num_determined()
 
     @property
-    @naming_cameras
+    @with_camera_names
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the reduced camera system, in the fixed gauge."""
         return self._core.log_determinant()
 
-    @naming_cameras
+    @with_camera_names
     def covariance(
         self,
         *,
@@ -244,8 +249,8 @@ class LinearModel:
         Returns
         -------
         Covariance
-            A block for each; what it means in either gauge, and the factor that is the caller's choice, is
-            told above.
+            A block for each; the class describes its meaning in either gauge, and the factor that the
+            caller chooses.
 
         Raises
         ------
@@ -272,9 +277,9 @@ class LinearModel:
         by_sensor = None if self._by_sensor is None else self._by_sensor[chosen_cameras]
         return moved_to_cameras(found, self._by_frame[chosen_cameras], by_sensor)
 
-    @naming_cameras
+    @with_camera_names
     def leverages(self) -> FloatArray:
-        """How much each observation draws the fit to itself: ``J_o H⁻¹ J_oᵀ``.
+        """Leverage of each observation, its influence on its own fit: ``J_o H⁻¹ J_oᵀ``.
 
         Returns
         -------
@@ -289,9 +294,9 @@ class LinearModel:
         return self._core.leverages()
 
     @checked()
-    @naming_cameras
+    @with_camera_names
     def hat_matrix(self, group: int) -> FloatArray:
-        """How much the errors of a group draw the fit to themselves: ``w G H⁻¹ Gᵀ``.
+        """Hat matrix of a group, the leverage of its errors: ``w G H⁻¹ Gᵀ``.
 
         Parameters
         ----------
@@ -301,8 +306,8 @@ class LinearModel:
         Returns
         -------
         (R, R) float64
-            Its trace is the part of the group's numbers that the fit uses up: what is left of the independent
-            ones is the redundancy of the group, and diagonal blocks tell that of its members.
+            Its trace is the number of the group's equations that the fit uses up. The rest of the independent
+            ones is the redundancy of the group; diagonal blocks give that of its members.
 
         Raises
         ------
@@ -312,7 +317,7 @@ class LinearModel:
         return self._core.hat(self._group(group))
 
     @checked()
-    @naming_cameras
+    @with_camera_names
     def hat_spectrum(self, group: int) -> tuple[FloatArray, FloatArray]:
         """Eigenvalues, ascending, and eigenvectors, in columns, of :meth:`hat_matrix`.
 
@@ -324,7 +329,7 @@ class LinearModel:
         Returns
         -------
         (R,) float64, (R, R) float64
-            Both.
+            Eigenvalues, and the eigenvectors as columns.
         """
         return self._core.hat_spectrum(self._group(group))
 
@@ -333,14 +338,14 @@ class LinearModel:
             raise InvalidArgument(f"group = {group}: must be in [0, {len(self.groups)})")
         return group
 
-    @naming_cameras
+    @with_camera_names
     def step(self) -> LinearStep:
         """The minimum of the linear model: an undamped Gauss–Newton step.
 
         Returns
         -------
         LinearStep
-            The state there, and what the model predicts.
+            The state at the minimum, and the errors and the decrease of the cost that the model predicts.
         """
         found = self._core.step()
         before = {name: getattr(self._problem, name) for name in ("cameras", "intrinsics", "points")}

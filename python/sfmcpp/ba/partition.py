@@ -1,4 +1,4 @@
-"""Who takes which points: parts that take the same work and see few cameras each."""
+"""Partition of the points over ranks: equal work, and few cameras for each."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def camera_places(links: NDArray[np.int64], num_cameras: int) -> Numbers:
 
 
 class Tracks:
-    """Who observes some of the points of a problem, all of their observations.
+    """All observations of some points of a problem: which cameras observe them.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Tracks:
         """
         bins = len(places) * (1 + _LEAST_BINS // max(len(places), 1))
         images = np.bincount(self._points, minlength=self._count).astype(np.float64)
-        bin_of = (self._along(places, images) * (bins / max(len(places), 1))).astype(np.int64)
+        bin_of = (self._mean_places(places, images) * (bins / max(len(places), 1))).astype(np.int64)
         # A point without images is work, too.
         work = images * (images + _WORK_OF_OBSERVATION) + 1.0
         of_bins = summed(np.bincount(bin_of, work, bins).astype(np.float64))
@@ -128,7 +128,7 @@ class Tracks:
         part_of_bin = np.searchsorted(of_bins.sum() * np.arange(1, count) / count, middles, side="right")
         return part_of_bin.astype(np.int32)[bin_of]
 
-    def _along(self, places: Numbers, images: FloatArray) -> FloatArray:
+    def _mean_places(self, places: Numbers, images: FloatArray) -> FloatArray:
         """Mean place of each point's cameras, below C; points of the same ones stay in their order."""
         total = np.bincount(self._points, places[self._cameras], self._count)
         numbers = self._first + np.arange(self._count)

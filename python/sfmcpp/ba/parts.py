@@ -1,4 +1,4 @@
-"""A problem cut by its points: each part has all cameras and, with its points, all their observations."""
+"""Parts of a problem, cut by points: each has all cameras, its points and all their observations."""
 
 from __future__ import annotations
 
@@ -69,15 +69,15 @@ def cameras_alone(problem: Problem) -> Problem:
 def rows_of_points(problem: Problem, numbers: NDArray[np.int64]) -> Rows:
     """Arrays (N, …) by name of what each point has, and its number."""
     arrays = {name: getattr(problem, name) for name in _OF_POINTS}
-    return _given(arrays | {COLORS: problem.metadata.point_colors, NUMBER: numbers})
+    return _without_none(arrays | {COLORS: problem.metadata.point_colors, NUMBER: numbers})
 
 
 def rows_of_observations(problem: Problem, numbers: NDArray[np.int64]) -> Rows:
     """Arrays (M, …) by name of what each observation has, and its number."""
-    return _given({name: getattr(problem, name) for name in OBSERVATION_ROWS} | {NUMBER: numbers})
+    return _without_none({name: getattr(problem, name) for name in OBSERVATION_ROWS} | {NUMBER: numbers})
 
 
-def _given(arrays: dict[str, Any]) -> Rows:
+def _without_none(arrays: dict[str, Any]) -> Rows:
     return {name: array for name, array in arrays.items() if array is not None}
 
 
@@ -125,7 +125,7 @@ def part_from_rows(cameras: Problem, points: Rows, observations: Rows) -> Part:
     Part
         Rows in the order of their numbers.
     """
-    points, observations = _in_order(points), _in_order(observations)
+    points, observations = _sorted_by_number(points), _sorted_by_number(observations)
     own_index = np.searchsorted(points[NUMBER], observations["point_index"])
     problem = replace(
         cameras,
@@ -149,14 +149,14 @@ def joined_rows(pieces: Sequence[Rows]) -> Rows:
 
 
 def joined_parts(parts: Sequence[Part]) -> Problem:
-    """Put all parts of a problem together; cameras are those of the first."""
+    """Join all parts of a problem; cameras are those of the first."""
     points = joined_rows([part.rows_of_points for part in parts])
     return part_from_rows(
         cameras_alone(parts[0].problem), points, joined_rows([part.rows_of_observations for part in parts])
     ).problem
 
 
-def _in_order(rows: Rows) -> Rows:
+def _sorted_by_number(rows: Rows) -> Rows:
     numbers = rows[NUMBER]
     if (numbers[1:] > numbers[:-1]).all():
         return rows
@@ -187,7 +187,7 @@ class ProblemSize:
         return replace(size, num_frames=rigs.num_frames, num_sensors=rigs.num_sensors, num_free_sensors=free)
 
 
-def dealt_part(whole: Callable[[], Problem], ranks: Ranks) -> Part:
+def part_for_rank(whole: Callable[[], Problem], ranks: Ranks) -> Part:
     """Let rank 0 make a whole problem and deal out its parts; if that fails, all raise what it has raised."""
     made: list[Problem] = []
     ranks.from_root(lambda: made.append(whole()))
@@ -262,7 +262,7 @@ class OwnParts:
 
 
 def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
-    """Put the parts that the ranks have brought together on rank 0, one after the other; None elsewhere."""
+    """Gather the parts of all ranks on rank 0, one after the other; None elsewhere."""
     mine = parts.mine
     sizes = np.array(ranks.everyones((mine.num_points, mine.num_observations)))
     point, observation = sizes[: ranks.rank].sum(axis=0)

@@ -1,13 +1,16 @@
-"""Projective problems: made from projection matrices, or from metric problems."""
+"""Projective problems: made from projection matrices, or from metric problems.
+
+Images are normalised isotropically (thesis eq. 4.3): projective matrices are then of one size. The frame of
+an image is ``scale, cx, cy``: pixels are ``scale · (x, y) + (cx, cy)``.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.ba.image_frames import image_frames, matrices_to_frames
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arguments import checked
@@ -69,9 +72,9 @@ def projective_problem(
     frames = image_frames(cameras, seen, len(matrices))
     return Problem(
         "projective",
-        _unit("projections", matrices_to_frames(matrices, frames)),
+        _unit_rows("projections", matrices_to_frames(matrices, frames)),
         frames,
-        _unit("points", homogeneous),
+        _unit_rows("points", homogeneous),
         cameras,
         index_array("point_index", point_index),
         seen,
@@ -141,7 +144,7 @@ def _homogeneous(points: FloatArray) -> FloatArray:
     return np.concatenate([points, np.ones((len(points), 1))], axis=1)
 
 
-def _unit(name: str, values: FloatArray) -> FloatArray:
+def _unit_rows(name: str, values: FloatArray) -> FloatArray:
     flat = values.reshape(len(values), -1)
     norms = np.linalg.norm(flat, axis=1)
     good = np.isfinite(norms) & (norms > 0)
@@ -149,3 +152,34 @@ def _unit(name: str, values: FloatArray) -> FloatArray:
         raise InvalidArgument(f"{name}[{int(np.argmin(good))}]: must be finite and not zero")
     unit: FloatArray = (flat / norms[:, None]).reshape(values.shape)
     return unit
+
+
+def image_frames(images: NDArray[np.integer], pixels: FloatArray, count: int) -> FloatArray:
+    """Frames (count, 3) of images: the mean of the observations of each, and their mean distance over √2.
+
+    Parameters
+    ----------
+    images : (M,) int
+        Image of each observation.
+    pixels : (M, 2) float64
+        Where it is [px].
+    count : int
+        Number of images.
+    """
+    seen = np.maximum(np.bincount(images, minlength=count), 1)
+    centres = np.stack([np.bincount(images, pixels[:, k], count) / seen for k in (0, 1)], axis=1)
+    distances = np.linalg.norm(pixels - centres[images], axis=1)
+    scale = np.bincount(images, distances, count) / (seen * np.sqrt(2.0))
+    return np.concatenate([np.where(scale > 0, scale, 1.0)[:, None], centres], axis=1)
+
+
+def matrices_to_pixels(matrices: FloatArray, frames: FloatArray) -> FloatArray:
+    """Projection matrices (C, 3, 4) to the frames of the images as matrices to pixels."""
+    scale, centre = frames[:, 0, None, None], frames[:, 1:, None]
+    return np.concatenate([scale * matrices[:, :2] + centre * matrices[:, 2:], matrices[:, 2:]], axis=1)
+
+
+def matrices_to_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
+    """Projection matrices (C, 3, 4) to pixels as matrices to the frames of the images."""
+    scale, centre = frames[:, 0, None, None], frames[:, 1:, None]
+    return np.concatenate([(matrices[:, :2] - centre * matrices[:, 2:]) / scale, matrices[:, 2:]], axis=1)

@@ -1,4 +1,4 @@
-"""Processes that solve one problem together: they decide together, and a failure of one is that of all."""
+"""Processes (ranks) that solve one problem together: joint decisions, and errors that all of them raise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Communicator(Protocol):
-    """What is asked of a communicator; those of mpi4py have it."""
+    """Interface of a communicator; those of mpi4py have it."""
 
     def Get_rank(self) -> int:  # noqa: N802
         """Number of this process, from 0 on."""
@@ -94,16 +94,16 @@ class Ranks:
 
     def everyones(self, value: T) -> list[T]:
         """Values of all ranks, in their order."""
-        with self._together():
+        with self._all_ready():
             return self.communicator.allgather(value)
 
     def turn(self, count: int) -> tuple[int, int]:
-        """Where this rank's share of so many things in a row begins and ends."""
+        """Begin and end of this rank's share of a row of items."""
         return count * self.rank // self.size, count * (self.rank + 1) // self.size
 
     def exchanged(self, mine: list[T]) -> list[T]:
         """Values that each rank has for this one, in their order, for one for each of them."""
-        with self._together():
+        with self._all_ready():
             return self.communicator.alltoall(mine)
 
     def agreed(self, task: Callable[[], T]) -> T:
@@ -111,21 +111,21 @@ class Ranks:
         result, failure = _outcome(task)
         for rank, theirs in enumerate(self.everyones(failure)):
             if theirs is not None:
-                raise _named(theirs, rank, self.size) if theirs is not failure else theirs
+                raise _error_with_rank(theirs, rank, self.size) if theirs is not failure else theirs
         return result  # type: ignore[return-value]
 
     def from_root(self, task: Callable[[], T]) -> T:
         """Do on rank 0 what all need; if it fails, all raise what it has raised."""
         outcome = _outcome(task) if self.is_root else None
-        with self._together():
+        with self._all_ready():
             result, failure = self.communicator.bcast(outcome)
         if failure is not None:
             raise failure
         return result  # type: ignore[no-any-return]
 
     def dealt(self, parts: Callable[[int], T]) -> T:
-        """Give each rank what rank 0 makes for it, one after the other; asked of rank 0 alone."""
-        with self._together():
+        """Send each rank its part, made on rank 0, one after the other."""
+        with self._all_ready():
             if not self.is_root:
                 return self.communicator.recv(source=0)  # type: ignore[no-any-return]
             for rank in range(1, self.size):
@@ -134,14 +134,14 @@ class Ranks:
 
     def collected(self, mine: T) -> list[T]:
         """On rank 0 what each has, in their order; nothing elsewhere."""
-        with self._together():
+        with self._all_ready():
             if self.is_root:
                 return [mine, *(self.communicator.recv(source=rank) for rank in range(1, self.size))]
             self.communicator.send(mine, dest=0)
             return []
 
     @contextmanager
-    def _together(self) -> Iterator[None]:
+    def _all_ready(self) -> Iterator[None]:
         """Begin when all are here: one that waits for long leaves its core to the others."""
         with interrupts_held():
             all_are_here = self.communicator.Ibarrier()
@@ -179,8 +179,8 @@ def _outcome(task: Callable[[], T]) -> tuple[T | None, BaseException | None]:
         return None, error
 
 
-def _named(error: BaseException, rank: int, ranks: int) -> BaseException:
-    """The error of another rank, with its number where there is a text that can say it."""
+def _error_with_rank(error: BaseException, rank: int, ranks: int) -> BaseException:
+    """The error of another rank, with the number of the rank if the error has a text."""
     if isinstance(error, InvalidArgument) and ranks > 1:
         return InvalidArgument(f"rank {rank}: {error}")
     return error
@@ -193,29 +193,29 @@ def _usable_cores() -> frozenset[int]:
 
 
 @contextmanager
-def interrupts_held(told: Callable[[], None] | None = None) -> Iterator[list[int]]:
+def interrupts_held(on_interrupt: Callable[[], None] | None = None) -> Iterator[list[int]]:
     """Let stops wait while the ranks pass each other something: half of it would part them.
 
-    Each of them calls `told`. The list is of those that wait; what is taken out of it is forgotten.
+    Each of them calls `on_interrupt`. The list is of those that wait; what is taken out of it is forgotten.
     """
-    asked: list[int] = []
+    pending: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield asked
+        yield pending
         return
 
     def note(number: int, frame: FrameType | None) -> None:
-        asked.append(number)
-        if told is not None:
-            told()
+        pending.append(number)
+        if on_interrupt is not None:
+            on_interrupt()
 
     before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     held = {n: handler for n, handler in before.items() if callable(handler)}
     for number in held:
         signal.signal(number, note)
     try:
-        yield asked
+        yield pending
     finally:
         for number, handler in held.items():
             signal.signal(number, handler)
-        for number in asked:
+        for number in pending:
             signal.raise_signal(number)

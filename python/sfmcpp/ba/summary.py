@@ -1,4 +1,4 @@
-"""What a solve did: the summary and the record of each iteration."""
+"""Summary of a solve, and the record of each iteration."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.html import html_table
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import Loss
+from sfmcpp.model.problem import html_table
 from sfmcpp.model.weight_selection import WeightSelection
 
 
@@ -82,7 +82,7 @@ class Iteration:
 
 @dataclass(frozen=True)
 class LinearSolverForecast:
-    """What a step was predicted to take with a linear solver, before anything was done.
+    """Predicted cost of a step with a linear solver, before the solve.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class LinearSolverChange:
 
 @dataclass(frozen=True)
 class RankLoad:
-    """What one rank of several had to do.
+    """Work of one rank of several.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ class Summary:
         return self.termination == "converged"
 
     def require_uninterrupted(self) -> Summary:
-        """Give the summary itself, for code that goes on with the state.
+        """Return the summary itself, for code that continues with the state.
 
         Raises
         ------

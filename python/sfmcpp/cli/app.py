@@ -18,9 +18,9 @@ from sfmcpp.cli.choices import (
     refined_intrinsics,
     with_solve_options,
 )
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
@@ -66,7 +66,7 @@ CovarianceFile = Annotated[
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        say(f"sfmcpp {sfmcpp.__version__}")
+        print_result(f"sfmcpp {sfmcpp.__version__}")
         raise typer.Exit
 
 

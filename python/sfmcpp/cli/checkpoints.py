@@ -1,4 +1,4 @@
-"""Where a command saves checkpoints, and where it takes an earlier run up."""
+"""The options that save checkpoints and resume an earlier run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfmcpp.sources.io.checkpoints import CheckpointFolder
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """What `--checkpoint`, `--checkpoint-every` and `--resume` ask for."""
+    """The options `--checkpoint`, `--checkpoint-every` and `--resume`."""
 
     folder: Path | None = None
     every_s: float = 60.0
@@ -20,12 +20,12 @@ class Checkpoints:
 
     @cached_property
     def save(self) -> CheckpointFolder | None:
-        """Where to save."""
+        """Folder to save in."""
         return None if self.folder is None else CheckpointFolder(self.folder, self.every_s)
 
     @cached_property
     def resume(self) -> CheckpointFolder | None:
-        """Where to take up."""
+        """Folder to resume from."""
         return None if self.resumed is None else CheckpointFolder(self.resumed)
 
     def check(self) -> None:
@@ -36,16 +36,16 @@ class Checkpoints:
             self.save.begin(self.resume)
 
     def check_input_stays(self, source: Path, output: Path | None) -> None:
-        """Raise a DatasetError if the result would replace what a run that goes on reads again."""
+        """Raise a DatasetError if the result would replace the input, which a resumed run reads again."""
         if self.save is not None and output is not None and output.exists() and output.samefile(source):
             raise DatasetError(output, "would replace the input, which a run that goes on needs")
 
     @property
     def failures(self) -> list[DatasetError]:
-        """What could not be saved."""
+        """Errors of checkpoints that could not be saved."""
         return [self.save.failure] if self.save is not None and self.save.failure is not None else []
 
     @property
     def in_words(self) -> tuple[str, ...]:
-        """How a run that was stopped goes on, if it can."""
+        """Hint how to resume a run that was stopped, if it can be."""
         return () if self.folder is None else (f"continue with --resume {self.folder}",)

@@ -1,4 +1,4 @@
-"""Options with a closed set of values, and values that have a form of their own."""
+"""Types of command line options: closed sets of values, and values with a format of their own."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
 
 
 def _look_of_names(names: tuple[str, ...]) -> dict[str, Any]:
-    """What an option that takes one of the names is told: how it is shown, checked and completed."""
+    """Keywords of an option that takes one of the names: display, check and completion."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in names if name.startswith(incomplete)]

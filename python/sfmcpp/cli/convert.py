@@ -1,4 +1,4 @@
-"""`sfmcpp convert`: from one format to another, by one process or by several ranks."""
+"""`sfmcpp convert`: problems, positions and trajectories between formats; also on several ranks."""
 
 from __future__ import annotations
 
@@ -6,21 +6,27 @@ from pathlib import Path
 
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.convert_trajectory import convert_trajectory, refuse_trajectory
-from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.console import ExitCode, print_result
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.launched import launched_ranks, together
-from sfmcpp.cli.reading import read_and_tell, tell_changed
-from sfmcpp.cli.targets import PAGE_SUFFIXES, Targets, require_writable_problem, write_page
+from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
+from sfmcpp.cli.reading import note_changed, read_with_notes
+from sfmcpp.cli.targets import (
+    PAGE_SUFFIXES,
+    Targets,
+    require_writable_file,
+    require_writable_problem,
+    write_page,
+)
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model import Problem
+from sfmcpp.model import Problem, Trajectory
+from sfmcpp.sources.frame_times import read_times
 from sfmcpp.sources.io import transforms
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
+from sfmcpp.sources.io.conversion_notes import left_out_on_writing
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.left_out import left_out_on_writing
 from sfmcpp.sources.io.parts import write_parts
 from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
-from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
+from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS, read_trajectory, write_trajectory
 
 
 def convert_file(
@@ -53,7 +59,7 @@ def convert_file(
     if ranks is not None or parts is not None:
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
-        return together(ranks, lambda heeded: _convert_on(source, target, parts, ranks))
+        return run_on_ranks(ranks, lambda heeded: _convert_on_ranks(source, target, parts, ranks))
     plain = parts is None and format is None and images is None
     if plain and target.suffix.lower() in POSITION_SUFFIXES:
         return _convert_to_positions(source, target)
@@ -61,9 +67,9 @@ def convert_file(
         return _convert_to_page(source, target)
     if parts is None:
         return _convert_one(source, target, format, images)
-    problem = read_and_tell(source)
+    problem = read_with_notes(source)
     write_parts(problem, target, parts)
-    say(f"{target}: {problem} in {parts} parts")
+    print_result(f"{target}: {problem} in {parts} parts")
     return ExitCode.DONE
 
 
@@ -84,13 +90,13 @@ def _convert_one(source: Path, target: Path, format: str | None, images: Path | 
         write(problem, target, format=chosen.name)
     else:
         transforms.write_transforms(problem, target, transforms.folder_from(target, images))
-    _tell_written(problem, target, chosen)
+    _print_written(problem, target, chosen)
     return ExitCode.DONE
 
 
 def _read(source: Path) -> Problem:
     try:
-        return read_and_tell(source)
+        return read_with_notes(source)
     except DatasetError as error:
         refuse_trajectory(source, error)
         raise
@@ -103,34 +109,36 @@ def _convert_to_positions(source: Path, target: Path) -> ExitCode:
     targets.check_fits(problem)
     Gps().check_fits(target, problem)
     write_camera_positions(target, problem, None)
-    say(f"{target}: positions of {problem.num_cameras:,} cameras")
+    print_result(f"{target}: positions of {problem.num_cameras:,} cameras")
     return ExitCode.DONE
 
 
 def _convert_to_page(source: Path, target: Path) -> ExitCode:
     targets = Targets(page=target)
     targets.check(source)
-    problem = read_and_tell(source)
+    problem = read_with_notes(source)
     targets.check_fits(problem)
     write_page(problem, target, source)
-    say(f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser")
+    print_result(
+        f"{target}: {problem.num_cameras:,} cameras and {problem.num_points:,} points, for a browser"
+    )
     return ExitCode.DONE
 
 
-def _tell_written(problem: Problem, target: Path, chosen: Format) -> None:
+def _print_written(problem: Problem, target: Path, chosen: Format) -> None:
     counts = {
         "cameras": problem.num_cameras,
         "points": problem.num_points,
         "observations": problem.num_observations,
     }
     written = [f"{count:,} {name}" for name, count in counts.items() if name not in chosen.lacks]
-    say(f"{target}: {', '.join(written)} ({chosen.name})")
+    print_result(f"{target}: {', '.join(written)} ({chosen.name})")
     if left_out := left_out_on_writing(problem, chosen):
-        say(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
-    tell_changed(problem, target, chosen)
+        print_result(f"left out, as {chosen.name} has no place for it: {', '.join(left_out)}")
+    note_changed(problem, target, chosen)
 
 
-def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:
+def _convert_on_ranks(source: Path, target: Path, parts: int | None, ranks: Ranks) -> ExitCode:
     if parts not in (None, ranks.size):
         raise InvalidArgument(f"--parts {parts}: {ranks.size} ranks write one part each")
     ranks.from_root(lambda: require_writable_problem(target))
@@ -138,5 +146,51 @@ def _convert_on(source: Path, target: Path, parts: int | None, ranks: Ranks) -> 
     write_part(part, target, ranks)
     size = ProblemSize.of(part.problem, ranks)
     if ranks.is_root:
-        say(f"{target}: {size.num_points} points, {size.num_observations} observations in {ranks.size} parts")
+        print_result(
+            f"{target}: {size.num_points} points, {size.num_observations} observations in {ranks.size} parts"
+        )
     return ExitCode.DONE
+
+
+def convert_trajectory(source: Path, target: Path, format: str, times: Path | None) -> ExitCode:
+    """Write a trajectory in another format; poses stay as they are, of the camera or of the body.
+
+    Raises
+    ------
+    DatasetError
+        If a file cannot be read or written; if the format needs times, and there are none, or there are
+        and others are given.
+    """
+    require_writable_file(target)
+    trajectory = read_trajectory(source)
+    if times is not None:
+        trajectory = _interpolated_at(trajectory, source, times)
+    if format != "kitti" and not trajectory.stamped:
+        raise DatasetError(source, f"has no times, which {format} needs: --times FILE, a line for each pose")
+    write_trajectory(trajectory, target, format=format)
+    print_result(f"{target}: {len(trajectory):,} poses ({format})")
+    if trajectory.stamped and format == "kitti":
+        print_result("left out, as kitti has no place for it: times")
+    return ExitCode.DONE
+
+
+def refuse_trajectory(source: Path, error: DatasetError) -> None:
+    """Raise a better error where a file that is no problem is a trajectory."""
+    try:
+        found = read_trajectory(source)
+    except DatasetError:
+        return
+    known = ", ".join(WRITABLE_TRAJECTORY_FORMATS)
+    reason = f"is a trajectory of {len(found):,} poses: --format says what to make of it: {known}"
+    raise DatasetError(source, reason) from error
+
+
+def _interpolated_at(trajectory: Trajectory, source: Path, times: Path) -> Trajectory:
+    if trajectory.stamped:
+        raise DatasetError(source, "has times of its own: --times is for poses without any")
+
+    def require_fit(count: int) -> None:
+        if count != len(trajectory):
+            raise DatasetError(times, f"holds {count} times for {len(trajectory)} poses: must be as many")
+
+    return Trajectory(read_times(times, require_fit), trajectory.poses)

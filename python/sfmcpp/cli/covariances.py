@@ -1,4 +1,4 @@
-"""Covariances of a solve on the command line: computed and written after it, and told."""
+"""The option `--covariances`: computed after a solve, written and reported."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Precision:
         write_covariances(path, self._found)
 
     def to_report(self) -> dict[str, Any]:
-        """What the report of the solve has of it."""
+        """Entries of the report of a solve."""
         return {} if self._found is None else {"covariances": self._found.to_dict()}
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """What the table at the end of a solve says of it."""
+        """Rows of the table at the end of a solve."""
         if self._reason:
             yield "covariances", self._reason
         if self._found is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-from sfmcpp.cli.exit_codes import ExitCode, say
+from sfmcpp.cli.console import ExitCode, print_result
 from sfmcpp.cli.run import Job, solve_file
 from sfmcpp.cli.targets import Targets
 from sfmcpp.geometry.similarity import fit_similarity
@@ -39,7 +39,7 @@ def run_demo(folder: Path, seed: int) -> ExitCode:
         solved = _aligned(read(result), truth)
         write(solved, folder / "result.ply")
         _show(solved, truth, folder, pictures)
-        say(f"The demo is in {folder.resolve()}")
+        print_result(f"The demo is in {folder.resolve()}")
     return code
 
 
@@ -65,15 +65,15 @@ def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None
         unit="m",
     )
     save_scene_page(scene, folder / "view.html")
-    say(f"written               {folder / 'view.html'}: open it in a browser")
+    print_result(f"written               {folder / 'view.html'}: open it in a browser")
     if not pictures:
-        say("no pictures; to draw them: pip install 'sfmcpp[plot]'")
+        print_result("no pictures; to draw them: pip install 'sfmcpp[plot]'")
         return
     from sfmcpp.study.plotting import save_figure
-    from sfmcpp.study.plotting.trajectories import plot_top_view
+    from sfmcpp.study.plotting.evaluations import plot_top_view
 
     centres, points, true = (
         from_above[:, [0, 2, 1]] for from_above in (solved.centres, solved.points, truth.centres)
     )
     save_figure(plot_top_view(centres, centres, points, truth=true, unit="m"), folder / "scene.png")
-    say(f"written               {folder / 'scene.png'}")
+    print_result(f"written               {folder / 'scene.png'}")

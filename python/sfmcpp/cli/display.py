@@ -1,4 +1,4 @@
-"""What a solve shows on a terminal: its last iterations while it runs, a table at its end."""
+"""Terminal output of a solve: recent iterations while it runs, a table at its end."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from rich.text import Text
 
 from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
-from sfmcpp.cli.exit_codes import say
+from sfmcpp.cli.console import print_result, stderr_console
 from sfmcpp.cli.targets import Targets
-from sfmcpp.cli.terminal import stderr_console
 from sfmcpp.study.report_files import peak_memory_bytes
 
 ROWS = 8
@@ -52,7 +51,7 @@ def print_summary(
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [*_size(source, size), *_result(summary), *georeferenced, *_means(summary, seconds_read)]
+    rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]
     for name, value in rows:
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
     for warning in summary.warnings:
@@ -61,7 +60,7 @@ def print_summary(
         table.add_row("written", Text(str(path)))
     if targets.problem is None:
         table.add_row("result", "not saved; use -o FILE to write it")
-    say(rendered(table))
+    print_result(rendered(table))
 
 
 def rendered(table: Table) -> str:
@@ -97,7 +96,7 @@ def _result(summary: Summary) -> Iterator[Row]:
     yield "iterations", f"{max(len(summary.iterations) - 1, 0)} ({accepted} accepted)"
 
 
-def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
+def _method_text(summary: Summary, seconds_read: float) -> Iterator[Row]:
     threads = "1 thread" if summary.threads == 1 else f"{summary.threads} threads"
     search = "" if summary.line_search == "none" else f", line search {summary.line_search}"
     yield "method", f"{summary.method}{search}, {threads}"
@@ -109,12 +108,12 @@ def _means(summary: Summary, seconds_read: float) -> Iterator[Row]:
     for change in summary.linear_solver_changes:
         yield "linear solver", f"{change.solver} from step {change.solves + 1} ({change.reason})"
     for rank, load in enumerate(summary.ranks):
-        yield f"rank {rank}", _load(load)
+        yield f"rank {rank}", _rank_load_text(load)
     yield "seconds", f"{summary.seconds_total:.3f}, plus {seconds_read:.3f} for reading the input"
     yield "peak memory", f"{peak_memory_bytes() / 1e6:.0f} MB"
 
 
-def _load(load: RankLoad) -> str:
+def _rank_load_text(load: RankLoad) -> str:
     return (
         f"{load.points:,} points, {load.observations:,} observations; "
         f"{load.seconds_computing:.3f} s computing, {load.seconds_waiting:.3f} s waiting, "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -45,28 +45,28 @@ def doctor(
 
     Findings are ranked, the most severe first.
     """
-    from sfmcpp.cli.reading import read_and_tell
+    from sfmcpp.cli.reading import read_with_notes
     from sfmcpp.cli.targets import Targets
     from sfmcpp.doctor import repair
     from sfmcpp.sources.io.api import write
 
     targets = Targets(fix, report)
     targets.check(source)
-    problem = read_and_tell(source, quiet=quiet)
-    diagnosis = _diagnosed(problem, solve)
+    problem = read_with_notes(source, quiet=quiet)
+    diagnosis = _diagnose_problem(problem, solve)
     repaired = None if fix is None else repair(problem)
     if report is not None:
         _write_report(source, problem, diagnosis, repaired, report)
     if fix is not None and repaired is not None:
         write(repaired.problem, fix)
     if not quiet:
-        say(_text(source, problem, diagnosis))
-        for line in _mended(fix, repaired, diagnosis):
-            say(line)
+        print_result(_text(source, problem, diagnosis))
+        for line in _write_repaired(fix, repaired, diagnosis):
+            print_result(line)
     return ExitCode.DONE
 
 
-def _diagnosed(problem: Problem, solve: bool) -> Diagnosis:
+def _diagnose_problem(problem: Problem, solve: bool) -> Diagnosis:
     from sfmcpp.doctor import diagnose
     from sfmcpp.errors import InvalidArgument
     from sfmcpp.weighting import solve as solved
@@ -98,7 +98,7 @@ def _write_report(
     write_report({"input": size, **diagnosis.to_dict(), "repaired": done}, path)
 
 
-def _mended(path: Path | None, repaired: Repair | None, diagnosis: Diagnosis) -> list[str]:
+def _write_repaired(path: Path | None, repaired: Repair | None, diagnosis: Diagnosis) -> list[str]:
     if path is None or repaired is None:
         return []
     unmended = (

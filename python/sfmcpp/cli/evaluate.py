@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sfmcpp.cli.choices import one_of
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError, InvalidArgument
 
 if TYPE_CHECKING:
     from sfmcpp.cli.targets import Targets
-    from sfmcpp.study.evaluation import Evaluation
+    from sfmcpp.study.evaluation import Evaluation, ModelEvaluation
+
 
 # Those of the readers, named here so that --help imports none of them.
 FORMATS = ("tum", "kitti", "euroc", "mat")
-
-
-def _choice(name: str, choices: tuple[str, ...], what: str, otherwise: str = "") -> typer.models.OptionInfo:
-    listed = f"{what}: {', '.join(choices)}{otherwise}."
-    option: typer.models.OptionInfo = typer.Option(
-        name, metavar="NAME", callback=one_of(choices), help=listed
-    )
-    return option
-
-
-def _format(name: str, what: str) -> typer.models.OptionInfo:
-    return _choice(name, FORMATS, f"Format of {what}", "; default: by its name")
-
-
 Source = Annotated[
     Path,
     typer.Argument(
@@ -55,6 +42,24 @@ Align = Annotated[
         "model that agree.",
     ),
 ]
+# Options of trajectories that mean nothing for images, with their defaults.
+_OF_TRAJECTORIES = {"match": "nearest", "delta": 1.0, "delta_unit": "frames", "all_pairs": False}
+_SHOWN = 8
+_COLUMNS = ("mean", "median", "max", "rmse")
+
+
+def _choice_option(
+    name: str, choices: tuple[str, ...], what: str, otherwise: str = ""
+) -> typer.models.OptionInfo:
+    listed = f"{what}: {', '.join(choices)}{otherwise}."
+    option: typer.models.OptionInfo = typer.Option(
+        name, metavar="NAME", callback=one_of(choices), help=listed
+    )
+    return option
+
+
+def _format(name: str, what: str) -> typer.models.OptionInfo:
+    return _choice_option(name, FORMATS, f"Format of {what}", "; default: by its name")
 
 
 @with_exit_code
@@ -64,10 +69,14 @@ def evaluate(
     align: Align = "all",
     scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Align with or without scale.")] = True,
     align_by: Annotated[
-        str, _choice("--align-by", ("positions", "poses"), "What to align; poses also work on straight roads")
+        str,
+        _choice_option(
+            "--align-by", ("positions", "poses"), "What to align; poses also work on straight roads"
+        ),
     ] = "positions",
     match: Annotated[
-        str, _choice("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones")
+        str,
+        _choice_option("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones"),
     ] = "nearest",
     max_difference_s: Annotated[
         float | None,
@@ -76,7 +85,7 @@ def evaluate(
         ),
     ] = None,
     delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,
-    delta_unit: Annotated[str, _choice("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
+    delta_unit: Annotated[str, _choice_option("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
     all_pairs: Annotated[bool, typer.Option("--all-pairs", help="Relative errors from every pose.")] = False,
     trajectory_format: Annotated[str | None, _format("--format", "the trajectory")] = None,
     truth_format: Annotated[str | None, _format("--truth-format", "the truth")] = None,
@@ -89,7 +98,6 @@ def evaluate(
     Trajectory: mean 3-D error, scale, absolute and relative pose errors. Model, per image: errors of
     centres and rotations, AUC of relative poses, missing images.
     """
-    from sfmcpp.cli.evaluate_model import evaluate_model_files, names_images
     from sfmcpp.cli.targets import Targets
 
     options = {
@@ -109,7 +117,7 @@ def evaluate(
     _write({"path": str(source), "truth": str(truth)}, found, targets)
     if not quiet:
         rows = _rows(source, truth, found, targets)
-        say("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
+        print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
     return ExitCode.DONE
 
 
@@ -132,7 +140,6 @@ def _evaluated(
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
-    from sfmcpp.cli.evaluate_model import names_images
 
     if ours.exists() and true_format is None and names_images(true):
         raise DatasetError(
@@ -149,7 +156,7 @@ def _write(names: dict[str, str], found: Evaluation, targets: Targets) -> None:
         write_report({"input": names, **found.to_dict()}, targets.report)
     if targets.picture is not None:
         from sfmcpp.study.plotting import save_figure
-        from sfmcpp.study.plotting.trajectories import plot_evaluation
+        from sfmcpp.study.plotting.evaluations import plot_evaluation
 
         save_figure(plot_evaluation(found), targets.picture)
 
@@ -188,3 +195,89 @@ def _error_table(title: str, content: dict[str, Any]) -> list[str]:
         for relation, values in tables.items()
     ]
     return [f"{title:<22}{header}", *rows]
+
+
+def names_images(path: Path) -> bool:
+    """Whether `path` is a model or a truth with named images, by its name and kind."""
+    from sfmcpp.study.evaluation.image_poses import is_problem_file
+
+    return path.is_dir() or (path.exists() and is_problem_file(path))
+
+
+def evaluate_model_files(
+    model: Path, truth: Path, truth_format: str | None, options: dict[str, Any], targets: Targets, quiet: bool
+) -> ExitCode:
+    """Measure the model, write what is wanted, and print a table."""
+    found = _evaluated_model(model, truth, truth_format, options, targets)
+    if targets.report is not None:
+        from sfmcpp.study.report_files import write_report
+
+        content = {"input": {"path": str(model), "truth": str(truth)}, **found.to_dict()}
+        write_report(content, targets.report)
+    if targets.picture is not None:
+        from sfmcpp.study.plotting import save_figure
+        from sfmcpp.study.plotting.evaluations import plot_model_evaluation
+
+        save_figure(plot_model_evaluation(found), targets.picture)
+    if not quiet:
+        rows = _model_rows(model, truth, found, targets)
+        print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
+    return ExitCode.DONE
+
+
+def _evaluated_model(
+    model: Path, truth: Path, truth_format: str | None, options: dict[str, Any], targets: Targets
+) -> ModelEvaluation:
+    from sfmcpp.study.evaluation import evaluate_model, read_image_poses, read_truth
+    from sfmcpp.study.evaluation.image_poses import images_of_model_path
+    from sfmcpp.study.evaluation.model import MODEL_ALIGNMENTS
+
+    for name, default in _OF_TRAJECTORIES.items():
+        if options[name] != default:
+            flag = "--" + name.replace("_", "-")
+            raise DatasetError(model, f"is a model: {flag} is for trajectories, models have no order in time")
+    if options["align_to"] not in MODEL_ALIGNMENTS:
+        known = ", ".join(MODEL_ALIGNMENTS)
+        raise InvalidArgument(f"align = {options['align_to']!r}: must be one of {known} for a model")
+    for source in (model, truth, model / "report.json"):
+        targets.check(source)
+    ours, true = read_image_poses(model), read_truth(truth, truth_format)
+    wanted = {name: options[name] for name in ("align_to", "with_scale", "align_by")}
+    if options["max_difference_s"] is not None:
+        wanted["max_difference_s"] = options["max_difference_s"]
+    try:
+        return evaluate_model(ours, true, images=images_of_model_path(model), **wanted)
+    except InvalidArgument as error:
+        raise DatasetError(model, f"compared with {truth}: {error}") from error
+
+
+def _model_rows(
+    model: Path, truth: Path, found: ModelEvaluation, targets: Targets
+) -> Iterator[tuple[str, str]]:
+    """Names and values; lines of the table of errors have no name."""
+    content, alignment = found.to_dict(), found.alignment
+    scaled = f", scale {alignment.similarity.scale:.6g}" if alignment.with_scale else ""
+    yield "model", str(model)
+    yield "truth", f"{truth}, {found.num_images} images"
+    yield "registered", f"{len(found.names)} of {found.num_images}, matched by {found.matched_by}"
+    for name, images in (
+        ("missing", found.missing),
+        ("not in truth", found.unknown),
+        ("outliers", found.outliers),
+    ):
+        if images:
+            yield name, _first_names(images)
+    yield "aligned to", f"{alignment.rule}: {alignment.count} {alignment.by}{scaled}"
+    areas = (f"{100 * area:.2f} % at {threshold}°" for threshold, area in content["auc"].items())
+    yield "AUC", ", ".join(areas)
+    yield "", ""
+    yield "", f"{'errors':<22}" + "".join(f"{name:>12}" for name in _COLUMNS)
+    for what, key in (("centre", "centre_error"), ("rotation [deg]", "rotation_error_deg")):
+        yield "", f"  {what:<20}" + "".join(f"{content[key][name]:>12.5g}" for name in _COLUMNS)
+    yield from (("warning", text) for text in (alignment.warning, found.note) if text)
+    yield from (("written", str(path)) for path in targets)
+
+
+def _first_names(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{len(names)}: " + ", ".join(names[:_SHOWN]) + more

@@ -1,4 +1,4 @@
-"""Positions of images on the command line: a problem is brought to given ones, its own are written."""
+"""Positions of images on the command line: `--gps` and `--camera-positions`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfmcpp.cli.exit_codes import tell
+from sfmcpp.cli.console import print_note
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Gps:
-    """Positions of images as asked for on the command line.
+    """The option `--gps` of the command line.
 
     Attributes
     ----------
@@ -35,13 +35,15 @@ class Gps:
     def check(self, target: Path | None) -> None:
         """Raise a DatasetError if the positions of the result can never be written to `target`."""
         if target is not None:
-            require_positions_format(target, geodetic=self._told is None or self._told.geodetic)
+            require_positions_format(
+                target, geodetic=self._given_positions is None or self._given_positions.geodetic
+            )
             if self.source is not None and target.resolve() == self.source.resolve():
                 raise DatasetError(target, "is named twice: positions that are read must not be replaced")
 
     def check_fits(self, target: Path | None, problem: Problem) -> None:
         """Raise a DatasetError if the positions of a solved `problem` could not be written to `target`."""
-        if target is not None and self._told is None:
+        if target is not None and self._given_positions is None:
             origin = WorldOrigin.of(problem.metadata)
             require_positions_format(target, geodetic=origin is not None and origin.geodetic)
 
@@ -55,7 +57,7 @@ class Gps:
         """Warn where a solve is about to move a problem away from positions that it was brought to before."""
         held = problem.fixed_cameras.any() or problem.fixed_points.any()
         if self.source is None and WorldOrigin.of(problem.metadata) is not None and not held:
-            tell(
+            print_note(
                 f"warning: {source}: is georeferenced by positions that this solve does not use: cameras may "
                 "move away from them (give them with --gps; sfmcpp convert writes them without a solve)"
             )
@@ -68,30 +70,30 @@ class Gps:
         DatasetError
             If the file cannot be read, or its positions and the problem do not go together.
         """
-        told = self._told
-        if told is None or self.source is None:
+        given = self._given_positions
+        if given is None or self.source is None:
             return None
         from sfmcpp.sfm.georeference import georeference_to, image_names
         from sfmcpp.sfm.positions import positions_of
 
         numbers = [str(camera) for camera in range(problem.num_cameras)]
-        names = numbers if told.by_number else image_names(problem)
+        names = numbers if given.by_number else image_names(problem)
         try:
-            known = positions_of(names, told.positions, geodetic=told.geodetic, sigmas=told.sigmas)
+            known = positions_of(names, given.positions, geodetic=given.geodetic, sigmas=given.sigmas)
             return georeference_to(problem, known, **options)
         except InvalidArgument as error:
             raise DatasetError(self.source, str(error).removeprefix("gps: ")) from error
 
     @cached_property
-    def _told(self) -> NamedPositions | None:
+    def _given_positions(self) -> NamedPositions | None:
         if self.source is None:
             return None
         if self.source == Path("exif") and not self.source.exists():
             raise InvalidArgument("--gps exif: where are the photos? --gps FOLDER takes what they tell")
         if self.source.is_dir():
-            from sfmcpp.sfm.gps_wish import positions_of_photos
+            from sfmcpp.sfm.positions import exif_positions_of_folder
 
-            return positions_of_photos(self.source)
+            return exif_positions_of_folder(self.source)
         return read_position_csv(self.source, numbered=True)
 
 

@@ -6,8 +6,8 @@ import io
 import sys
 from collections.abc import Sequence
 
-from sfmcpp.cli.exit_codes import ExitCode, tell_error, tell_interrupted
-from sfmcpp.cli.stopping import lost_interrupts_again, requests_as_ctrl_c
+from sfmcpp.cli.console import ExitCode, print_error, print_interrupted
+from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,20 +28,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # An empty path would mean the current folder to all that follows: an unset variable of a script.
     empty = next((a for a in given if a == "" or (a.startswith("--") and a.endswith("="))), None)
     if empty is not None:
-        return tell_error(f"argument {empty!r}: its value is empty")
+        return print_error(f"argument {empty!r}: its value is empty")
     try:
-        with requests_as_ctrl_c(), lost_interrupts_again():
+        with termination_as_ctrl_c(), repeated_lost_interrupts():
             return _dispatch(given)
     except ModuleNotFoundError as error:
-        return tell_error(
+        return print_error(
             f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"
         )
     except ImportError as error:  # no memory for it, say
-        return tell_error(f"a part of the program cannot be loaded: {error}")
+        return print_error(f"a part of the program cannot be loaded: {error}")
     except OSError as error:
-        return tell_error(error)
+        return print_error(error)
     except KeyboardInterrupt:  # while modules are loaded
-        return tell_interrupted()
+        return print_interrupted()
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -56,12 +56,12 @@ def _dispatch(arguments: list[str]) -> int:
     try:
         result = command(arguments, prog_name="sfmcpp", standalone_mode=False)
     except usage_error as error:
-        return tell_error(_usage_message(error))
+        return print_error(_usage_message(error))
     except typer.Abort:
-        return tell_interrupted()
+        return print_interrupted()
     # Typer ends without a word where arguments are read; a command has had its own.
     if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
-        return tell_interrupted()
+        return print_interrupted()
     return int(result or ExitCode.DONE)
 
 

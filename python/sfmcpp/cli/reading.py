@@ -1,18 +1,18 @@
-"""Problems of files, with a line for what a file has and its problem has not, or the other way round."""
+"""Reading of problems, with notes on what the file or the problem cannot hold."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from sfmcpp.cli.exit_codes import tell
+from sfmcpp.cli.console import print_note
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
+from sfmcpp.sources.io.conversion_notes import changed_on_writing, left_out_on_reading
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.left_out import changed_on_writing, left_out_on_reading
 
 
-def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
-    """Read a problem, and tell what was left out.
+def read_with_notes(source: Path, *, quiet: bool = False) -> Problem:
+    """Read a problem, and print notes on what was left out.
 
     Raises
     ------
@@ -21,17 +21,17 @@ def read_and_tell(source: Path, *, quiet: bool = False) -> Problem:
     """
     problem = read(source)
     if not quiet:
-        tell_left_out(source, problem)
+        note_left_out(source, problem)
     return problem
 
 
-def tell_changed(problem: Problem, target: Path, format: Format | None = None) -> None:
+def note_changed(problem: Problem, target: Path, format: Format | None = None) -> None:
     """Tell what a file that was written has in another form."""
     for line in changed_on_writing(problem, target, format or format_of(target)):
-        tell(f"note: {target}: {line}")
+        print_note(f"note: {target}: {line}")
 
 
-def tell_left_out(source: Path, problem: Problem) -> None:
+def note_left_out(source: Path, problem: Problem) -> None:
     """Tell what was left out of the problem of a file."""
     for line in left_out_on_reading(problem):
-        tell(f"note: {source}: {line}")
+        print_note(f"note: {source}: {line}")

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sfmcpp.cli.choices import choice_option
-from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
 from sfmcpp.sfm.run import METHODS as WAYS

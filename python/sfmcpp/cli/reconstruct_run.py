@@ -1,4 +1,4 @@
-"""From photos or tracks to a folder of results, ended in order by Ctrl-C."""
+"""A reconstruction written to a results folder; Ctrl-C keeps what there is."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
+from sfmcpp.cli.console import ExitCode, print_error, print_note, print_result
 from sfmcpp.cli.display import shown_stages
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.running import made, require_results_folder
-from sfmcpp.cli.stopping import ctrl_c_noted
-from sfmcpp.cli.targets import Targets
+from sfmcpp.cli.interrupts import noted_interrupt
+from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sources.io.files import failures_named
@@ -50,9 +49,9 @@ def run_reconstruction(
     targets.check(source)
     Gps(options["gps"] if isinstance(options["gps"], Path) else None).check(targets.positions)
     if not resume:
-        _forget(folder / CACHE)
-    with made(folder):
-        with shown_stages(quiet=quiet) as show, ctrl_c_noted() as asked_to_stop:
+        _clear_cache(folder / CACHE)
+    with writable_folder(folder):
+        with shown_stages(quiet=quiet) as show, noted_interrupt() as asked_to_stop:
 
             def progress(stage: str, done: int, total: int) -> bool:
                 show(stage, done, total)
@@ -64,11 +63,11 @@ def run_reconstruction(
                 raise InvalidArgument(str(error)) from None
         code = _finish(SfmReport(run), source, folder, targets, quiet)
     if view and run.model is not None and not run.interrupted:
-        _open(folder / VIEW, quiet)
+        _open_page(folder / VIEW, quiet)
     return code
 
 
-def _forget(cache: Path) -> None:
+def _clear_cache(cache: Path) -> None:
     """Remove what earlier runs have kept, and nothing else that may be there."""
     for entry in cache.glob("*/*"):
         if _ENTRY.fullmatch(entry.name):
@@ -78,29 +77,29 @@ def _forget(cache: Path) -> None:
 
 def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, quiet: bool) -> ExitCode:
     run = report.run
-    with ctrl_c_noted():
+    with noted_interrupt():
         written = report.write(folder)
     if run.model is None:
         more = f"see {folder / PAGE}" if written else f"{folder} keeps the model of an earlier run"
         if run.interrupted:
-            tell(f"interrupted before a model was found: {more}; continue with --resume")
+            print_note(f"interrupted before a model was found: {more}; continue with --resume")
             return ExitCode.INTERRUPTED
-        return tell_error(f"{source}: {report.verdict()}; {more}")
+        return print_error(f"{source}: {report.verdict()}; {more}")
     if targets.positions is not None:
         write_camera_positions(targets.positions, run.problem(), run.gps)
         written.append(targets.positions)
     if not quiet:
-        say(report.table(written))
+        print_result(report.table(written))
     if run.interrupted:
         images = f"{run.num_registered:,} of {len(run.images):,} images"
-        tell(f"interrupted with {images} in the model, written to {folder}; continue with --resume")
+        print_note(f"interrupted with {images} in the model, written to {folder}; continue with --resume")
         return ExitCode.INTERRUPTED
     if report.is_partial and not quiet:
-        tell(f"warning: partial model: {report.verdict()}")
+        print_note(f"warning: partial model: {report.verdict()}")
     return ExitCode.DONE
 
 
-def _open(page: Path, quiet: bool) -> None:
+def _open_page(page: Path, quiet: bool) -> None:
     opened = webbrowser.open(page.resolve().as_uri())
     if not opened and not quiet:
-        tell(f"no browser could be opened; open {page} to see the model")
+        print_note(f"no browser could be opened; open {page} to see the model")

@@ -1,4 +1,4 @@
-"""From a file to a solved problem, its report and its picture: what `solve` and `demo` share."""
+"""Read, solve, write and report: what `solve` and `demo` share."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
-from sfmcpp.ba.parts import Part, ProblemSize, dealt_part
+from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.choices import RIGS, as_options
+from sfmcpp.cli.console import ExitCode, print_error, print_note
 from sfmcpp.cli.covariances import Precision
-from sfmcpp.cli.exit_codes import ExitCode, tell, tell_error
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
-from sfmcpp.cli.launched import launched_ranks, together
-from sfmcpp.cli.reading import read_and_tell, tell_changed, tell_left_out
-from sfmcpp.cli.stopping import ctrl_c_noted
+from sfmcpp.cli.interrupts import noted_interrupt
+from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
+from sfmcpp.cli.reading import note_changed, note_left_out, read_with_notes
 from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """One solve as asked for on the command line.
+    """Arguments of a solve on the command line.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def solve_file(job: Job) -> ExitCode:
     """
     ranks = launched_ranks(asked=job.mpi)
     if ranks is not None:
-        return together(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
+        return run_on_ranks(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
     _check(job)
     job.checkpoints.check()
     started = time.perf_counter()
@@ -98,22 +98,22 @@ def solve_file(job: Job) -> ExitCode:
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
     summary = _solve(job, problem, georeferenced)
-    with ctrl_c_noted():
-        complaints = _complaints(lambda path: write(problem, path), job.targets.problem)
+    with noted_interrupt():
+        complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
-            tell_changed(problem, job.targets.problem)
+            note_changed(problem, job.targets.problem)
         outcome = None if georeferenced is None else georeferenced.outcome
-        complaints += _complaints(
+        complaints += _write_complaints(
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
-        complaints += _complaints(lambda path: write_page(problem, path, job.source), job.targets.page)
+        complaints += _write_complaints(lambda path: write_page(problem, path, job.source), job.targets.page)
         groups = () if georeferenced is None else (georeferenced.group,)
         known = Precision()
-        complaints += _complaints(
+        complaints += _write_complaints(
             lambda path: known.write(path, problem, summary, groups, job.options), job.targets.covariances
         )
         size = ProblemSize.of(problem)
-        return _finished(job, size, summary, seconds_read, complaints, gps=outcome, known=known)
+        return _report_and_print(job, size, summary, seconds_read, complaints, gps=outcome, known=known)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
@@ -130,10 +130,12 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
     summary = _solve(job, part.problem, ranks=ranks)
     if summary.termination == "interrupted":
         heeded()
-    with ctrl_c_noted():
-        complaints = _complaints(lambda path: write_part(part, path, ranks), job.targets.problem)
+    with noted_interrupt():
+        complaints = _write_complaints(lambda path: write_part(part, path, ranks), job.targets.problem)
         memory = ranks.everyones(peak_memory_bytes())
-        return ranks.from_root(lambda: _finished(job, size, summary, seconds_read, complaints, memory))
+        return ranks.from_root(
+            lambda: _report_and_print(job, size, summary, seconds_read, complaints, memory)
+        )
 
 
 def _check(job: Job) -> None:
@@ -143,7 +145,7 @@ def _check(job: Job) -> None:
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
 
 
-def _finished(
+def _report_and_print(
     job: Job,
     size: ProblemSize,
     summary: Summary,
@@ -161,9 +163,9 @@ def _finished(
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
-        from sfmcpp.study.gps_rows import gps_rows
+        from sfmcpp.study.report_table import gps_rows
 
-        placed = () if gps is None else (*gps_rows(gps), *(("warning", told) for told in gps.warnings))
+        placed = () if gps is None else (*gps_rows(gps), *(("warning", warning) for warning in gps.warnings))
         precise = () if known is None else known.rows()
         print_summary(job.source, size, summary, seconds_read, job.targets, (*placed, *precise))
     return _exit_code(job, summary, complaints)
@@ -172,19 +174,19 @@ def _finished(
 def _part(job: Job, ranks: Ranks) -> Part:
     """The part of this rank; the frames of projective images are made of all observations."""
     if job.camera_model is not None:
-        return dealt_part(lambda: _problem(job), ranks)
+        return part_for_rank(lambda: _problem(job), ranks)
     part = read_part(job.source, ranks)
     if ranks.is_root and not job.quiet:
-        tell_left_out(job.source, part.problem)
-    return replace(part, problem=ranks.agreed(lambda: _refined(job, part.problem)))
+        note_left_out(job.source, part.problem)
+    return replace(part, problem=ranks.agreed(lambda: _with_refined_intrinsics(job, part.problem)))
 
 
 def _problem(job: Job) -> Problem:
-    problem = read_and_tell(job.source, quiet=job.quiet)
-    return _refined(job, problem if job.camera_model is None else as_projective(problem))
+    problem = read_with_notes(job.source, quiet=job.quiet)
+    return _with_refined_intrinsics(job, problem if job.camera_model is None else as_projective(problem))
 
 
-def _refined(job: Job, problem: Problem) -> Problem:
+def _with_refined_intrinsics(job: Job, problem: Problem) -> Problem:
     if job.rigs == "free":
         if problem.rigs is None:
             raise DatasetError(job.source, "no rigs, so there are no sensors for --rigs free")
@@ -230,7 +232,7 @@ def _solve(
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
-    """Write what is wanted beside the result, and go on where one fails: no other must be lost with it."""
+    """Write the files beside the result; if one fails, the others are still written."""
 
     def write_picture(path: Path) -> None:
         from sfmcpp.study.plotting import plot_convergence, save_figure
@@ -242,8 +244,8 @@ def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[D
 
         write_report(report, path)
 
-    reported = _complaints(write_its_report, job.targets.report)
-    return reported + _complaints(write_picture, job.targets.picture)
+    reported = _write_complaints(write_its_report, job.targets.report)
+    return reported + _write_complaints(write_picture, job.targets.picture)
 
 
 def _report(path: Path, size: ProblemSize, summary: Summary, seconds_read: float) -> dict[str, Any]:
@@ -260,8 +262,8 @@ def _report(path: Path, size: ProblemSize, summary: Summary, seconds_read: float
     return {"input": read, **measured, **summary.to_dict()}
 
 
-def _complaints(step: Callable[[Path], None], path: Path | None) -> list[DatasetError]:
-    """What is wrong with a file that is wanted."""
+def _write_complaints(step: Callable[[Path], None], path: Path | None) -> list[DatasetError]:
+    """Errors of writing a file."""
     try:
         if path is not None:
             step(path)
@@ -272,12 +274,12 @@ def _complaints(step: Callable[[Path], None], path: Path | None) -> list[Dataset
 
 def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> ExitCode:
     if complaints:
-        return tell_error("; ".join(map(str, complaints)))
+        return print_error("; ".join(map(str, complaints)))
     if summary.termination == "numerical_failure":
-        tell(f"error: {job.source}: numerical failure: {summary.message}")
+        print_note(f"error: {job.source}: numerical failure: {summary.message}")
         return ExitCode.NUMERICAL_FAILURE
     if summary.termination == "interrupted":
-        tell(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}")
+        print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}")
         return ExitCode.INTERRUPTED
     return ExitCode.DONE
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, Resume, choice_option
-from sfmcpp.cli.exit_codes import ExitCode, with_exit_code
+from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.sensor_kinds import SENSORS
+from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.slam.settings import FINAL_ADJUSTMENTS
 from sfmcpp.sources.vision import CORNERS
 from sfmcpp.weighting import POSE_METHODS as WEIGHTS

@@ -1,4 +1,4 @@
-"""From a SLAM input to a folder of results, shown while it runs, and ended between two frames by Ctrl-C."""
+"""A SLAM run written to a results folder, shown while it runs; Ctrl-C ends it between two frames."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import numpy as np
 
 from sfmcpp import slam
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.exit_codes import ExitCode, say, tell, tell_error
-from sfmcpp.cli.running import made, require_results_folder
-from sfmcpp.cli.stopping import ctrl_c_noted
-from sfmcpp.cli.terminal import stderr_console
+from sfmcpp.cli.console import ExitCode, print_error, print_note, print_result, stderr_console
+from sfmcpp.cli.interrupts import noted_interrupt
+from sfmcpp.cli.targets import require_results_folder, writable_folder
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
@@ -56,8 +55,11 @@ def run_slam_files(
     checkpoints.check()
     drive = open_drive(source, **opening)
     count = len(drive.frames)
-    with made(folder), _served(source.stem, count, quiet) if view else nullcontext(_unseen) as page:
-        with _shown_progress(count, quiet) as show, ctrl_c_noted() as asked_to_stop:
+    with (
+        writable_folder(folder),
+        _live_page(source.stem, count, quiet) if view else nullcontext(_show_nothing) as page,
+    ):
+        with _shown_progress(count, quiet) as show, noted_interrupt() as asked_to_stop:
 
             def listen(frame: int, result: SlamResult) -> bool:
                 show(frame, result)
@@ -76,28 +78,28 @@ def run_slam_files(
 
 def _finish(found: SlamReport, folder: Path, checkpoints: Checkpoints, quiet: bool) -> ExitCode:
     run = found.run
-    with ctrl_c_noted():
+    with noted_interrupt():
         written = found.write(folder)
     if run.world is None:
         if run.interrupted:
-            told = f"see {folder / 'report.json'} for the progress made"
-            tell(f"interrupted before a map was started: {'; '.join((told, *checkpoints.in_words))}")
+            note = f"see {folder / 'report.json'} for the progress made"
+            print_note(f"interrupted before a map was started: {'; '.join((note, *checkpoints.in_words))}")
             return ExitCode.INTERRUPTED
-        tell(f"error: {run.drive.path}: no map could be started: {run.result.message}")
+        print_note(f"error: {run.drive.path}: no map could be started: {run.result.message}")
         return ExitCode.NUMERICAL_FAILURE
     if not quiet:
-        say(found.table(written))
+        print_result(found.table(written))
     if run.interrupted:
         frames = f"{run.frames} of {len(run.drive.frames)} frames"
-        told = f"results so far are in {folder}"
-        tell(f"interrupted after {frames}: {'; '.join((told, *checkpoints.in_words))}")
+        note = f"results so far are in {folder}"
+        print_note(f"interrupted after {frames}: {'; '.join((note, *checkpoints.in_words))}")
         return ExitCode.INTERRUPTED
     if checkpoints.failures:
-        return tell_error("; ".join(map(str, checkpoints.failures)))
+        return print_error("; ".join(map(str, checkpoints.failures)))
     return ExitCode.DONE
 
 
-def _unseen(frame: int, result: SlamResult, *, last: bool = False) -> None:
+def _show_nothing(frame: int, result: SlamResult, *, last: bool = False) -> None:
     """Show nothing."""
 
 
@@ -105,7 +107,7 @@ def _unseen(frame: int, result: SlamResult, *, last: bool = False) -> None:
 def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     """Show the frames given to the listener, on a terminal only: a bar and one line of numbers."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield _unseen
+        yield _show_nothing
         return
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -136,7 +138,7 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
 
 
 def _status(result: SlamResult, frames: int) -> str:
-    """Say how a run stands in a few words."""
+    """State of a run in a few words."""
     if result.world is None:
         return "initialising"
     points = int(np.count_nonzero(result.world.known))
@@ -146,8 +148,8 @@ def _status(result: SlamResult, frames: int) -> str:
 
 
 @contextmanager
-def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
-    """`--view`: serve the map on a page as long as the block runs, and say where."""
+def _live_page(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
+    """`--view`: serve the map on a page as long as the block runs, and print its address."""
     from sfmcpp.study.plotting.live_view import LiveView
 
     try:
@@ -162,15 +164,15 @@ def _served(title: str, num_frames: int, quiet: bool) -> Iterator[Show]:
 
     try:
         if not quiet:
-            tell(f"live map: {page.url}")
+            print_note(f"live map: {page.url}")
         yield show
     finally:
         page.close()
 
 
 def _keep_serving(quiet: bool) -> None:
-    with ctrl_c_noted() as asked_to_stop:  # before it is said: who reads that may be quick
+    with noted_interrupt() as asked_to_stop:  # before it is said: who reads that may be quick
         if not quiet:
-            tell("the page stays open until Ctrl-C")
+            print_note("the page stays open until Ctrl-C")
         while not asked_to_stop():
             time.sleep(_POLL_S)

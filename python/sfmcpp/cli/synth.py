@@ -1,4 +1,4 @@
-"""`sfmcpp synth`: a synthetic scene, its start moved away from the truth, written in any format."""
+"""`sfmcpp synth`: a synthetic scene with a perturbed start, in any format."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from sfmcpp.cli.choices import one_of
-from sfmcpp.cli.exit_codes import ExitCode, say, with_exit_code
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.sources.synthetic import SCENES, add_outliers, perturb
@@ -87,7 +87,7 @@ def synth(
     quiet: Quiet = False,
 ) -> ExitCode:
     """Generate a synthetic problem with known truth."""
-    options = _given(
+    options = _given_options(
         num_cameras=cameras,
         num_points=points,
         camera_model=camera_model,
@@ -108,11 +108,11 @@ def synth(
         start = perturb(true_problem, seed=seed, **noise)
     _write(start, output, true_problem, truth)
     if not quiet:
-        say(f"{output}: {start}, {_tracks(start)}")
+        print_result(f"{output}: {start}, {_tracks(start)}")
     return ExitCode.DONE
 
 
-def _given(**options: Any) -> dict[str, Any]:
+def _given_options(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -1,10 +1,11 @@
-"""The files a command will write, checked before any work is done."""
+"""Output files and folders of a command, checked before any work is done."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ PAGE_SUFFIXES = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a solve writes: the problem and what tells of it; None is not wanted."""
+    """Output files of a solve; None: not wanted."""
 
     problem: Path | None = None
     report: Path | None = None
@@ -29,17 +30,17 @@ class Targets:
     covariances: Path | None = None
 
     def __iter__(self) -> Iterator[Path]:
-        return (path for path in (self.problem, *self._beside) if path is not None)
+        return (path for path in (self.problem, *self._other_files) if path is not None)
 
     @property
-    def _beside(self) -> tuple[Path | None, ...]:
+    def _other_files(self) -> tuple[Path | None, ...]:
         return self.report, self.picture, self.positions, self.page, self.covariances
 
     def check(self, source: Path) -> None:
         """Raise a DatasetError if one of them could not be written, or would overwrite another."""
         if self.problem is not None:
             require_writable_problem(self.problem)
-        for path in self._beside:
+        for path in self._other_files:
             if path is not None:
                 require_writable_file(path)
         if self.picture is not None:
@@ -57,7 +58,7 @@ class Targets:
         if self.positions is not None and not problem.is_metric:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.page is not None:
-            from sfmcpp.study.pages.problem_scene import require_world
+            from sfmcpp.study.pages.model_page import require_world
 
             require_world(problem, self.page)
         if self.covariances is not None:
@@ -88,7 +89,7 @@ def write_page(problem: Problem, path: Path, source: Path) -> None:
     DatasetError
         If the cameras are projective, or the file cannot be written.
     """
-    from sfmcpp.study.pages.problem_scene import write_problem_page
+    from sfmcpp.study.pages.model_page import write_problem_page
 
     write_problem_page(problem, path, source.resolve().name)
 
@@ -100,7 +101,7 @@ def require_page_name(path: Path) -> None:
 
 
 def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
-    """Raise a DatasetError unless a problem could be written to `path`; its name tells an unknown format."""
+    """Raise a DatasetError unless a problem can be written to `path`; its name implies a missing format."""
     chosen = chosen or format_of(path)
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")
@@ -158,3 +159,29 @@ def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:
         write(problem, folder / name)
     except DatasetError as error:
         raise DatasetError(path, error.reason) from error
+
+
+def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
+    """Raise a DatasetError if `folder` or its `model` is a file, or one of its `files` is a folder."""
+    for path in (folder, folder / model):
+        if path.exists() and not path.is_dir():
+            raise DatasetError(path, "is a file, a folder is wanted")
+    for name in files:
+        require_regular_file(folder / name)
+
+
+@contextmanager
+def writable_folder(folder: Path) -> Iterator[None]:
+    """Make a folder that can be written; a run that fails leaves none that is empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    with failures_named(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    try:
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise

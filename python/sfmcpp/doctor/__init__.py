@@ -1,4 +1,4 @@
-"""What explains a bad result: a problem examined before a solve or after it, mended where that is safe."""
+"""Diagnosis of a problem before or after a solve, and safe repairs."""
 
 from sfmcpp.doctor.diagnose import diagnose
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding

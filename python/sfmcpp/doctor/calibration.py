@@ -40,15 +40,15 @@ def calibration(case: Case) -> Iterator[Finding]:
     """Find fixed focal lengths and principal points that the images contradict."""
     if case.is_misread or case.trial is None or not _may_be_tested(case.trial.problem):
         return
-    yield from list(_contradicted(case, case.trial)) or _off_middle(case)
+    yield from list(_contradicted_intrinsics(case, case.trial)) or _principal_points_near_border(case)
 
 
-def _contradicted(case: Case, trial: Trial) -> Iterator[Finding]:
+def _contradicted_intrinsics(case: Case, trial: Trial) -> Iterator[Finding]:
     good = without_gross_errors(case, trial)
-    given, freed = adjusted(good, case.constraints, "squared"), _freed(case, good)
+    given, freed = adjusted(good, case.constraints, "squared"), _adjusted_with_free_calibration(case, good)
     if isinstance(given, str) or freed is None or not is_significant(case, given, freed):
         return
-    yield from _judged(case, median_calibration(given), median_calibration(freed), given, freed)
+    yield from _calibration_finding(case, median_calibration(given), median_calibration(freed), given, freed)
 
 
 def median_calibration(trial: Trial) -> FloatArray:
@@ -57,7 +57,7 @@ def median_calibration(trial: Trial) -> FloatArray:
     return np.asarray(np.median(pinhole_rows(trial.problem.intrinsics)[rows, :4], axis=0))
 
 
-def _freed(case: Case, problem: Problem) -> Trial | None:
+def _adjusted_with_free_calibration(case: Case, problem: Problem) -> Trial | None:
     """The adjustment with a free calibration, from that of an image of another size where it must be."""
     for scale in _SIZES:
         start = _with_free_calibration(problem)
@@ -98,8 +98,8 @@ def _with_free_calibration(problem: Problem) -> Problem:
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
-    """Whether the squared error falls by far more than so many parameters a row, that tell nothing, would."""
-    squares = [square(case, t) for t in (given, freed)]
+    """Whether the squared error falls far more than by as many meaningless parameters per row."""
+    squares = [squared_error(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
@@ -107,12 +107,12 @@ def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) 
     return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy
 
 
-def square(case: Case, trial: Trial) -> float:
+def squared_error(case: Case, trial: Trial) -> float:
     """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
     return float((np.minimum(trial.errors_px, case.extent_px) ** 2).sum())
 
 
-def _judged(
+def _calibration_finding(
     case: Case, before: FloatArray, after: FloatArray, given: Trial, freed: Trial
 ) -> Iterator[Finding]:
     ratio = float(after[0] / before[0])
@@ -148,12 +148,12 @@ def _judged(
         )
 
 
-def _off_middle(case: Case) -> Iterator[Finding]:
+def _principal_points_near_border(case: Case) -> Iterator[Finding]:
     """Find principal points near the border where the images do not determine them, as on a straight road."""
     problem = case.sample
     rows = problem.intrinsics_index[problem.camera_index]
     given = np.median(problem.intrinsics[rows, 2:4], axis=0)
-    middle = _middle_px(problem)
+    middle = _image_centre_px(problem)
     if np.abs(given - middle).max() > _OFF_MIDDLE * case.extent_px:
         yield Finding(
             "principal-point-off-middle",
@@ -166,7 +166,7 @@ def _off_middle(case: Case) -> Iterator[Finding]:
         )
 
 
-def _middle_px(problem: Problem) -> FloatArray:
+def _image_centre_px(problem: Problem) -> FloatArray:
     """The middle of the images by their sizes; else of the box around nearly all pixels [px]."""
     sizes = problem.metadata.image_sizes
     if sizes is not None and len(sizes) == problem.num_cameras:
@@ -184,7 +184,7 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
     for intrinsics in (whole, focal):
         start = replace(freed.problem, intrinsics=intrinsics, fixed_intrinsics=fixed)
         trial = adjusted(start, case.constraints, "squared")
-        squares.append(np.inf if isinstance(trial, str) else square(case, trial))
+        squares.append(np.inf if isinstance(trial, str) else squared_error(case, trial))
     return squares[0] < squares[1]
 
 
@@ -199,12 +199,12 @@ def undetermined(case: Case) -> Iterator[Finding]:
             with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), _RIDGE
         )
         cameras = _chosen_cameras(trial.problem)
-        unknown = _unknown(case, trial, model, cameras)
+        unknown = _undetermined_intrinsics(case, trial, model, cameras)
     except InvalidArgument as error:
         case.skipped.append(f"variances of intrinsics: {error}")
         return
     if unknown:
-        yield _undetermined(case, trial, unknown, len(cameras))
+        yield _undetermined_finding(case, trial, unknown, len(cameras))
 
 
 def with_free_sensors(problem: Problem, *free: int) -> Problem:
@@ -215,7 +215,7 @@ def with_free_sensors(problem: Problem, *free: int) -> Problem:
     return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
 
 
-def _unknown(
+def _undetermined_intrinsics(
     case: Case, trial: Trial, model: LinearModel, cameras: IndexArray
 ) -> dict[str, tuple[float, IndexArray]]:
     """For each intrinsic that is open somewhere: its worst share of the radius, and the cameras."""
@@ -259,7 +259,7 @@ def radii_px(problem: Problem) -> FloatArray:
     return radii
 
 
-def _undetermined(
+def _undetermined_finding(
     case: Case, trial: Trial, unknown: dict[str, tuple[float, IndexArray]], tested: int
 ) -> Finding:
     cameras = np.unique(np.concatenate([cameras for _, cameras in unknown.values()]))

@@ -1,4 +1,4 @@
-"""A problem under examination: what the examinations share, each thing computed once and only if wanted."""
+"""The problem under examination, with lazily computed quantities that the examinations share."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Case:
 
     @cached_property
     def sigma_px(self) -> float:
-        """Median standard deviation of the pixels as stated; one where nothing is said [px]."""
+        """Median stated standard deviation of the pixels; one where none is stated [px]."""
         uncertainty = self.problem.uncertainty
         return float(np.median(Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px))
 

@@ -23,7 +23,7 @@ def connections(case: Case) -> Iterator[Finding]:
     yield from _separate_parts(case, labels)
     yield from _hinges(case, labels)
     yield from _weak_cameras(case)
-    yield from _unobserved(case)
+    yield from _unobserving_cameras(case)
 
 
 def parts(case: Case) -> NDArray[np.int64]:
@@ -36,13 +36,13 @@ def parts(case: Case) -> NDArray[np.int64]:
     from scipy.sparse.csgraph import connected_components
 
     count = case.problem.num_cameras
-    ties = np.array(_ties(case), dtype=np.int64).reshape(-1, 2)
+    ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
     joined = coo_matrix((np.ones(len(ties), dtype=np.int32), (ties[:, 0], ties[:, 1])), shape=(count, count))
     _, labels = connected_components(case.common_points + joined, directed=False)
-    return _by_size(labels.astype(np.int64), case.views_of_cameras)
+    return _labels_by_weight(labels.astype(np.int64), case.views_of_cameras)
 
 
-def _ties(case: Case) -> list[tuple[int, int]]:
+def _relative_constraints(case: Case) -> list[tuple[int, int]]:
     """Pairs of cameras whose relative position does not rest on common points."""
     absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
     pairs: list[tuple[int, int]] = []
@@ -50,16 +50,16 @@ def _ties(case: Case) -> list[tuple[int, int]]:
         if group.weight <= 0 or group.cameras is None:
             continue
         if group.cameras.ndim == 1 and isinstance(group, ResidualGroup) and group.points is not None:
-            pairs += _to_observers(case.problem, group.cameras, group.points)
+            pairs += _edges_to_observers(case.problem, group.cameras, group.points)
         elif group.cameras.ndim == 1:
             absolute.append(group.cameras)
         else:
             pairs += [(int(a), int(b)) for a, b in group.cameras]
     held = np.concatenate(absolute)
-    return pairs + _of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
+    return pairs + _edges_of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
 
 
-def _to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> list[tuple[int, int]]:
+def _edges_to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> list[tuple[int, int]]:
     """Each camera with the first that observes the point; with itself where none does."""
     seen, rows = np.unique(problem.point_index, return_index=True)
     observers = np.full(problem.num_points, -1)
@@ -68,7 +68,7 @@ def _to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> 
     return list(zip(cameras.tolist(), others.tolist(), strict=True))
 
 
-def _of_frames(rigs: Rigs | None) -> list[tuple[int, int]]:
+def _edges_of_frames(rigs: Rigs | None) -> list[tuple[int, int]]:
     """Each camera with the first one of its frame."""
     if rigs is None:
         return []
@@ -76,7 +76,7 @@ def _of_frames(rigs: Rigs | None) -> list[tuple[int, int]]:
     return [(int(first[frame]), camera) for camera, frame in enumerate(frames)]
 
 
-def _by_size(labels: NDArray[np.int64], weights: NDArray[np.int64]) -> NDArray[np.int64]:
+def _labels_by_weight(labels: NDArray[np.int64], weights: NDArray[np.int64]) -> NDArray[np.int64]:
     """Labels renumbered, the heaviest first; −1 for what weighs nothing."""
     sizes = np.bincount(labels, weights)
     rank = np.empty(len(sizes), dtype=np.int64)
@@ -163,7 +163,7 @@ def _rigid_groups(case: Case) -> NDArray[np.int64]:
 
 def _tied_cameras(case: Case) -> NDArray[np.bool_]:
     tied = np.zeros(case.problem.num_cameras, dtype=np.bool_)
-    for pair in _ties(case):
+    for pair in _relative_constraints(case):
         tied[list(pair)] = True
     return tied
 
@@ -175,7 +175,7 @@ def _points_shared(case: Case, inside: NDArray[np.bool_]) -> int:
 
 
 def _weak_cameras(case: Case) -> Iterator[Finding]:
-    """Cameras that observe fewer points of others than tell their pose, and a wrong one."""
+    """Cameras with too few shared points to determine their pose and detect a wrong one."""
     problem = case.problem
     useful = np.asarray(case.incidence.sum(axis=1)).ravel()
     wanted = POINTS_TO_TELL_AN_OUTLIER + (_own_intrinsics(case) + 1) // 2
@@ -202,7 +202,7 @@ def _own_intrinsics(case: Case) -> NDArray[np.int64]:
     return np.asarray(own[problem.intrinsics_index], dtype=np.int64)
 
 
-def _unobserved(case: Case) -> Iterator[Finding]:
+def _unobserving_cameras(case: Case) -> Iterator[Finding]:
     cameras = numbers(np.flatnonzero(case.views_of_cameras == 0))
     if cameras:
         yield Finding(

@@ -1,4 +1,4 @@
-"""Pixels and poses in another convention than assumed: every known one is tried."""
+"""Conventions of pixels and poses: finds the known one that explains the data better."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _transposed(rotations: FloatArray) -> FloatArray:
     return np.swapaxes(rotations, 1, 2)
 
 
-def _placed(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+def _centres_of_translations(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(-np.einsum("cij,cj->ci", rotations, vectors))
 
 
@@ -132,7 +132,7 @@ CONVENTIONS = (
     Convention(
         "inverse-poses",
         "the poses are camera_from_world [R | t] instead of world_from_camera [R | c]",
-        _with_poses(lambda r, c: (_transposed(r), _placed(_transposed(r), c))),
+        _with_poses(lambda r, c: (_transposed(r), _centres_of_translations(_transposed(r), c))),
         "invert the poses: R ← Rᵀ, c ← −Rᵀ t",
     ),
     Convention(
@@ -144,7 +144,7 @@ CONVENTIONS = (
     Convention(
         "translations-for-centres",
         "the last column holds the translations t of camera_from_world instead of centres",
-        _with_poses(lambda r, c: (r, _placed(r, c))),
+        _with_poses(lambda r, c: (r, _centres_of_translations(r, c))),
         "set c ← −R t with R = world_from_camera",
     ),
     Convention(
@@ -167,13 +167,13 @@ def conventions(case: Case) -> Iterator[Finding]:
         yield Finding(
             convention.code,
             "error",
-            f"{convention.text}: median error {_worse(before)}, {after:.3g} px once corrected",
+            f"{convention.text}: median error {_median_error_text(before)}, {after:.3g} px once corrected",
             convention.advice,
             measures={"median_px": before, "median_read_so_px": after},
         )
 
 
-def _worse(median_px: float) -> str:
+def _median_error_text(median_px: float) -> str:
     return (
         f"{median_px:.3g} px" if np.isfinite(median_px) else "infinite (most points are behind the cameras)"
     )
@@ -184,11 +184,11 @@ def better_at_start(case: Case) -> tuple[Convention, float, float] | None:
     median = float(np.median(case.errors_px))
     if median <= _FITS * case.extent_px:
         return None
-    return _best(case, median, lambda c: _median_px(c.read(case.sample)))
+    return _best_convention(case, median, lambda c: _median_px(c.read(case.sample)))
 
 
 def _better_adjusted(case: Case) -> tuple[Convention, float, float] | None:
-    """Where an adjustment does not come near: the convention from whose start one does."""
+    """The convention from whose start an adjustment succeeds, where it fails without."""
     if case.trial is None or case.trial.median_px <= _FITS * case.extent_px:
         return None
 
@@ -196,13 +196,13 @@ def _better_adjusted(case: Case) -> tuple[Convention, float, float] | None:
         trial = adjusted(convention.read(case.part))
         return np.inf if isinstance(trial, str) else trial.median_px
 
-    return _best(case, case.trial.median_px, after_adjustment)
+    return _best_convention(case, case.trial.median_px, after_adjustment)
 
 
-def _best(
+def _best_convention(
     case: Case, before: float, judge: Callable[[Convention], float]
 ) -> tuple[Convention, float, float] | None:
-    """The first of those that fit as well as any: symmetric scenes do not tell some of them apart."""
+    """The first of the conventions that fit best: symmetric scenes do not distinguish some of them."""
     medians = np.array([judge(convention) for convention in CONVENTIONS])
     best = int(np.argmax(medians < _AS_WELL * medians.min()))
     extent = extent_px(CONVENTIONS[best].read(case.sample))
@@ -215,7 +215,7 @@ def _median_px(problem: Problem) -> float:
     return float(np.median(reprojection_errors_px(problem, problem.points)))
 
 
-def behind(case: Case) -> Iterator[Finding]:
+def points_behind_cameras(case: Case) -> Iterator[Finding]:
     """Find observations of points behind the camera, and cameras that look away from most of theirs."""
     if case.is_misread or not case.problem.num_observations:
         return

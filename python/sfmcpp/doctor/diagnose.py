@@ -13,14 +13,13 @@ from sfmcpp.doctor.calibration import calibration, undetermined
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
 from sfmcpp.doctor.connections import connections
-from sfmcpp.doctor.conventions import behind, conventions
+from sfmcpp.doctor.conventions import conventions, points_behind_cameras
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
-from sfmcpp.doctor.far_start import far_start
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
-from sfmcpp.doctor.image_fill import image_fill
+from sfmcpp.doctor.image_scale import image_fill
+from sfmcpp.doctor.initial_state import far_start, no_image
 from sfmcpp.doctor.mounting import mounting
-from sfmcpp.doctor.no_image import no_image
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution
@@ -37,7 +36,7 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     units,
     duplicates,
     connections,
-    behind,
+    points_behind_cameras,
     solution,
     image_fill,
     calibration,
@@ -88,12 +87,12 @@ def diagnose(
     groups = checked_groups(constraints)
     if problem.is_metric:
         require_pinhole(problem.camera_model)
-    refused = _refused(problem)
+    refused = _invalid_arrays(problem)
     if refused is not None:
         return Diagnosis([refused], ["all other checks: an array is invalid"])
-    apart = [*duplicate_observations(problem), *no_image(problem)]
-    case = Case(_without(problem, apart), groups, summary)
-    findings = [*apart, *_unsolvable(case)]
+    faulty = [*duplicate_observations(problem), *no_image(problem)]
+    case = Case(_without_faulty_observations(problem, faulty), groups, summary)
+    findings = [*faulty, *_unsolvable(case)]
     with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
         for examine in _EXAMINATIONS if problem.is_metric else _OF_PROJECTIVE_CAMERAS:
             findings += examine(case)
@@ -101,7 +100,7 @@ def diagnose(
     return Diagnosis(findings, list(dict.fromkeys(case.skipped)))
 
 
-def _refused(problem: Problem) -> Finding | None:
+def _invalid_arrays(problem: Problem) -> Finding | None:
     """Arrays that break a rule: numbers that are not finite, indices out of range, no rotations."""
     try:
         _core.residuals(core_arrays(problem))
@@ -115,7 +114,7 @@ def _refused(problem: Problem) -> Finding | None:
     return None
 
 
-def _without(problem: Problem, findings: Iterable[Finding]) -> Problem:
+def _without_faulty_observations(problem: Problem, findings: Iterable[Finding]) -> Problem:
     """The problem without the observations that are a fault by themselves."""
     dropped = [row for finding in findings for row in finding.observations]
     if not dropped:

@@ -44,8 +44,8 @@ def duplicate_observations(problem: Problem) -> Iterator[Finding]:
 def duplicates(case: Case) -> Iterator[Finding]:
     """Find cameras and points that duplicate the observations of others."""
     problem = case.problem
-    yield from _cameras(case, copies(problem.camera_index, problem.point_index, problem.pixels))
-    yield from _points(case, copies(problem.point_index, problem.camera_index, problem.pixels))
+    yield from _duplicate_cameras(case, copies(problem.camera_index, problem.point_index, problem.pixels))
+    yield from _duplicate_points(case, copies(problem.point_index, problem.camera_index, problem.pixels))
 
 
 def copies(
@@ -62,7 +62,7 @@ def copies(
     rows = np.column_stack([partner[order].astype(np.float64), pixels[order]])
     sizes = np.diff([*begin, len(order)])
     # Sums of scrambled bits tell most apart; those that agree are compared in full.
-    marks = np.add.reduceat(_scrambled(rows), begin)
+    marks = np.add.reduceat(_hashed_rows(rows), begin)
     sorted_owners = np.argsort(marks, kind="stable")
     repeats = np.r_[False, np.diff(marks[sorted_owners]) == 0]
     first = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(owners))))
@@ -75,7 +75,7 @@ def copies(
     return found
 
 
-def _scrambled(rows: NDArray[np.float64]) -> NDArray[np.uint64]:
+def _hashed_rows(rows: NDArray[np.float64]) -> NDArray[np.uint64]:
     """(M,) bits of the three numbers of each row, mixed by odd multipliers (multiplicative hashing)."""
     bits = np.ascontiguousarray(rows).view(np.uint64)
     mixed = np.zeros(len(rows), dtype=np.uint64)
@@ -84,7 +84,7 @@ def _scrambled(rows: NDArray[np.float64]) -> NDArray[np.uint64]:
     return mixed
 
 
-def _cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+def _duplicate_cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
     if pairs:
         copied = [copy for _, copy in pairs]
         yield Finding(
@@ -98,7 +98,7 @@ def _cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
         )
 
 
-def _points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+def _duplicate_points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
     if pairs:
         copied = [copy for _, copy in pairs]
         share = len(pairs) / max(case.problem.num_points, 1)

@@ -13,7 +13,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model import ConstraintGroup, Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 
 FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
 _SCALE = FREEDOMS.index("scale")
@@ -32,11 +32,11 @@ def gauge(case: Case) -> Iterator[Finding]:
     """Find which of the seven gauge freedoms are left, and whether that is expected."""
     problem = case.problem
     if not problem.is_metric:
-        yield _note("the 15 gauge freedoms of a projective world are left", 15)
+        yield _freedom_note("the 15 gauge freedoms of a projective world are left", 15)
         return
     held = problem.fixed_cameras.any() or problem.fixed_points.any() or problem.rigs is not None
     if not (held or case.constraints):
-        yield _of_an_origin() if WorldOrigin.of(problem.metadata) else _note(_NOTHING_HELD, 7)
+        yield _of_an_origin() if WorldOrigin.of(problem.metadata) else _freedom_note(_NOTHING_HELD, 7)
         return
     if problem.num_observations > _MOST_OBSERVATIONS:
         case.skipped.append(f"gauge: not computed above {_MOST_OBSERVATIONS:,} observations")
@@ -47,10 +47,10 @@ def gauge(case: Case) -> Iterator[Finding]:
         case.skipped.append(f"gauge: {error}")
         return
     if len(motions):
-        yield _left(case, motions)
+        yield _freedoms_finding(case, motions)
 
 
-def _note(what: str, count: int) -> Finding:
+def _freedom_note(what: str, count: int) -> Finding:
     advice = "nothing to do for a solve; for a defined world frame, fix two cameras or give positions"
     return Finding("gauge-freedoms", "note", what, advice, measures={"freedoms": float(count)})
 
@@ -66,7 +66,7 @@ def _of_an_origin() -> Finding:
     )
 
 
-def _left(case: Case, motions: FloatArray) -> Finding:
+def _freedoms_finding(case: Case, motions: FloatArray) -> Finding:
     expected = any(
         group.kind.startswith(_OF_THE_WORLD)
         for group in case.constraints
@@ -104,11 +104,11 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
     poses, anchors = _moving_poses(problem)
     of_cameras = np.zeros((*model.camera_columns.shape, 7))
-    of_cameras[:, :3] = _turns(poses[:, :, :3])
+    of_cameras[:, :3] = _rotation_responses(poses[:, :, :3])
     of_cameras[:, 3:6] = extent * motions_of_positions((poses[:, :, 3] - middle) / extent)
     of_cameras[:, 3:6, _SCALE] += anchors
     if problem.rigs is not None and problem.rigs.free_sensors.any():
-        of_cameras[:, -3:, _SCALE] = _levers(problem.rigs)[problem.rigs.sensor_of_camera]
+        of_cameras[:, -3:, _SCALE] = _sensor_lever_arms(problem.rigs)[problem.rigs.sensor_of_camera]
     of_points = extent * motions_of_positions((problem.points - middle) / extent)
     held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
     columns = model.camera_columns
@@ -118,7 +118,7 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     of_columns[model.point_columns[free, None] + np.arange(3)] = of_points[free]
     for rows in (rows for rows in model.groups if rows.weight > 0):
         jacobian, answers = rows.jacobian(), of_columns[: rows.columns]
-        held += _normalised(jacobian @ answers, np.asarray(abs(jacobian) @ abs(answers)))
+        held += _normalised_products(jacobian @ answers, np.asarray(abs(jacobian) @ abs(answers)))
     values, vectors = np.linalg.eigh(held)
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
 
@@ -126,17 +126,17 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
 def _moving_poses(problem: Problem) -> tuple[FloatArray, FloatArray]:
     """(C, 3, 4) poses that the columns of cameras move, and (C, 3) from there to where they grow from.
 
-    With rigs they are those of their frames, which grow from the origins of :func:`_levers`.
+    With rigs they are those of their frames, which grow from the origins of :func:`_sensor_lever_arms`.
     """
     if problem.rigs is None:
         return problem.cameras, np.zeros((problem.num_cameras, 3))
     rigs, sensors = problem.rigs, problem.rigs.sensor_of_camera
     poses = rigs.frames(problem.cameras)[rigs.frame_of_camera]
-    origins = (rigs.sensors[:, :, 3] - _levers(rigs))[sensors]
+    origins = (rigs.sensors[:, :, 3] - _sensor_lever_arms(rigs))[sensors]
     return poses, np.asarray(np.einsum("cij,cj->ci", poses[:, :, :3], origins))
 
 
-def _levers(rigs: Rigs) -> FloatArray:
+def _sensor_lever_arms(rigs: Rigs) -> FloatArray:
     """(S, 3) places of sensors from the origin of their rig."""
     places: FloatArray = rigs.sensors[:, :, 3]
     return np.asarray(places - places[rigs.origin_of_sensor()])
@@ -146,9 +146,9 @@ def _held_by_rigs(problem: Problem) -> FloatArray:
     """(7, 7) that sensors which stay keep their distances."""
     if problem.rigs is None:
         return np.zeros((7, 7))
-    staying = _levers(problem.rigs)[~problem.rigs.free_sensors]
+    staying = _sensor_lever_arms(problem.rigs)[~problem.rigs.free_sensors]
     rows = np.linalg.norm(staying, axis=1)[:, None] * (np.arange(7) == _SCALE)
-    return _normalised(rows, rows)
+    return _normalised_products(rows, rows)
 
 
 def _held_by_observations(
@@ -163,17 +163,17 @@ def _held_by_observations(
         point = np.einsum("mrd,mdk->mrk", by_point[rows], of_points[problem.point_index[rows]])
         moved.append((camera + point).reshape(-1, 7))
         sizes.append((abs(camera) + abs(point)).reshape(-1, 7))
-    return _normalised(np.concatenate(moved), np.concatenate(sizes))
+    return _normalised_products(np.concatenate(moved), np.concatenate(sizes))
 
 
-def _normalised(moved: FloatArray, sizes: FloatArray) -> FloatArray:
+def _normalised_products(moved: FloatArray, sizes: FloatArray) -> FloatArray:
     """(7, 7) products of responses (rows, 7), over the norms they would have if nothing cancelled."""
     norms = np.linalg.norm(sizes, axis=0)
     unit = moved / np.where(norms > 0, norms, 1.0)
     return np.asarray(unit.T @ unit)
 
 
-def _turns(rotations: FloatArray) -> FloatArray:
+def _rotation_responses(rotations: FloatArray) -> FloatArray:
     """(n, 3, 7) response of rotations, each in its own frame: ``Rᵀ ω``."""
     turned = np.zeros((len(rotations), 3, 7))
     turned[:, :, :3] = np.swapaxes(rotations, 1, 2)

@@ -1,4 +1,4 @@
-"""Free rig sensors whose poses in the rig the data do not determine."""
+"""Free rig sensors whose poses are undetermined."""
 
 from __future__ import annotations
 
@@ -29,47 +29,49 @@ def mounting(case: Case) -> Iterator[Finding]:
     trial, rigs = case.trial, case.problem.rigs
     if rigs is None or case.is_misread or trial is None or fits_poorly(case, trial):
         return
-    free = _observing(trial.problem, rigs)
-    shares = _shares(case, trial, free)
+    free = _observing_sensors(trial.problem, rigs)
+    shares = _rim_shares(case, trial, free)
     if isinstance(shares, str):
         case.skipped.append(f"poses of sensors in their rigs: {shares}")
     elif (shares > _HALF).any():
         yield _undetermined(rigs, free[shares > _HALF])
 
 
-def _observing(problem: Problem, rigs: Rigs) -> NDArray[np.int64]:
+def _observing_sensors(problem: Problem, rigs: Rigs) -> NDArray[np.int64]:
     """Free sensors with an observation, without the first of a rig that is all free: a solve holds it."""
     free = rigs.free_sensors.copy()
     free[rigs.origin_of_sensor()] = False
     return np.intersect1d(np.flatnonzero(free), rigs.sensor_of_camera[problem.camera_index])
 
 
-def _shares(case: Case, trial: Trial, free: NDArray[np.int64]) -> FloatArray | str:
+def _rim_shares(case: Case, trial: Trial, free: NDArray[np.int64]) -> FloatArray | str:
     """How far one standard deviation of each sensor moves the rim, over its radius; or why that is not known.
 
     Infinite for the sensors that nothing tells: of those that are so with all others held, or else of all.
     """
     try:
-        return _with_free(case, trial, free, free)
+        return _shares_with_free(case, trial, free, free)
     except InvalidArgument:
         pass
     try:
-        _with_free(case, trial, free[:0], free)
+        _shares_with_free(case, trial, free[:0], free)
     except InvalidArgument as error:
         return str(error)
-    shares = np.array([_alone(case, trial, k) for k in free])
+    shares = np.array([_share_alone(case, trial, k) for k in free])
     return shares if np.isinf(shares).any() else np.full(len(free), np.inf)
 
 
-def _alone(case: Case, trial: Trial, sensor: int) -> float:
+def _share_alone(case: Case, trial: Trial, sensor: int) -> float:
     only = np.array([sensor])
     try:
-        return float(_with_free(case, trial, only, only)[0])
+        return float(_shares_with_free(case, trial, only, only)[0])
     except InvalidArgument:
         return np.inf
 
 
-def _with_free(case: Case, trial: Trial, free: NDArray[np.int64], wanted: NDArray[np.int64]) -> FloatArray:
+def _shares_with_free(
+    case: Case, trial: Trial, free: NDArray[np.int64], wanted: NDArray[np.int64]
+) -> FloatArray:
     """Shares (n,) of the wanted sensors if these are free and no others."""
     problem, rigs = trial.problem, trial.problem.rigs
     assert rigs is not None

@@ -39,17 +39,17 @@ def outliers(case: Case) -> Iterator[Finding]:
         yield _poor_fit(case, trial)
         return
     gross = trial.gross(case.sigma_px)
-    views, shares = _shares(trial, gross)
+    views, shares = _outlier_shares(trial, gross)
     standing_out = max(_MOST, 0.5 * (1.0 + gross.mean()))
     wrong = numbers(np.flatnonzero((shares > standing_out) & (views > 0)))
     if wrong:
-        yield _cameras_wrong(case, wrong, shares)
+        yield _wrong_cameras_finding(case, wrong, shares)
     others = gross & ~np.isin(trial.problem.camera_index, wrong)
     if others.any():
-        yield _outliers(case, trial, others)
+        yield _outlier_finding(case, trial, others)
 
 
-def _shares(trial: Trial, gross: BoolArray) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _outlier_shares(trial: Trial, gross: BoolArray) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     cameras = trial.problem.num_cameras
     views = np.bincount(trial.problem.camera_index, minlength=cameras)
     return views, np.bincount(trial.problem.camera_index, gross, cameras) / np.maximum(views, 1)
@@ -67,7 +67,7 @@ def _poor_fit(case: Case, trial: Trial) -> Finding:
     )
 
 
-def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.float64]) -> Finding:
+def _wrong_cameras_finding(case: Case, cameras: tuple[int, ...], shares: NDArray[np.float64]) -> Finding:
     worst = max(cameras, key=lambda camera: shares[camera])
     return Finding(
         "camera-contradicts",
@@ -82,9 +82,9 @@ def _cameras_wrong(case: Case, cameras: tuple[int, ...], shares: NDArray[np.floa
     )
 
 
-def _outliers(case: Case, trial: Trial, gross: BoolArray) -> Finding:
+def _outlier_finding(case: Case, trial: Trial, gross: BoolArray) -> Finding:
     share = float(gross.mean())
-    _, shares = _shares(trial, gross)
+    _, shares = _outlier_shares(trial, gross)
     worst = numbers(np.argsort(-shares, kind="stable")[:3])
     listed = ", ".join(f"{case.name_of_camera(k)} {shares[k]:.0%}" for k in worst if shares[k] > 0)
     limit = GROSS * max(trial.sigma_px, case.sigma_px)

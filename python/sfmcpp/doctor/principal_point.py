@@ -1,4 +1,4 @@
-"""Wrong fixed principal points that a free focal length hides: residuals are small, the shape is wrong."""
+"""Wrong fixed principal points: a free focal length hides them in the residuals, but the shape is wrong."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfmcpp.doctor.calibration import (
     FOCAL_OFF,
     is_significant,
     median_calibration,
-    square,
+    squared_error,
     without_gross_errors,
 )
 from sfmcpp.doctor.case import Case
@@ -40,12 +40,12 @@ def principal_point(case: Case) -> Iterator[Finding]:
     freed = adjusted(_with_free_centre(given.problem), case.constraints, "squared")
     if isinstance(freed, str) or not is_significant(case, given, freed, parameters=2):
         return
-    less = 1 - square(case, freed) / square(case, given)
+    less = 1 - squared_error(case, freed) / squared_error(case, given)
     before, after = median_calibration(given), median_calibration(freed)
     focal_off = abs(np.log(after[0] / before[0])) > np.log1p(FOCAL_OFF)
     is_far = bool(focal_off or np.abs(after - before)[_CENTRE].max() > CENTRE_OFF * case.extent_px)
     if less > (_NOTABLE if is_far else _LARGE):
-        yield _contradicted(before, after, less, is_far)
+        yield _principal_point_finding(before, after, less, is_far)
 
 
 def _may_be_tested(problem: Problem) -> bool:
@@ -65,7 +65,7 @@ def _with_free_centre(problem: Problem) -> Problem:
     return replace(problem, fixed_intrinsics=fixed)
 
 
-def _contradicted(before: FloatArray, after: FloatArray, less: float, is_far: bool) -> Finding:
+def _principal_point_finding(before: FloatArray, after: FloatArray, less: float, is_far: bool) -> Finding:
     return Finding(
         "wrong-principal-point",
         "warning" if is_far else "note",

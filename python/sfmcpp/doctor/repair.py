@@ -77,19 +77,19 @@ _Mend = Callable[[Problem, Finding, list[Group]], Problem]
 
 
 def _without_repeats(problem: Problem, _: Finding, __: list[Group]) -> Problem:
-    return _without(problem, second_observations(problem))
+    return _without_observations(problem, second_observations(problem))
 
 
 def _without_no_images(problem: Problem, _: Finding, __: list[Group]) -> Problem:
-    return _without(problem, observations_without_image(problem))
+    return _without_observations(problem, observations_without_image(problem))
 
 
 def _without_copied_cameras(problem: Problem, finding: Finding, _: list[Group]) -> Problem:
-    return _without(problem, np.flatnonzero(np.isin(problem.camera_index, finding.cameras)))
+    return _without_observations(problem, np.flatnonzero(np.isin(problem.camera_index, finding.cameras)))
 
 
 def _without_copied_points(problem: Problem, finding: Finding, _: list[Group]) -> Problem:
-    return _without(problem, np.flatnonzero(np.isin(problem.point_index, finding.points)))
+    return _without_observations(problem, np.flatnonzero(np.isin(problem.point_index, finding.points)))
 
 
 def _mirrored(problem: Problem, _: Finding, __: list[Group]) -> Problem:
@@ -98,7 +98,7 @@ def _mirrored(problem: Problem, _: Finding, __: list[Group]) -> Problem:
 
 def _largest_part(problem: Problem, _: Finding, groups: list[Group]) -> Problem:
     labels = parts(Case(problem, groups, None))
-    return _without(problem, np.flatnonzero(labels[problem.camera_index] != 0))
+    return _without_observations(problem, np.flatnonzero(labels[problem.camera_index] != 0))
 
 
 def _without_gross_errors(problem: Problem, _: Finding, groups: list[Group]) -> Problem:
@@ -107,15 +107,17 @@ def _without_gross_errors(problem: Problem, _: Finding, groups: list[Group]) -> 
     if case.trial is None:
         return problem
     wrong = case.trial.gross(case.sigma_px)
-    key = _keys(problem)
-    return without_single_views(problem.with_observations(~np.isin(key, _keys(case.trial.problem)[wrong])))
+    key = _observation_keys(problem)
+    return without_single_views(
+        problem.with_observations(~np.isin(key, _observation_keys(case.trial.problem)[wrong]))
+    )
 
 
-def _keys(problem: Problem) -> NDArray[np.int64]:
+def _observation_keys(problem: Problem) -> NDArray[np.int64]:
     return problem.camera_index.astype(np.int64) * problem.num_points + problem.point_index
 
 
-def _without(problem: Problem, rows: NDArray[np.integer]) -> Problem:
+def _without_observations(problem: Problem, rows: NDArray[np.integer]) -> Problem:
     return problem.with_observations(np.delete(np.arange(problem.num_observations), rows))
 
 

@@ -31,7 +31,7 @@ def solution(case: Case) -> Iterator[Finding]:
     """Check the termination of a solve, its variances and other minima nearby."""
     if case.summary is None:
         return
-    yield from _ending(case.summary)
+    yield from _termination_finding(case.summary)
     if case.problem.num_observations > TRIAL_OBSERVATIONS or case.problem.num_cameras > TRIAL_CAMERAS:
         case.skipped.append(
             f"variances and other minima: not computed above {TRIAL_CAMERAS:,} cameras or "
@@ -45,7 +45,7 @@ def solution(case: Case) -> Iterator[Finding]:
         case.skipped.append(f"variances and other minima: {error}")
 
 
-def _ending(summary: Summary) -> Iterator[Finding]:
+def _termination_finding(summary: Summary) -> Iterator[Finding]:
     if summary.termination not in _ENDED_WELL:
         yield Finding(
             "not-converged",
@@ -61,7 +61,7 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     seen = np.flatnonzero((case.views_of_cameras > 0) & ~problem.fixed_cameras).astype(np.int32)
     if not len(seen):
         return
-    sigmas = _sigmas_of_centres(case, seen) * _noise(problem, summary)
+    sigmas = _sigmas_of_centres(case, seen) * _noise_ratio(problem, summary)
     extent = float(np.median(np.linalg.norm(problem.points - np.median(problem.points, axis=0), axis=1)))
     worst = np.argsort(-sigmas, kind="stable")[:3]
     listed = ", ".join(f"{case.name_of_camera(int(seen[k]))} ±{sigmas[k]:.2g}" for k in worst)
@@ -77,7 +77,7 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     )
 
 
-def _noise(problem: Problem, summary: Summary) -> float:
+def _noise_ratio(problem: Problem, summary: Summary) -> float:
     """Standard deviation of the residuals over the stated one, as their redundancy has it."""
     residuals = 2 * problem.num_observations
     cameras, points = (len(np.unique(index)) for index in (problem.camera_index, problem.point_index))
@@ -108,10 +108,10 @@ def _sigmas_of_centres(case: Case, cameras: IndexArray) -> FloatArray:
 
 def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
     """Solve again from states around, and from the scene turned inside out along the line of sight."""
-    here = case.problem
-    cost = _adjusted(here, case, summary)[1]
-    for name, start in _starts(here):
-        there, other = _adjusted(start, case, summary)
+    problem = case.problem
+    cost = _adjusted_from(problem, case, summary)[1]
+    for name, start in _perturbed_starts(problem):
+        candidate, other = _adjusted_from(start, case, summary)
         if other < (1 - _SAME_COST) * cost:
             yield Finding(
                 "better-basin",
@@ -121,7 +121,7 @@ def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
                 measures={"cost": cost, "other_cost": other},
             )
             return
-        if other < (1 + _RIVAL_COST) * cost and _shape_differs(here, there):
+        if other < (1 + _RIVAL_COST) * cost and _shape_differs(problem, candidate):
             yield Finding(
                 "rival-basin",
                 "warning",
@@ -133,14 +133,14 @@ def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:
             return
 
 
-def _adjusted(start: Problem, case: Case, summary: Summary) -> tuple[Problem, float]:
+def _adjusted_from(start: Problem, case: Case, summary: Summary) -> tuple[Problem, float]:
     moved = start.copy()
     scale = summary.loss_scale_px if summary.loss != "squared" else 1.0
     options = SolveOptions(loss=summary.loss, loss_scale_px=scale)
     return moved, adjust_or_stop(moved, case.constraints, options).final_cost
 
 
-def _starts(problem: Problem) -> Iterator[tuple[str, Problem]]:
+def _perturbed_starts(problem: Problem) -> Iterator[tuple[str, Problem]]:
     offsets = problem.points - np.median(problem.points, axis=0)
     size = 0.05 * float(np.median(np.linalg.norm(offsets, axis=1)))
     yield "the depth-reversed scene", depth_reversed(problem)
@@ -180,10 +180,10 @@ def depth_reversed(problem: Problem) -> Problem:
     )
 
 
-def _shape_differs(here: Problem, there: Problem) -> bool:
+def _shape_differs(first: Problem, second: Problem) -> bool:
     """Whether the points, aligned by a similarity, lie elsewhere."""
-    seen = np.unique(here.point_index)
-    aligned = fit_similarity(there.points[seen], here.points[seen]).apply(there.points[seen])
-    distances = np.linalg.norm(aligned - here.points[seen], axis=1)
-    extent = np.median(np.linalg.norm(here.points[seen] - np.median(here.points[seen], axis=0), axis=1))
+    seen = np.unique(first.point_index)
+    aligned = fit_similarity(second.points[seen], first.points[seen]).apply(second.points[seen])
+    distances = np.linalg.norm(aligned - first.points[seen], axis=1)
+    extent = np.median(np.linalg.norm(first.points[seen] - np.median(first.points[seen], axis=0), axis=1))
     return bool(np.median(distances) > _OTHER_SHAPE * extent)

@@ -1,4 +1,4 @@
-"""A trial: a copy of the problem adjusted by a robust loss, to see what remains."""
+"""Trial adjustments: a copy of the problem adjusted with a robust loss."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MEDIAN_OF_NORM = np.sqrt(2 * np.log(2))
 
 @dataclass(frozen=True)
 class Trial:
-    """What an adjustment came to.
+    """Result of a trial adjustment.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def adjust_or_stop(problem: Problem, constraints: Sequence[Group], options: Solv
 
 
 def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
-    """Adjust a copy of `problem`, or say why that cannot be done."""
+    """Adjust a copy of `problem`; a text with the reason if that fails."""
     moved = problem.copy()
     options = SolveOptions(
         loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS, function_tolerance=TOLERANCE
@@ -77,12 +77,12 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
     except InvalidArgument as error:
         return str(error)
     errors = reprojection_errors_px(moved, moved.points)
-    kept = _kept(moved, summary) if loss == "auto" else slice(None)
+    kept = _inlier_mask(moved, summary) if loss == "auto" else slice(None)
     return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
 
 
-def _kept(problem: Problem, summary: Summary) -> BoolArray:
-    """(M,) what a loss that is constant beyond its scale has not let go of; all, if that is hardly any."""
+def _inlier_mask(problem: Problem, summary: Summary) -> BoolArray:
+    """(M,) observations within the scale of a loss that is constant beyond it; all, if these are too few."""
     kept = np.linalg.norm(residuals(problem), axis=1) <= summary.loss_scale_px
     return kept if kept.mean() >= _LEAST_SHARE else np.ones_like(kept)
 

@@ -4,8 +4,6 @@ from sfmcpp.geometry.agreeing_pairs import agreeing_pairs
 from sfmcpp.geometry.focal_from_pairs import focal_from_pairs
 from sfmcpp.geometry.focal_resection import FocalPoseEstimate, resection_with_focal
 from sfmcpp.geometry.known_rotation import relative_pose_of_rotation, resection_of_rotation
-from sfmcpp.geometry.optimal_triangulation import triangulate_optimal
-from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import (
     depths,
     mean_reprojection_errors_px,
@@ -18,7 +16,12 @@ from sfmcpp.geometry.relative_pose import RelativePose, relative_pose
 from sfmcpp.geometry.resection import pose_inliers, resection
 from sfmcpp.geometry.robust_triangulation import robust_triangulation
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity, fit_similarity
-from sfmcpp.geometry.triangulation import triangulate_linear, triangulate_midpoint
+from sfmcpp.geometry.triangulation import (
+    refine_points,
+    triangulate_linear,
+    triangulate_midpoint,
+    triangulate_optimal,
+)
 from sfmcpp.geometry.two_view import TwoViewGeometry, two_view_geometry
 from sfmcpp.geometry.two_view_matrices import (
     MatrixEstimate,

@@ -1,4 +1,4 @@
-"""Matches between two cameras of known intrinsics, and what a relative pose makes of them."""
+"""Matches between two cameras of known intrinsics, and their errors for a relative pose."""
 
 from __future__ import annotations
 
@@ -104,12 +104,12 @@ def checked_matches(
     second = finite_array("pixels_2", pixels_2, (len(first), 2))
     row_1 = intrinsics_row("intrinsics_1", intrinsics_1)
     row_2 = row_1 if intrinsics_2 is None else intrinsics_row("intrinsics_2", intrinsics_2)
-    first, slopes_1 = _ideal(first, row_1)
-    second, slopes_2 = _ideal(second, row_2)
+    first, slopes_1 = _undistorted_with_slopes(first, row_1)
+    second, slopes_2 = _undistorted_with_slopes(second, row_2)
     return Matches(first, second, row_1[:PINHOLE], row_2[:PINHOLE], slopes_1, slopes_2)
 
 
-def _ideal(pixels: FloatArray, row: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+def _undistorted_with_slopes(pixels: FloatArray, row: FloatArray) -> tuple[FloatArray, FloatArray | None]:
     """Pixels without the distortion of the lens, and their derivatives with respect to those with it."""
     if len(row) == PINHOLE:
         return pixels, None

@@ -1,4 +1,4 @@
-"""The only door to PoseLib: its conventions are turned into ours and back here, and nowhere else.
+"""Wrapper of PoseLib: the only module that imports it and converts its conventions.
 
 PoseLib's poses are camera_from_world (``x_cam = R X + t``); its relative pose takes the first camera's frame
 to the second's. Its fundamental matrix has ``x₂ᵀ F x₁ = 0``, ours ``x₁ᵀ F x₂ = 0``; its homographies take

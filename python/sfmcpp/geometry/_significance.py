@@ -1,4 +1,4 @@
-"""How many matches agree with a model by chance, and how long a search for more than that can take.
+"""Chance agreement of matches with a model, and limits for the number of random samples.
 
 Of N random matches, each agreeing with a given model with probability α, and a model through each sample of
 s matches, about ``(N − s) C(N, k) C(k, s) α^(k − s)`` models with k inliers are expected (L. Moisan,

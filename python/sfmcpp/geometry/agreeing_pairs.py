@@ -1,4 +1,4 @@
-"""The pairs of points that agree on one similarity, in spite of some that do not."""
+"""Robust selection of the pairs of points that agree on one similarity."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def agreeing_pairs(
     for rows in _samples(len(source), seed):
         distances = _distances(source, target, list(rows), with_scale)
         if distances is not None and (median := float(np.median(distances))) < least:
-            best, least = _close(distances, target), median
+            best, least = _inlier_mask(distances, target), median
     for _ in range(_REFITS):
         distances = _distances(source, target, np.flatnonzero(best).tolist(), with_scale)
-        if distances is None or np.array_equal(closer := _close(distances, target), best):
+        if distances is None or np.array_equal(closer := _inlier_mask(distances, target), best):
             break
         best = closer
     return best
@@ -81,7 +81,7 @@ def _distances(
     return np.asarray(np.linalg.norm(fitted.apply(source) - target, axis=1))
 
 
-def _close(distances: FloatArray, target: FloatArray) -> BoolArray:
+def _inlier_mask(distances: FloatArray, target: FloatArray) -> BoolArray:
     median = float(np.median(distances))
     sigma = _SIGMA_OF_MEDIAN * (1 + 5 / max(len(distances) - 3, 1)) * median
     limit = max(_INLIER_SIGMAS * sigma, _ROUNDING * float(np.ptp(target, axis=0).max()))

@@ -1,4 +1,4 @@
-"""From a projective world to a metric one: the plane at infinity and the focal length of the cameras.
+"""Autocalibration: plane at infinity and focal length of a projective reconstruction.
 
 Cameras P of a projective reconstruction see the dual absolute quadric Q of the world as the dual image of the
 absolute conic, ``K Kᵀ = P Q Pᵀ`` up to scale, and Q is of rank three. What is known of K holds Q: zero skew,
@@ -99,7 +99,7 @@ def metric_frames(
     frames = [search.frame(x, cost, world) for cost, x in sorted(found, key=lambda pair: pair[0])]
     low, high = _FOCAL_RANGE
     inside = [f for f in frames if np.isfinite(f.cost) and low < f.focals.min() and f.focals.max() < high]
-    return _different(inside)
+    return _distinct_frames(inside)
 
 
 def _balanced(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,16 +121,16 @@ def _balanced(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     return cameras / np.linalg.norm(cameras, axis=(1, 2))[:, None, None], world
 
 
-def _different(frames: list[MetricFrame]) -> list[MetricFrame]:
+def _distinct_frames(frames: list[MetricFrame]) -> list[MetricFrame]:
     """The frames without those that a better one resembles in cost and focal length, or in the plane."""
     kept: list[MetricFrame] = []
     for frame in frames:
-        if not any(_alike(frame, other) for other in kept):
+        if not any(_are_similar(frame, other) for other in kept):
             kept.append(frame)
     return kept
 
 
-def _alike(a: MetricFrame, b: MetricFrame) -> bool:
+def _are_similar(a: MetricFrame, b: MetricFrame) -> bool:
     planes = [np.linalg.inv(f.homography)[3] for f in (a, b)]
     cosine = abs(planes[0] @ planes[1]) / np.prod(np.linalg.norm(planes, axis=1))
     return bool(np.allclose(a.focals, b.focals, rtol=_SAME) and cosine > 1 - _SAME**2)
@@ -156,11 +156,11 @@ class _Search:
     def starts(self) -> Iterator[FloatArray]:
         """Unknowns to start from."""
         known = self._focal == "known"
-        for plane in _planes(_linear_quadrics(self.cameras, known)):
+        for plane in _planes_at_infinity(_linear_quadrics(self.cameras, known)):
             yield from (self._unknowns(focal, plane) for focal in ((1.0,) if known else (0.4, 1.0, 2.5)))
         for focal in () if known else _TRIED_FOCALS:
             scaled = self.cameras / np.array([focal, focal, 1.0])[:, None]
-            yield self._unknowns(focal, _planes(_linear_quadrics(scaled, True))[0])
+            yield self._unknowns(focal, _planes_at_infinity(_linear_quadrics(scaled, True))[0])
 
     def _unknowns(self, focal: float, plane: FloatArray) -> FloatArray:
         """``(log φ, −Kᵀ p)`` of a plane at infinity: the second row of H in thesis eq. 3.44."""
@@ -206,7 +206,7 @@ class _Search:
                     break
                 held = left + damping * np.diag(np.diag(left) + 1e-12 * np.trace(left))
                 candidate = x - np.linalg.solve(held, right)
-                candidate_cost = _cost(self._deviations(candidate))
+                candidate_cost = _robust_cost(self._deviations(candidate))
                 if not candidate_cost < cost:
                     damping *= 10
                     if damping > 1e10:
@@ -227,14 +227,14 @@ class _Search:
         jacobian = np.stack(slopes, axis=2)
         weights = 1 / np.sqrt(1 + (here**2).sum(axis=1) / _ROBUST_SCALE**2)
         left = np.einsum("c,cri,crj->ij", weights, jacobian, jacobian)
-        return _cost(here), left, np.einsum("c,cri,cr->i", weights, jacobian, here)
+        return _robust_cost(here), left, np.einsum("c,cri,cr->i", weights, jacobian, here)
 
     def frame(self, x: FloatArray, cost: float, world: FloatArray) -> MetricFrame:
         """The metric frame of what was found."""
         return MetricFrame(world @ self._homography(x), self._conics(x)[1], cost)
 
 
-def _cost(deviations: FloatArray) -> float:
+def _robust_cost(deviations: FloatArray) -> float:
     """Σ over the views of what is a square near zero and grows like the deviation far from it."""
     squares = (deviations**2).sum(axis=1) / _ROBUST_SCALE**2
     return float(_ROBUST_SCALE**2 * np.sum(np.sqrt(1 + squares) - 1))
@@ -246,7 +246,7 @@ def _linear_quadrics(cameras: FloatArray, known: bool) -> tuple[FloatArray, Floa
     Each camera is divided by its scale, the entry (3, 3) of its conic, as the solution before tells it.
     """
     equations = _equations(cameras, known)
-    depth = _products(cameras, 2, 2)
+    depth = _quadric_products(cameras, 2, 2)
     scale = np.ones(len(cameras))
     for _ in range(6):
         weighted = equations / scale[:, None, None]
@@ -264,8 +264,8 @@ def _linear_quadrics(cameras: FloatArray, known: bool) -> tuple[FloatArray, Floa
 
 def _equations(cameras: FloatArray, known: bool) -> FloatArray:
     """(C, 6, 10) coefficients of what vanishes, over its standard deviation."""
-    xx, yy, ww = (_products(cameras, k, k) for k in range(3))
-    xy, xw, yw = (_products(cameras, a, b) for a, b in ((0, 1), (0, 2), (1, 2)))
+    xx, yy, ww = (_quadric_products(cameras, k, k) for k in range(3))
+    xy, xw, yw = (_quadric_products(cameras, a, b) for a, b in ((0, 1), (0, 2), (1, 2)))
     rows = np.stack([xx - ww, yy - ww, xx - yy, xy, xw, yw], axis=1)
     if known:
         return rows
@@ -273,7 +273,7 @@ def _equations(cameras: FloatArray, known: bool) -> FloatArray:
     return np.asarray(rows / np.array(sigmas)[:, None])
 
 
-def _products(cameras: FloatArray, a: int, b: int) -> FloatArray:
+def _quadric_products(cameras: FloatArray, a: int, b: int) -> FloatArray:
     """(C, 10) coefficients of ``p_a Q p_bᵀ`` by the upper triangle of Q."""
     outer = np.einsum("ci,cj->cij", cameras[:, a], cameras[:, b])
     upper = (outer + np.swapaxes(outer, 1, 2))[:, _UPPER[0], _UPPER[1]]
@@ -286,7 +286,7 @@ def _symmetric(upper: FloatArray) -> FloatArray:
     return np.asarray(matrix + matrix.T - np.diag(np.diag(matrix)))
 
 
-def _planes(quadrics: tuple[FloatArray, FloatArray]) -> list[FloatArray]:
+def _planes_at_infinity(quadrics: tuple[FloatArray, FloatArray]) -> list[FloatArray]:
     """Planes at infinity: null vectors of the first, and of its sums with the second that are singular."""
     first, second = quadrics
     at = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])

@@ -1,4 +1,4 @@
-"""Points that are one: a corner that was lost and found again is two tracks, and two points side by side."""
+"""Duplicate points: several tracks of one scene point, found and merged."""
 
 from __future__ import annotations
 
@@ -52,9 +52,11 @@ def duplicate_points(
     require_positive("tolerance_px", tolerance_px)
     require_positive("max_angle_deg", max_angle_deg)
     world = require_points(problem, points)
-    pairs = _near(problem, world, _ALONG_RAY * tolerance_px)
+    pairs = _nearby_pairs(problem, world, _ALONG_RAY * tolerance_px)
     pairs = pairs[~_seen_together(problem, pairs)]
-    errors = np.maximum(_worst(problem, world, pairs), _worst(problem, world, pairs[:, ::-1]))
+    errors = np.maximum(
+        _largest_errors_px(problem, world, pairs), _largest_errors_px(problem, world, pairs[:, ::-1])
+    )
     pairs, errors = pairs[errors <= tolerance_px], errors[errors <= tolerance_px]
     kept = np.flatnonzero(_nearest_cosines(problem, pairs) >= np.cos(np.radians(max_angle_deg)))
     return pairs[kept[np.argsort(errors[kept], kind="stable")]]
@@ -97,7 +99,7 @@ def _root(root: NDArray[np.intp], point: int) -> int:
     return point
 
 
-def _near(problem: Problem, points: FloatArray, radius_px: float) -> Pairs:
+def _nearby_pairs(problem: Problem, points: FloatArray, radius_px: float) -> Pairs:
     """(k, 2) pairs of points nearer to each other than so many pixels, at the nearer camera of either."""
     from scipy.spatial import cKDTree
 
@@ -148,7 +150,7 @@ def _nearest_cosines(problem: Problem, pairs: Pairs) -> FloatArray:
     return nearest
 
 
-def _worst(problem: Problem, points: FloatArray, pairs: Pairs) -> FloatArray:
+def _largest_errors_px(problem: Problem, points: FloatArray, pairs: Pairs) -> FloatArray:
     """(k,) largest error of the first point of each pair at the observations of the second [px]."""
     rows, owner = _observations(problem, pairs[:, 1])
     swapped = replace(

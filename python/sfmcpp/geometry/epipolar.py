@@ -1,11 +1,10 @@
-"""What two cameras say of a match: epipolar geometry, Sampson error, cheirality."""
+"""Epipolar geometry of two cameras: fundamental matrix, Sampson error, closest points of rays, cheirality."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
-from sfmcpp.geometry.two_rays import closest_depths
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 
@@ -61,14 +60,14 @@ def sampson_errors_px(
     """
     line_1 = np.einsum("...ij,...j->...i", fundamental, homogeneous(pixels_2))
     line_2 = np.einsum("...ji,...j->...i", fundamental, homogeneous(pixels_1))
-    normal_1, normal_2 = _carried(line_1, slopes_1), _carried(line_2, slopes_2)
+    normal_1, normal_2 = _line_gradients(line_1, slopes_1), _line_gradients(line_2, slopes_2)
     slope = np.sqrt((normal_1**2).sum(-1) + (normal_2**2).sum(-1))
     algebraic = np.abs((homogeneous(pixels_1) * line_1).sum(-1))
     errors: FloatArray = np.divide(algebraic, slope, out=np.full_like(slope, np.inf), where=slope > 0)
     return errors
 
 
-def _carried(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
+def _line_gradients(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:
     """Gradients (N, 2) of ``line · (u, v, 1)`` with respect to the positions seen."""
     normals = lines[..., :2]
     return normals if slopes is None else np.einsum("ni,nij->nj", normals, slopes)
@@ -134,3 +133,57 @@ def in_front_of_both(
     ray_2 = homogeneous(normalised_2) @ camera_2[:, :3].T
     depth_1, depth_2, _ = closest_depths(ray_1, ray_2, camera_2[:, 3] - camera_1[:, 3])
     return np.asarray((depth_1 > 0) & (depth_2 > 0))
+
+
+def closest_depths(
+    rays_1: FloatArray, rays_2: FloatArray, baselines: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Depths at which lines come nearest to each other, times a number that is not negative (thesis eq. 3.3).
+
+    Parameters
+    ----------
+    rays_1, rays_2 : (..., 3) float64
+        Directions of the lines, of any length, which is the unit of the depths.
+    baselines : (..., 3) float64
+        From where the first starts to where the second does.
+
+    Returns
+    -------
+    depth_1, depth_2, factor : (...) float64
+        The depths are ``depth_1 / factor`` and ``depth_2 / factor``. The factor is the squared sine of the
+        angle between the lines, times the squares of both lengths: zero, or rounding, for parallel ones.
+    """
+    square_1, square_2, across = dot(rays_1, rays_1), dot(rays_2, rays_2), dot(rays_1, rays_2)
+    along_1, along_2 = dot(rays_1, baselines), dot(rays_2, baselines)
+    depth_1 = square_2 * along_1 - across * along_2
+    depth_2 = across * along_1 - square_1 * along_2
+    return depth_1, depth_2, square_1 * square_2 - across**2
+
+
+def midpoints(
+    rays_1: FloatArray, centres_1: FloatArray, rays_2: FloatArray, centres_2: FloatArray
+) -> FloatArray:
+    """Middle (..., 3) of the shortest connection of two lines each (thesis eq. 3.2).
+
+    Parameters
+    ----------
+    rays_1, rays_2 : (..., 3) float64
+        Directions of the lines.
+    centres_1, centres_2 : (..., 3) float64
+        Where they start.
+
+    Returns
+    -------
+    (..., 3) float64
+        Not a number, or infinite, for parallel lines.
+    """
+    depth_1, depth_2, factor = closest_depths(rays_1, rays_2, centres_2 - centres_1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = centres_1 + (depth_1 / factor)[..., None] * rays_1
+        ends += centres_2 + (depth_2 / factor)[..., None] * rays_2
+    return np.asarray(ends / 2)
+
+
+def dot(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Scalar products (...) of vectors (..., 3)."""
+    return np.asarray(np.einsum("...i,...i->...", one, other))

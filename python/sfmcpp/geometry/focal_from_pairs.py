@@ -1,4 +1,4 @@
-"""A focal length that all photos share, from what their pairs say of it."""
+"""Common focal length of photos, from their pairwise fundamental matrices."""
 
 from __future__ import annotations
 
@@ -78,20 +78,22 @@ def focal_from_pairs(
     require_seed(seed)
     if min(size) <= 0:
         raise InvalidArgument(f"size = {size}: width and height must be positive")
-    chosen = _prepared(pairs, np.asarray(size, dtype=np.float64) / 2, seed)
+    chosen = _largest_centred_pairs(pairs, np.asarray(size, dtype=np.float64) / 2, seed)
     if not chosen:
         return None
     coarse = max(size) * np.geomspace(_SHORTEST, _LONGEST, _NUM_COARSE)
     losses = _losses(chosen, coarse)
-    objections = _objections(chosen, losses)
+    objections = _summed_losses(chosen, losses)
     best = int(np.argmin(objections))
-    if not _is_clear(coarse, objections, best):
+    if not _is_clear_minimum(coarse, objections, best):
         return None
     fine = np.geomspace(coarse[best - 1], coarse[best + 1], _NUM_FINE)
-    return _vertex(np.log(fine), _objections(chosen, _losses(chosen, fine)))
+    return _parabola_minimum(np.log(fine), _summed_losses(chosen, _losses(chosen, fine)))
 
 
-def _prepared(pairs: Sequence[tuple[ArrayLike, ArrayLike]], centre: FloatArray, seed: int) -> list[_Pair]:
+def _largest_centred_pairs(
+    pairs: Sequence[tuple[ArrayLike, ArrayLike]], centre: FloatArray, seed: int
+) -> list[_Pair]:
     """The pairs with most matches, counted from the centre of the image."""
     checked = []
     for k, (a, b) in enumerate(pairs):
@@ -135,14 +137,14 @@ def _loss(pair: _Pair, focal: float) -> float:
     return float(np.log1p((errors / pair.scale_px) ** 2).sum())
 
 
-def _objections(pairs: list[_Pair], losses: FloatArray) -> FloatArray:
+def _summed_losses(pairs: list[_Pair], losses: FloatArray) -> FloatArray:
     """(K,) sums over the pairs of their bounded losses above their least."""
     bounds = _LARGEST_OBJECTION * np.array([len(pair.pixels_1) for pair in pairs])
     above = losses - losses.min(axis=1, keepdims=True)
     return np.asarray(np.minimum(above, bounds[:, None]).sum(axis=0))
 
 
-def _is_clear(focals: FloatArray, objections: FloatArray, best: int) -> bool:
+def _is_clear_minimum(focals: FloatArray, objections: FloatArray, best: int) -> bool:
     """Whether the best focal length is inside the grid, and clearly better than any far from it."""
     if best in (0, len(focals) - 1):
         return False
@@ -150,7 +152,7 @@ def _is_clear(focals: FloatArray, objections: FloatArray, best: int) -> bool:
     return bool((objections[other] >= objections[best] + _CLEAR_GROWTH).all())
 
 
-def _vertex(log_focals: FloatArray, objections: FloatArray) -> float:
+def _parabola_minimum(log_focals: FloatArray, objections: FloatArray) -> float:
     """Focal length at the lowest point of the parabola through the least value and its neighbours."""
     best = min(max(int(np.argmin(objections)), 1), len(objections) - 2)
     left, middle, right = objections[best - 1 : best + 2]

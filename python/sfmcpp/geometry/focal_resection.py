@@ -1,4 +1,4 @@
-"""The pose and the focal length of a camera from world points it sees, with outliers."""
+"""Resection with unknown focal length, with outliers."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _failed(count: int, failure: str, message: str) -> FocalPoseEstimate:
 def _search(view: _View, guess: float, options: RansacOptions) -> tuple[FloatArray, float]:
     """Camera and focal length with the least truncated squared errors, refined whenever a better is drawn."""
     rng = np.random.default_rng(options.seed)
-    best = _from_guess(view, guess, options)
+    best = _minimal_solutions(view, guess, options)
     least = _cost(view, best, options.threshold_px)
     drawn, needed = 0, options.max_iterations
     while drawn < needed:
@@ -174,7 +174,7 @@ def _search(view: _View, guess: float, options: RansacOptions) -> tuple[FloatArr
     return best
 
 
-def _from_guess(view: _View, guess: float, options: RansacOptions) -> tuple[FloatArray, float]:
+def _minimal_solutions(view: _View, guess: float, options: RansacOptions) -> tuple[FloatArray, float]:
     """Three points with the focal length given, refined with it free."""
     slack = replace(options, threshold_px=_GUESS_SLACK * options.threshold_px)
     camera = absolute_camera(view.points, view.images, np.array([guess, 1.0, 0, 0, 0]), slack)
@@ -235,7 +235,7 @@ def _minimised(
     best, least = (camera, focal), _loss(inliers, camera, focal, threshold_px)
     damping = _FIRST_DAMPING
     for _ in range(_MAX_STEPS):
-        candidate, promised = _moved(inliers, *best, threshold_px, damping)
+        candidate, promised = _damped_step(inliers, *best, threshold_px, damping)
         loss = _loss(inliers, *candidate, threshold_px)
         if loss < least:
             best, least, damping = candidate, loss, damping / 10
@@ -250,7 +250,7 @@ def _loss(view: _View, camera: FloatArray, focal: float, scale_px: float) -> flo
     return float(np.log1p((view.errors_px(camera, focal) / scale_px) ** 2).sum())
 
 
-def _moved(
+def _damped_step(
     view: _View, camera: FloatArray, focal: float, scale_px: float, damping: float
 ) -> tuple[tuple[FloatArray, float], float]:
     """One damped step on ``(δω, δc, δ ln f)``, weighted as the loss asks, and what it promises."""

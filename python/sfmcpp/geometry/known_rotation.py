@@ -1,4 +1,4 @@
-"""Poses of a camera whose rotation is known, as from a gyroscope: its centre is linear in what it sees.
+"""Relative pose and resection with known rotation, as from a gyroscope.
 
 Two matches tell the direction of a motion, two points a centre; with the rotation given, few and far points
 tell it as well as many. Samples of two, then least squares with Cauchy's weights among what is near.
@@ -72,7 +72,7 @@ def relative_pose_of_rotation(
         failed = failed_pose(len(matches), *too_few("matches", len(matches), min_inliers))
         return RelativePose(**vars(failed), median_parallax_px=np.nan)
     epipolar = _Epipolar(*matches.rays, turn, threshold_px / matches.focal_px)
-    camera = np.column_stack([turn, _ahead(matches, turn, epipolar.solve(seed), threshold_px)])
+    camera = np.column_stack([turn, _direction_in_front(matches, turn, epipolar.solve(seed), threshold_px)])
     found = pose_with_inliers(camera, matches.inliers(camera, threshold_px), min_inliers)
     parallax_px = matches.parallax_px(turn)[found.inliers]
     median_px = float(np.median(parallax_px)) if found.success else np.nan
@@ -143,7 +143,7 @@ class _Epipolar:
         first, second = _pairs(len(self._normals), seed)
         normals = unit(self._normals)
         samples = unit(np.cross(normals[first], normals[second]))
-        best: FloatArray = samples[int(np.argmin(_truncated(self._errors(samples), self._scale)))]
+        best: FloatArray = samples[int(np.argmin(_truncated_sums(self._errors(samples), self._scale)))]
         for _ in range(_ROUNDS):
             weights = _weights(self._errors(best[None])[:, 0] / self._scale)
             weights /= self._widths(best[None])[:, 0] ** 2
@@ -184,7 +184,7 @@ class _Centre:
         lift = 1e-12 * np.eye(3)
         sums = normal[first] + normal[second] + lift, right[first] + right[second]
         centres = np.linalg.solve(sums[0], sums[1][:, :, None])[:, :, 0]
-        best: FloatArray = centres[int(np.argmin(_truncated(self._errors(centres), self._scale)))]
+        best: FloatArray = centres[int(np.argmin(_truncated_sums(self._errors(centres), self._scale)))]
         for _ in range(_ROUNDS):
             weights = _weights(self._errors(best[None])[:, 0] / self._scale)
             weights /= np.where(weights > 0, self._points[:, 2] - best[2], 1.0) ** 2
@@ -211,12 +211,14 @@ def _weights(errors: FloatArray) -> FloatArray:
     return np.where(errors < _FAR, 1 / (1 + errors**2), 0.0)
 
 
-def _truncated(errors: FloatArray, scale: float) -> FloatArray:
+def _truncated_sums(errors: FloatArray, scale: float) -> FloatArray:
     """Sums (k,) over the rows of errors (N, k)."""
     return np.asarray((np.minimum(np.abs(errors) / scale, 1.0) ** 2).sum(axis=0))
 
 
-def _ahead(matches: Matches, turn: FloatArray, centre: FloatArray, threshold_px: float) -> FloatArray:
+def _direction_in_front(
+    matches: Matches, turn: FloatArray, centre: FloatArray, threshold_px: float
+) -> FloatArray:
     """The direction or its opposite, whichever has more points in front of both cameras."""
     counts = [
         np.count_nonzero(matches.inliers(np.column_stack([turn, c]), threshold_px)) for c in (centre, -centre)

@@ -1,4 +1,4 @@
-"""The camera without its pose: pixels from and to normalised image points, with or without distortion.
+"""Projection without the pose: pixels from and to normalised image points, with or without distortion.
 
 With intrinsics ``(f, aspect, cx, cy, skew)``: ``u = f x + skew y + cx``, ``v = aspect f y + cy``. Seven
 more numbers, ``(k1, …, k5, p1, p2)``, distort (x, y) before: see :class:`sfmcpp.model.CameraModel`.
@@ -69,7 +69,7 @@ def to_normalised(pixels: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 
 def undistorted_pixels(pixels: FloatArray, rows: FloatArray, index: NDArray[np.integer]) -> FloatArray:
-    """Where lenses without distortion would have seen `pixels` (M, 2), of ``rows[index]`` (G, 12).
+    """Undistort `pixels` (M, 2) of cameras ``rows[index]``, of rows (G, 12).
 
     Beyond the range in which a lens is invertible pixels stay as they are.
     """

@@ -1,4 +1,4 @@
-"""What an estimate of a pose returns, also when it fails."""
+"""Result type of pose estimates, also of failed ones."""
 
 from __future__ import annotations
 

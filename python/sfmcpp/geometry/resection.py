@@ -1,4 +1,4 @@
-"""The pose of a camera of known intrinsics from world points it sees, with outliers."""
+"""Resection: pose of a calibrated camera from world points, with outliers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of tracks of which some observations are wrong, all at once.
+"""Triangulation of tracks with outliers, all points at once.
 
 The point that most observations of a track agree with is looked for among the midpoints of pairs of its
 rays, then moved to the least squared errors of those that agree.
@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry._tracks import normalised_pixels, num_views, observed_rays, require_metric
+from sfmcpp.geometry.epipolar import midpoints
 from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows
-from sfmcpp.geometry.point_refinement import refine_points
 from sfmcpp.geometry.point_tests import reprojection_errors_px, triangulation_angles_deg
-from sfmcpp.geometry.two_rays import midpoints
+from sfmcpp.geometry.triangulation import refine_points
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray

@@ -1,4 +1,4 @@
-"""The rotation between two images of a camera that only turns, in spite of outliers."""
+"""Robust rotation between two images of a camera that only turns."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def refit_rotation(
 ) -> FloatArray:
     """Least-squares rotation of the inliers of `rotation`, and again of those of the result."""
     for _ in range(_NUM_REFITS):
-        rotation = _refit(rays_1, rays_2, angles_rad(rays_1, rays_2, rotation) <= max_angle_rad)
+        rotation = _least_squares_rotation(
+            rays_1, rays_2, angles_rad(rays_1, rays_2, rotation) <= max_angle_rad
+        )
     return rotation
 
 
@@ -61,7 +63,8 @@ def _samples(rays_1: FloatArray, rays_2: FloatArray, rng: np.random.Generator) -
 def _frames(a: FloatArray, b: FloatArray) -> FloatArray:
     """Right-handed orthonormal frames (S, 3, 3): a, its perpendicular towards b, and the normal of both.
 
-    Of parallel a and b only the first column is not zero; :func:`_refit` makes a rotation of what follows.
+    Of parallel a and b only the first column is not zero; :func:`_least_squares_rotation` makes a rotation of
+    what follows.
     """
     normal = unit(np.cross(a, b))
     return np.stack([a, np.cross(normal, a), normal], axis=2)
@@ -77,8 +80,8 @@ def _num_inliers(
     return np.asarray(np.count_nonzero(cosines >= np.cos(max_angle_rad), axis=1))
 
 
-def _refit(rays_1: FloatArray, rays_2: FloatArray, inliers: BoolArray) -> FloatArray:
-    """Least-squares rotation of the inliers; the identity where they are too few to tell."""
+def _least_squares_rotation(rays_1: FloatArray, rays_2: FloatArray, inliers: BoolArray) -> FloatArray:
+    """Least-squares rotation of the inliers; the identity where they are too few."""
     if np.count_nonzero(inliers) < 2:
         return np.eye(3)
     u, _, vt = np.linalg.svd(rays_1[inliers].T @ rays_2[inliers])

@@ -1,4 +1,4 @@
-"""Similarities of space, and the one that fits pairs of points or poses best.
+"""Similarity transformations, and their least-squares fits to points or poses.
 
 These fits are the only ones of the package. What leaves them open is refused by name: fewer than two pairs
 that count; points on a line, about which any rotation fits (poses on a line have a fit); positions that are

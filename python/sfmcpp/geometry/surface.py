@@ -1,4 +1,4 @@
-"""The surface that points lie on, near each of them: a plane, and how it is seen."""
+"""Local planes through neighbouring points: normals, and their slopes in images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What matches of two images say of their cameras, known or not (thesis §3.1.4)."""
+"""Two-view geometry from matches, with calibrated or uncalibrated cameras (thesis §3.1.4)."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfmcpp.geometry._flat_pairs import (
-    adds_nothing,
-    are_the_same,
+from sfmcpp.geometry._degenerate_pairs import (
     cameras_of_plane,
+    homography_inliers,
     homography_of_inliers,
-    near_homography,
-    near_rotation,
+    is_explained_by_smaller_model,
+    rotation_inliers,
     rotation_of_homography,
+    unmoved_matches,
 )
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry._poselib import RansacOptions, relative_camera
 from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
+from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals
 from sfmcpp.geometry.rotation_fit import angles_rad
-from sfmcpp.geometry.two_view_ambiguity import ambiguity_message, best_and_rivals
 from sfmcpp.geometry.two_view_matrices import (
     fundamental_linear,
-    limited,
     significant_fundamental,
     significant_homography,
+    with_sample_limit,
 )
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
@@ -48,7 +48,7 @@ _FEW = 200
 
 @dataclass(frozen=True, eq=False)
 class TwoViewGeometry:
-    """What the matches of two images say of their cameras.
+    """Two-view geometry of the matches of two images.
 
     Attributes
     ----------
@@ -141,10 +141,10 @@ def two_view_geometry(
     require_count("min_inliers", min_inliers, _EIGHT_POINTS)
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)
     if len(matches) < min_inliers:
-        return _nothing(len(matches), f"{len(matches)} matches: must be at least {min_inliers}")
-    same = are_the_same(matches.pixels_1, matches.pixels_2)
+        return _no_geometry(len(matches), f"{len(matches)} matches: must be at least {min_inliers}")
+    same = unmoved_matches(matches.pixels_1, matches.pixels_2)
     if same is not None and np.array_equal(matches.intrinsics_1, matches.intrinsics_2):
-        return _same_photos(same, known)
+        return _identical_photos(same, known)
     if known:
         return _of_known_cameras(matches, options, min_inliers)
     return _of_unknown_cameras(matches, options, min_inliers)
@@ -156,12 +156,12 @@ def _of_unknown_cameras(matches: Matches, options: RansacOptions, min_inliers: i
         # Four points may find among many outliers what seven do not.
         plane = significant_homography(matches.pixels_1, matches.pixels_2, options, min_inliers)
         if not plane.success:
-            return _nothing(len(matches), found.message)
-        return _flat_without_camera(plane.inliers, plane.matrix)
+            return _no_geometry(len(matches), found.message)
+        return _uncalibrated_planar(plane.inliers, plane.matrix)
     homography = homography_of_inliers(matches, found.inliers, options)
-    flat = near_homography(matches, homography, options.threshold_px)
-    if adds_nothing(matches, found.inliers, flat, options.threshold_px):
-        return _flat_without_camera(flat, homography)
+    flat = homography_inliers(matches, homography, options.threshold_px)
+    if is_explained_by_smaller_model(matches, found.inliers, flat, options.threshold_px):
+        return _uncalibrated_planar(flat, homography)
     return TwoViewGeometry("general", found.inliers, found.matrix, homography, unknown_camera(), np.nan, "")
 
 
@@ -169,29 +169,29 @@ def _of_known_cameras(matches: Matches, options: RansacOptions, min_inliers: int
     chance = chance_near_line(matches.pixels_1, matches.pixels_2, options.threshold_px)
     least = max(min_inliers, least_significant(len(matches), _FIVE_POINTS, chance))
     if len(matches) < least:
-        return _nothing(len(matches), f"{len(matches)} matches: must be at least {least}")
-    camera = relative_camera(*matches.arrays, limited(options, least / len(matches), _FIVE_POINTS))
+        return _no_geometry(len(matches), f"{len(matches)} matches: must be at least {least}")
+    camera = relative_camera(*matches.arrays, with_sample_limit(options, least / len(matches), _FIVE_POINTS))
     near = _near_lines(matches, camera, options.threshold_px)
     if _are_far_off(matches, near, options.threshold_px):
         free = _of_unknown_cameras(matches, options, min_inliers)
         if free.kind != "none":
-            return _with_poor_guess(free, matches, camera, near)
+            return _with_uncertain_focal(free, matches, camera, near)
     if np.count_nonzero(near) < least:
         plane = significant_homography(matches.pixels_1, matches.pixels_2, options, min_inliers)
         if plane.success:
-            return _flat(matches, camera, plane.matrix, options)
-        return _nothing(len(matches), _too_few(near, least))
+            return _planar_or_rotation(matches, camera, plane.matrix, options)
+        return _no_geometry(len(matches), _too_few(near, least))
     homography = homography_of_inliers(matches, near, options)
-    flat = near_homography(matches, homography, options.threshold_px)
-    if adds_nothing(matches, near, flat, options.threshold_px):
-        return _flat(matches, camera, homography, options)
-    inliers = _agreeing(matches, camera, options.threshold_px)
+    flat = homography_inliers(matches, homography, options.threshold_px)
+    if is_explained_by_smaller_model(matches, near, flat, options.threshold_px):
+        return _planar_or_rotation(matches, camera, homography, options)
+    inliers = _epipolar_inliers(matches, camera, options.threshold_px)
     if np.count_nonzero(inliers) < least:
-        return _nothing(len(matches), _too_few(inliers, least))
-    return _in_depth(matches, camera, inliers, homography, options)
+        return _no_geometry(len(matches), _too_few(inliers, least))
+    return _general_geometry(matches, camera, inliers, homography, options)
 
 
-def _in_depth(
+def _general_geometry(
     matches: Matches, camera: FloatArray, inliers: BoolArray, homography: FloatArray, options: RansacOptions
 ) -> TwoViewGeometry:
     """A scene in depth, cameras known; of few matches with a word on other poses that fit as well."""
@@ -199,34 +199,34 @@ def _in_depth(
     if np.count_nonzero(inliers) < _FEW:
         rotation = matches.select(inliers).fit_rotation(2 * options.threshold_px, options.seed)
         camera, rivals = best_and_rivals(matches, camera, rotation, options)
-        inliers = _agreeing(matches, camera, options.threshold_px)
+        inliers = _epipolar_inliers(matches, camera, options.threshold_px)
         message = ambiguity_message(camera, rivals) if len(rivals) else ""
     return _with_camera("general", matches, inliers, homography, camera, message)
 
 
-def _flat(
+def _planar_or_rotation(
     matches: Matches, camera: FloatArray, homography: FloatArray, options: RansacOptions
 ) -> TwoViewGeometry:
     """A plane or a rotation, cameras known."""
-    flat = near_homography(matches, homography, options.threshold_px)
+    flat = homography_inliers(matches, homography, options.threshold_px)
     rotation = rotation_of_homography(matches, flat, homography, options.threshold_px)
-    turned = near_rotation(matches, rotation, options.threshold_px)
-    if adds_nothing(matches, flat, turned, options.threshold_px):
-        return _rotation(matches, turned, homography, rotation)
+    turned = rotation_inliers(matches, rotation, options.threshold_px)
+    if is_explained_by_smaller_model(matches, flat, turned, options.threshold_px):
+        return _rotation_geometry(matches, turned, homography, rotation)
     camera, rivals = cameras_of_plane(matches, flat, homography, camera, options)
-    inliers = _agreeing(matches, camera, options.threshold_px)
+    inliers = _epipolar_inliers(matches, camera, options.threshold_px)
     if np.count_nonzero(inliers) < _LEAST_PART_OF_POSE * np.count_nonzero(flat):
-        return _flat_without_camera(flat, homography)
+        return _uncalibrated_planar(flat, homography)
     message = "one homography explains the matches: a plane, or too little depth variation"
     if len(rivals):
         message += "; " + ambiguity_message(camera, rivals)
     return _with_camera("planar", matches, inliers, homography, camera, message)
 
 
-def _with_poor_guess(
+def _with_uncertain_focal(
     free: TwoViewGeometry, matches: Matches, camera: FloatArray, explained: BoolArray
 ) -> TwoViewGeometry:
-    """What was found without the intrinsics, which are far off; with the pose if it is of any use."""
+    """Geometry found without the intrinsics, which are far off; with the pose if it is usable."""
     share = float((explained & free.inliers).sum() / free.inliers.sum())
     if free.kind != "general" or share < _LEAST_PART_OF_POSE:
         return free
@@ -255,8 +255,8 @@ def _near_lines(matches: Matches, camera: FloatArray, threshold_px: float) -> Bo
     return np.asarray(errors <= threshold_px)
 
 
-def _agreeing(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
-    """Matches near their epipolar lines and in front of both cameras, or too far away to tell."""
+def _epipolar_inliers(matches: Matches, camera: FloatArray, threshold_px: float) -> BoolArray:
+    """Matches near their epipolar lines and in front of both cameras, or too far away to decide."""
     near = _near_lines(matches, camera, threshold_px)
     in_front = in_front_of_both(np.eye(3, 4), camera, *matches.normalised)
     far = matches.parallax_px(camera[:, :3]) <= threshold_px
@@ -277,31 +277,31 @@ def _median_angle_deg(matches: Matches, inliers: BoolArray, camera: FloatArray) 
     return float(np.degrees(np.median(angles_rad(rays_1, rays_2, camera[:, :3]))))
 
 
-def _rotation(
+def _rotation_geometry(
     matches: Matches, inliers: BoolArray, homography: FloatArray, rotation: FloatArray
 ) -> TwoViewGeometry:
     if not inliers.any():
-        return _nothing(len(inliers), "no rotation and no plane explain the matches")
+        return _no_geometry(len(inliers), "no rotation and no plane explain the matches")
     camera = np.column_stack([rotation, np.zeros(3)])
     message = "the camera only turned: no parallax to determine depths"
     angle = _median_angle_deg(matches, inliers, camera)
     return TwoViewGeometry("rotation", inliers, _unknown_matrix(), homography, camera, angle, message)
 
 
-def _same_photos(still: BoolArray, known: bool) -> TwoViewGeometry:
+def _identical_photos(still: BoolArray, known: bool) -> TwoViewGeometry:
     camera, angle = (np.eye(3, 4), 0.0) if known else (unknown_camera(), np.nan)
     message = "the photos are identical, or the camera did not move"
     return TwoViewGeometry("rotation", still, _unknown_matrix(), np.eye(3), camera, angle, message)
 
 
-def _flat_without_camera(inliers: BoolArray, homography: FloatArray) -> TwoViewGeometry:
+def _uncalibrated_planar(inliers: BoolArray, homography: FloatArray) -> TwoViewGeometry:
     message = "one homography explains the matches: a plane, or a camera that only turned"
     return TwoViewGeometry(
         "planar", inliers, _unknown_matrix(), homography, unknown_camera(), np.nan, message
     )
 
 
-def _nothing(count: int, message: str) -> TwoViewGeometry:
+def _no_geometry(count: int, message: str) -> TwoViewGeometry:
     inliers = np.zeros(count, dtype=np.bool_)
     unknown = _unknown_matrix()
     return TwoViewGeometry("none", inliers, unknown, unknown, unknown_camera(), np.nan, message)

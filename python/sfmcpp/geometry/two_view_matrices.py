@@ -16,13 +16,69 @@ from sfmcpp.geometry._significance import (
     samples_needed,
 )
 from sfmcpp.geometry.epipolar import sampson_errors_px
-from sfmcpp.geometry.homography import homography_errors_px
-from sfmcpp.geometry.pinhole import homogeneous
+from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count
 
 SEVEN_POINTS, FOUR_POINTS = 7, 4
+
+
+def homography_errors_px(
+    homography: FloatArray,
+    pixels_1: FloatArray,
+    pixels_2: FloatArray,
+    slopes_1: FloatArray | None = None,
+    slopes_2: FloatArray | None = None,
+) -> FloatArray:
+    """First-order distance of matches from a homography: the Sampson error of its two equations.
+
+    With the offset ``e = u₂ − H(u₁)`` and the slope A of H at u₁ it is ``√(eᵀ (I + A Aᵀ)⁻¹ e)``.
+
+    Parameters
+    ----------
+    homography : (3, 3) float64
+        ``(u₂, v₂, 1) ∝ H (u₁, v₁, 1)``.
+    pixels_1, pixels_2 : (N, 2) float64
+        Image positions [px], distortion taken out.
+    slopes_1, slopes_2 : (N, 2, 2) float64, optional
+        Their derivatives with respect to the positions seen, in which the distance is measured. Default:
+        there is no distortion.
+
+    Returns
+    -------
+    (N,) float64
+        Distance in the joint space of both images [px]; infinite where H turns the image inside out, which no
+        plane does that both cameras see from the same side.
+    """
+    mapped = homogeneous(pixels_1) @ homography.T
+    scale = mapped[:, 2]
+    # The determinant of the slope is det H / scale³.
+    upright = scale * (homography[0] @ np.cross(homography[1], homography[2])) > 0
+    scale = np.where(upright, scale, 1.0)
+    image = mapped[:, :2] / scale[:, None]
+    slope = (homography[:2, :2] - image[:, :, None] * homography[2, :2]) / scale[:, None, None]
+    if slopes_1 is not None:
+        slope = slope @ slopes_1
+    spread = slope @ np.swapaxes(slope, 1, 2)
+    spread += np.eye(2) if slopes_2 is None else slopes_2 @ np.swapaxes(slopes_2, 1, 2)
+    return np.where(upright, _mahalanobis(pixels_2 - image, spread), np.inf)
+
+
+def _mahalanobis(offsets: FloatArray, spread: FloatArray) -> FloatArray:
+    """(N,) ``√(eᵀ S⁻¹ e)`` of offsets (N, 2) and matrices (N, 2, 2)."""
+    x, y = offsets.T
+    a, b, d = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
+    squares = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def normalised_homography(
+    homography: FloatArray, intrinsics_1: FloatArray, intrinsics_2: FloatArray
+) -> FloatArray:
+    """``K₂⁻¹ H K₁`` (3, 3): the homography between image points at depth one."""
+    calibration_1 = np.linalg.inv(inverse_calibration(intrinsics_1))
+    return np.asarray(inverse_calibration(intrinsics_2) @ homography @ calibration_1)
 
 
 @dataclass(frozen=True)
@@ -123,7 +179,7 @@ def homography_from_matches(
         Images of the same N points in both photos [px].
     threshold_px : float
         Largest first-order distance of an inlier [px]; see
-        :func:`sfmcpp.geometry.homography.homography_errors_px`.
+        :func:`sfmcpp.geometry.two_view_matrices.homography_errors_px`.
     min_inliers : int
         Fewest inliers of a matrix to trust, at least 5.
     confidence : float
@@ -167,7 +223,7 @@ def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray
     (3, 3) float64
         ``F`` with ``(u₁, v₁, 1) F (u₂, v₂, 1)ᵀ = 0``, of norm one and rank two.
     """
-    scaling_1, scaling_2 = _isotropic(pixels_1), _isotropic(pixels_2)
+    scaling_1, scaling_2 = _isotropic_normalisation(pixels_1), _isotropic_normalisation(pixels_2)
     x_1, x_2 = homogeneous(pixels_1) @ scaling_1.T, homogeneous(pixels_2) @ scaling_2.T
     rows = (x_1[:, :, None] * x_2[:, None, :]).reshape(-1, 9)
     u, d, vt = np.linalg.svd(np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3))
@@ -179,7 +235,7 @@ def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray
 def significant_fundamental(
     pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions, min_inliers: int
 ) -> MatrixEstimate:
-    """What :func:`fundamental_from_matches` does with arguments that are checked."""
+    """Implementation of :func:`fundamental_from_matches`, for checked arguments."""
     chance = chance_near_line(pixels_1, pixels_2, options.threshold_px)
     least = max(min_inliers, least_significant(len(pixels_1), SEVEN_POINTS, chance))
     return _estimate(
@@ -190,7 +246,7 @@ def significant_fundamental(
 def significant_homography(
     pixels_1: FloatArray, pixels_2: FloatArray, options: RansacOptions, min_inliers: int
 ) -> MatrixEstimate:
-    """What :func:`homography_from_matches` does with arguments that are checked."""
+    """Implementation of :func:`homography_from_matches`, for checked arguments."""
     chance = chance_near_point(pixels_1, pixels_2, options.threshold_px)
     least = max(min_inliers, least_significant(len(pixels_1), FOUR_POINTS, chance))
     return _estimate(
@@ -215,14 +271,14 @@ def _estimate(
     count = len(pixels_1)
     if count < least:
         return _failed(count, f"{count} matches: must be at least {least}")
-    matrix = search(pixels_1, pixels_2, limited(options, least / count, sample_size))
+    matrix = search(pixels_1, pixels_2, with_sample_limit(options, least / count, sample_size))
     inliers = np.asarray(errors_px(matrix, pixels_1, pixels_2) <= options.threshold_px)
     if np.count_nonzero(inliers) < least:
         return _failed(count, f"{np.count_nonzero(inliers)} inliers: must be at least {least}")
     return MatrixEstimate(matrix, inliers, "")
 
 
-def limited(options: RansacOptions, ratio: float, sample_size: int) -> RansacOptions:
+def with_sample_limit(options: RansacOptions, ratio: float, sample_size: int) -> RansacOptions:
     """`options` that search no longer than it takes to find a model of that inlier ratio."""
     most = samples_needed(ratio, sample_size, options.confidence, options.max_iterations)
     return replace(options, max_iterations=most)
@@ -232,7 +288,7 @@ def _failed(count: int, message: str) -> MatrixEstimate:
     return MatrixEstimate(np.full((3, 3), np.nan), np.zeros(count, dtype=np.bool_), message)
 
 
-def _isotropic(pixels: FloatArray) -> FloatArray:
+def _isotropic_normalisation(pixels: FloatArray) -> FloatArray:
     """(3, 3) that moves the mean of `pixels` to the origin and their mean squared distance from it to 2."""
     mean = pixels.mean(axis=0)
     spread = np.sqrt(((pixels - mean) ** 2).sum(axis=1).mean() / 2)

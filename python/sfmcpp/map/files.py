@@ -1,4 +1,4 @@
-"""A map and the problem that a file holds, both ways: maps are read from and written to every format."""
+"""Conversion between maps and problems: maps are read from and written to every format."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def map_of_problem(problem: Problem) -> Map:
 
 
 def _covariances(problem: Problem) -> FloatArray:
-    """(M, 3) Σ_uu, Σ_uv, Σ_vv of the observations; not a number where nothing is said."""
+    """(M, 3) Σ_uu, Σ_uv, Σ_vv of the observations; not a number where unknown."""
     if problem.covariance_px2 is not None:
         return problem.covariance_px2.reshape(-1, 4)[:, [0, 1, 3]]
     sigma = np.full(problem.num_observations, np.nan) if problem.sigma_px is None else problem.sigma_px

@@ -1,4 +1,4 @@
-"""The map: what is done with images, points, and which keypoint sees which point."""
+"""The map: operations on images, points and observations."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Map(Store):
         )
 
     def observe(self, rows: ArrayLike, points: ArrayLike) -> None:
-        """Say which points some keypoints see.
+        """Add observations: points that some keypoints see.
 
         Parameters
         ----------
@@ -229,7 +229,7 @@ class Map(Store):
         moves, sees, used = np.zeros((3, self.num_images), dtype=np.bool_)
         moves[free], sees[self.keypoint_images[rows]] = True, True
         used[numbers_below("also", also, self.num_images)] = True
-        local = self._part(np.flatnonzero(used | moves | sees), points, rows)
+        local = self._local_problem(np.flatnonzero(used | moves | sees), points, rows)
         local.problem.fixed_cameras[:] = ~(moves & sees)[local.images]
         return local
 
@@ -295,7 +295,7 @@ class Map(Store):
         allowed = typed_array("images", images, np.bool_, (len(self.poses),))
         rows = np.sort(self._tracks.of(chosen)[0])
         rows = rows[allowed[self.keypoint_images[rows]]]
-        return self._part(np.unique(self.keypoint_images[rows]).astype(np.intp), chosen, rows)
+        return self._local_problem(np.unique(self.keypoint_images[rows]).astype(np.intp), chosen, rows)
 
     def _seen_points(self, images: Rows, wanted: BoolArray, min_views: int) -> LocalProblem:
         """Make the problem of `images`, and of the points `wanted` (N,) that enough of them see."""
@@ -303,9 +303,9 @@ class Map(Store):
         rows = rows[self.keypoint_points[rows] >= 0]
         views = np.bincount(self.keypoint_points[rows], minlength=len(self.points))
         chosen = wanted & (views >= min_views)
-        return self._part(images, np.flatnonzero(chosen), rows[chosen[self.keypoint_points[rows]]])
+        return self._local_problem(images, np.flatnonzero(chosen), rows[chosen[self.keypoint_points[rows]]])
 
-    def _part(self, images: Rows, points: Rows, rows: Rows) -> LocalProblem:
+    def _local_problem(self, images: Rows, points: Rows, rows: Rows) -> LocalProblem:
         cameras, camera_of_image = np.unique(self.image_cameras[images], return_inverse=True)
         place = np.empty(len(self.points), dtype=np.int32)
         place[points] = np.arange(len(points))
@@ -326,7 +326,7 @@ class Map(Store):
         return LocalProblem(problem, images, cameras.astype(np.intp), points, rows)
 
     def _uncertainty(self, rows: Rows) -> Uncertainty:
-        """What a problem takes of the covariances of some keypoints."""
+        """Uncertainties of some keypoints, as a problem has them."""
         upper = self.keypoint_covariances[rows]
         unknown = np.isnan(upper).any(axis=1)
         if unknown.all():

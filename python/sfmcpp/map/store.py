@@ -1,4 +1,4 @@
-"""What a map holds, as columns that grow: images with their keypoints, cameras, points."""
+"""Storage of a map as growing columns: images with their keypoints, cameras, points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of one length that grow at their ends, by doubling: each row is moved a few times at most."""
+"""Tables of growing columns, with capacity doubled as needed."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ class Table:
         begin, end = self._count, self._count + count
         if end > self._room:
             self._room = max(end, 2 * self._room)
-            self._all = {name: _moved(old, self._room) for name, old in self._all.items()}
+            self._all = {name: _copied_to_capacity(old, self._room) for name, old in self._all.items()}
         for name, column in self._all.items():
             column[begin:end] = values.get(name, self._fill[name])
         self._count = end
         return np.arange(begin, end)
 
 
-def _moved(old: NDArray[Any], room: int) -> NDArray[Any]:
+def _copied_to_capacity(old: NDArray[Any], room: int) -> NDArray[Any]:
     new = np.empty((room, *old.shape[1:]), dtype=old.dtype)
     new[: len(old)] = old
     return new

@@ -1,4 +1,4 @@
-"""Which keypoint sees which point, and the way back: the keypoints of a point as a chain of rows."""
+"""Observations in both directions: the point of a keypoint, and the keypoints of a point as a linked list."""
 
 from __future__ import annotations
 

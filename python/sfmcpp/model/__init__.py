@@ -1,4 +1,4 @@
-"""The data that every other package speaks: problems, camera models, trajectories, sensor streams."""
+"""Data types that all other packages share: problems, camera models, trajectories, sensor streams."""
 
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import CAMERA_MODELS, CameraModel, camera_model

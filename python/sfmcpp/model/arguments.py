@@ -1,4 +1,4 @@
-"""Arguments of public functions, held against their annotations before the function runs.
+"""Validation of the arguments of public functions by their annotations.
 
 `checked` reads what a function's annotations say and refuses what is something else; a shape that matters is
 named beside it. What the values must be, ranges and the like, stays the function's own to check.
@@ -105,7 +105,7 @@ def _rule_of(name: str, hint: Any, shapes: Mapping[str, Shape]) -> Rule:
 
 
 def _rule(hint: Any) -> Rule:
-    """What an annotation says of a value; all is well where it says nothing that can be told here."""
+    """Rule that follows from an annotation; any value passes where none can be derived."""
     origin = get_origin(hint)
     if hint is Any:
         return lambda name, value: value
@@ -120,7 +120,7 @@ def _rule(hint: Any) -> Rule:
     if origin is Literal:
         return _one_of_rule(get_args(hint))
     if origin is Callable:
-        return _refusing("callable", callable)
+        return _refusing_rule("callable", callable)
     if origin is tuple and Ellipsis in get_args(hint):
         return _container_rule(Sequence, [_rule(get_args(hint)[0])])
     if origin is tuple:
@@ -200,7 +200,7 @@ def _one_of_rule(known: Sequence[Any]) -> Rule:
     return rule
 
 
-def _refusing(what: str, is_one: Callable[[Any], bool]) -> Rule:
+def _refusing_rule(what: str, is_one: Callable[[Any], bool]) -> Rule:
     def rule(name: str, value: Any) -> Any:
         if not is_one(value):
             raise InvalidArgument(f"{name} = {value!r}: must be {what}")
@@ -246,12 +246,12 @@ def _path(name: str, value: Any) -> Any:
 
 
 _SCALARS: dict[Any, Rule] = {
-    bool: _refusing("True or False", lambda value: isinstance(value, bool | np.bool_)),
-    int: _refusing(
+    bool: _refusing_rule("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    int: _refusing_rule(
         "a whole number", lambda value: isinstance(value, int | np.integer) and not isinstance(value, bool)
     ),
     float: _number,
-    str: _refusing("text", lambda value: isinstance(value, str)),
+    str: _refusing_rule("text", lambda value: isinstance(value, str)),
 }
 _BY_NAME: dict[str, Rule] = {"seed": _seed, "threads": _threads}
 _CONTAINERS = {Sequence: Sequence, Collection: Collection, Iterable: Iterable, Mapping: Mapping, list: list}

@@ -1,4 +1,4 @@
-"""Arguments that are arrays of numbers, checked the same way everywhere."""
+"""Validation of array arguments."""
 
 from __future__ import annotations
 

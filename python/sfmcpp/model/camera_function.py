@@ -1,4 +1,4 @@
-"""A camera model by a function of the user's own."""
+"""User-defined camera models, as functions."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class CameraFunction:
         """
         if not _indices_fit(problem):
             return
-        points, rows = _seen(problem)
+        points, rows = _points_in_cameras(problem)
         (bad,) = np.nonzero(~np.isfinite(self._pixels(points, rows).sum(axis=1)))
         if len(bad):
             k = int(bad[0])
@@ -159,7 +159,7 @@ class CameraFunction:
         """
         if self.jacobians is None:
             return 0.0
-        points, rows = _seen(problem)
+        points, rows = _points_in_cameras(problem)
         _, *given = self.evaluate(points, rows, jacobians=True)
         errors = [0.0]
         for found, expected in zip(given, self._differences(points, rows), strict=True):
@@ -215,7 +215,7 @@ def _indices_fit(problem: Problem) -> bool:
     )
 
 
-def _seen(problem: Problem) -> tuple[FloatArray, FloatArray]:
+def _points_in_cameras(problem: Problem) -> tuple[FloatArray, FloatArray]:
     """The point of each observation in the frame of its camera (M, 3), and its intrinsics (M, K)."""
     poses = problem.cameras[problem.camera_index]
     points = problem.points[problem.point_index] - poses[:, :, 3]

@@ -1,4 +1,4 @@
-"""The camera models by name: their intrinsic parameters and which of them are free by default."""
+"""Camera models by name: their intrinsic parameters and which are free by default."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments that are single numbers or rotations, checked the same way everywhere."""
+"""Validation of scalar arguments and rotations."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def require_one_of(name: str, value: object, known: Collection[str]) -> None:
 
 
 def looked_up(name: str, value: str, known: Mapping[str, Known]) -> Known:
-    """What `known` holds by the key `value`; InvalidArgument, with all keys, if it holds nothing."""
+    """Value of `known` with the key `value`; InvalidArgument, with all keys, if there is none."""
     require_one_of(name, value, known)
     return known[value]
 

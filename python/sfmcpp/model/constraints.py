@@ -26,7 +26,7 @@ CONSTRAINT_KINDS: dict[str, ConstraintKind] = {kind.name: kind for kind in _core
 
 
 class MemberGroup:
-    """What all groups have: a name, and fields that can be checked again."""
+    """Base of all groups: a name, and fields that can be checked again."""
 
     name: str
 
@@ -207,7 +207,7 @@ class ConstraintGroup(MemberGroup):
 
 
 def _table_of_kinds() -> str:
-    """What the core knows of each kind, as a table of a docstring."""
+    """Table of the core's constraint kinds, for a docstring."""
     rows = [("kind", "values", "error", "frame of the values")]
     for kind in CONSTRAINT_KINDS.values():
         shape = "none" if kind.values is None else "(n" + "".join(f", {k}" for k in kind.values) + ")"

@@ -1,4 +1,4 @@
-"""What the images of a camera see, one after the other: tracks and where they are."""
+"""Frames of a camera in order of time: the tracks that each image observes, with pixels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 @dataclass(frozen=True, eq=False)
 class RightView:
-    """What the right camera of a pair sees of the tracks of the left one.
+    """Observations of the left camera's tracks by the right camera of a pair.
 
     The pair is rectified: both have the same intrinsics and axes, and the right one is aside along x.
 
@@ -28,13 +28,13 @@ class RightView:
     baseline_m: float
 
     def only(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> RightView:
-        """What it sees of some of the tracks."""
+        """The observations of some of the tracks."""
         return RightView(self.pixels[rows], self.baseline_m)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one frame sees.
+    """Observations of one frame.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Tracks of uncalibrated images: which image sees which track where."""
+"""Tracks of uncalibrated images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robust loss by functions of the user's own, as a table that solvers read."""
+"""User-defined robust losses, tabulated for the solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What files say of a problem beyond the problem itself."""
+"""Metadata of a problem, which files may hold beside cameras, points and observations; the world origin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, new_numbers, number_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, new_numbers, number_array
 
 # Entries of `Metadata.extra` with a number for each observation, and for each point.
 KEYPOINTS = "colmap_keypoint_index"
@@ -41,11 +41,13 @@ _ARRAYS = {
     "nvm_measurement_distortion": (_NUMBERS, _LIST),
 }
 _TEXTS = ("colmap_camera_models", "unregistered_images")
+_NAMES = {True: ("latitude_deg", "longitude_deg", "height_m"), False: ("x_m", "y_m", "z_m")}
+_KEYS = {True: "origin_geodetic", False: "origin_xyz_m"}
 
 
 @dataclass(repr=False, eq=False)
 class Metadata:
-    """What files say beyond the problem itself; kept so that read, write, read loses nothing.
+    """Contents of files beyond the problem itself; kept so that read, write, read loses nothing.
 
     Attributes
     ----------
@@ -86,7 +88,7 @@ class Metadata:
         """
         count = len(camera_index)
         require_entries(self.extra)
-        extra = _rows_of(self.extra, _OF_OBSERVATIONS, chosen, count)
+        extra = _rows_of_entries(self.extra, _OF_OBSERVATIONS, chosen, count)
         if extra.get(KEYPOINTS) is not self.extra.get(KEYPOINTS):
             left = np.ones(count, dtype=np.bool_)
             left[chosen] = False
@@ -99,12 +101,14 @@ class Metadata:
         """Those of some of `count` points, by number."""
         require_entries(self.extra)
         colors = None if self.point_colors is None else self.point_colors[chosen]
-        return replace(self, point_colors=colors, extra=_rows_of(self.extra, _OF_POINTS, chosen, count))
+        return replace(
+            self, point_colors=colors, extra=_rows_of_entries(self.extra, _OF_POINTS, chosen, count)
+        )
 
     def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` cameras, by number: keypoints of the others are gone."""
         require_entries(self.extra)
-        extra, number = _rows_of(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
+        extra, number = _rows_of_entries(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
         if LOOSE[0] in extra:
             images = _renumbered(extra[LOOSE[0]], number)
             extra |= {name: np.asarray(extra[name])[images >= 0] for name in LOOSE[1:]}
@@ -128,7 +132,7 @@ class Metadata:
         A row that is chosen again is a camera of its own, with an identifier of its own.
         """
         require_entries(self.extra)
-        extra = _rows_of(self.extra, _OF_INTRINSICS, chosen, len(number))
+        extra = _rows_of_entries(self.extra, _OF_INTRINSICS, chosen, len(number))
         if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen):
             again = np.setdiff1d(np.arange(len(ids)), np.unique(ids, return_index=True)[1])
             ids[again] = _next_numbers(self.extra["colmap_camera_ids"], len(again))
@@ -140,7 +144,7 @@ class Metadata:
 
     def of_rigs(self, frames: NDArray[Any], sensors: NDArray[Any], num_sensors: int) -> Metadata:
         """Those of some frames, and of some of `num_sensors` sensors, by number."""
-        extra = _rows_of(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
+        extra = _rows_of_entries(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
         if len(ids := extra.get(FRAME_IDS, ())) > frames.max(initial=-1):
             extra[FRAME_IDS] = np.asarray(ids)[frames]
         return replace(self, extra=extra)
@@ -201,8 +205,8 @@ def require_entries(extra: dict[str, Any]) -> None:
             raise InvalidArgument(f"metadata {name} = {extra[name]!r}: must be a list of str")
     lengths = [len(extra.get(name, ())) for name in LOOSE]
     if len(set(lengths)) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
-        raise InvalidArgument(f"metadata of keypoints that see no point differ in length: {told}")
+        lengths_text = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
+        raise InvalidArgument(f"metadata of keypoints that see no point differ in length: {lengths_text}")
 
 
 def _require_array(name: str, array: NDArray[Any]) -> None:
@@ -218,22 +222,22 @@ def _are_texts(value: object) -> bool:
     return isinstance(value, (list, tuple)) and all(isinstance(text, str) for text in value)
 
 
-def _rows_of(
+def _rows_of_entries(
     extra: dict[str, Any], names: tuple[str, ...], chosen: NDArray[Any], count: int
 ) -> dict[str, Any]:
     """`extra` with some rows of the named entries, where these have `count` of them."""
     fitting = [name for name in names if name in extra and len(extra[name]) == count]
-    return extra | {name: _some(extra[name], chosen) for name in fitting}
+    return extra | {name: _chosen_rows(extra[name], chosen) for name in fitting}
 
 
-def _some(values: Any, chosen: NDArray[Any]) -> Any:
+def _chosen_rows(values: Any, chosen: NDArray[Any]) -> Any:
     if _are_texts(values):
         return np.array(values, dtype=object)[chosen].tolist()
     return np.asarray(values)[chosen]
 
 
 def _renumbered(values: Any, number: IndexArray) -> NDArray[np.int64]:
-    """What `number` has become of each value; −1 also of values that it does not know."""
+    """Renumbered values; −1 for values that are unknown."""
     old = np.asarray(values, dtype=np.int64)
     known = (old >= 0) & (old < len(number))
     result = np.full(len(old), -1, dtype=np.int64)
@@ -255,3 +259,53 @@ def _next_of_images(images: NDArray[Any], numbers: NDArray[Any], added: NDArray[
     result = np.empty(len(added), dtype=np.int64)
     result[order] = ends[added[order]] + 1 + np.arange(len(added)) - first
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class WorldOrigin:
+    """Origin of a world in metres.
+
+    Attributes
+    ----------
+    place : (3,) float64
+        Latitude, longitude [deg, WGS84] and height [m], the axes of the world east, north, up; or x, y, z in
+        a metric frame with the same axes [m].
+    geodetic : bool
+        Which of both.
+    """
+
+    place: FloatArray
+    geodetic: bool
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> WorldOrigin | None:
+        """The origin in ``metadata.extra``; None if there is none."""
+        for geodetic, key in _KEYS.items():
+            if key in metadata.extra:
+                return cls(finite_array(f"metadata {key}", metadata.extra[key], (3,)), geodetic)
+        return None
+
+    def put_into(self, metadata: Metadata) -> None:
+        """Tell it in ``metadata.extra``, in place of any other."""
+        for key in _KEYS.values():
+            metadata.extra.pop(key, None)
+        metadata.extra[_KEYS[self.geodetic]] = np.array(self.place, dtype=np.float64)
+
+    def to_dict(self) -> dict[str, float]:
+        """Its three numbers, by names with units."""
+        return dict(zip(_NAMES[self.geodetic], np.asarray(self.place).tolist(), strict=True))
+
+    @classmethod
+    def from_dict(cls, entries: dict[str, Any]) -> WorldOrigin:
+        """:meth:`to_dict` backwards.
+
+        Raises
+        ------
+        InvalidArgument
+            If it is none, or not finite.
+        """
+        for geodetic, names in _NAMES.items():
+            if set(entries) == set(names):
+                return cls(finite_array("origin", [entries[name] for name in names], (3,)), geodetic)
+        known = " or ".join(", ".join(names) for names in _NAMES.values())
+        raise InvalidArgument(f"origin: has {', '.join(entries) or 'nothing'}, must have {known}")

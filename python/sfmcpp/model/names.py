@@ -1,4 +1,4 @@
-"""Names that arguments can have, for editors and type checkers; the core's tables hold the same.
+"""Literal types of the names that arguments can have, equal to the tables of the core.
 
 Where names come from files too, arguments take any ``str`` beside these, and are checked when they are used.
 """

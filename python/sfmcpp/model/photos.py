@@ -1,7 +1,8 @@
-"""Photos and what was detected in them, as structure from motion takes them."""
+"""Photos and their features as structure from motion takes them, and the order of their names."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,7 +54,7 @@ class Photo:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What was detected in an image.
+    """Features detected in an image.
 
     Attributes
     ----------
@@ -77,3 +78,14 @@ class Features:
 
     def __len__(self) -> int:
         return len(self.pixels)
+
+
+def words_and_numbers(name: str) -> list[tuple[int, str]]:
+    """Parts of a name: (number, "") where it has digits, (-1, text) elsewhere."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", name)
+    return [(int(part), "") if part[0].isdecimal() else (-1, part) for part in parts]
+
+
+def natural_order(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Key by which image2 comes before image10; different names have different keys."""
+    return words_and_numbers(name), name

@@ -1,15 +1,16 @@
-"""The one problem type: a bundle adjustment problem as a structure of NumPy arrays."""
+"""The bundle adjustment problem as a structure of NumPy arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import selecting
+from sfmcpp.model import selection
 from sfmcpp.model.arrays import (
     BoolArray,
     FloatArray,
@@ -18,7 +19,6 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
-from sfmcpp.model.html import html_table
 from sfmcpp.model.metadata import Metadata
 from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.rigs import Rigs
@@ -219,7 +219,7 @@ class Problem:
         InvalidArgument
             If a number is out of range, or a mask has another length.
         """
-        return selecting.of_observations(self, chosen)
+        return selection.of_observations(self, chosen)
 
     def with_points(self, chosen: ArrayLike) -> Problem:
         """Copy with some of the points and their observations, and all cameras and intrinsics.
@@ -239,7 +239,7 @@ class Problem:
         InvalidArgument
             If a number is out of range or there twice, or a mask has another length.
         """
-        return selecting.of_points(self, chosen)
+        return selection.of_points(self, chosen)
 
     def with_cameras(self, chosen: ArrayLike) -> Problem:
         """Copy with some of the cameras and their observations, and all points, seen or not.
@@ -259,7 +259,7 @@ class Problem:
         InvalidArgument
             If a number is out of range or there twice, or a mask has another length.
         """
-        return selecting.of_cameras(self, chosen)
+        return selection.of_cameras(self, chosen)
 
     def with_shared_intrinsics(self, groups: ArrayLike | None = None) -> Problem:
         """Copy in which cameras share intrinsics, like photos of one camera at one zoom.
@@ -280,7 +280,7 @@ class Problem:
         InvalidArgument
             If `groups` is not one number for each camera, or a group has images of several sizes.
         """
-        return selecting.with_shared_intrinsics(self, groups)
+        return selection.with_shared_intrinsics(self, groups)
 
     def with_added_points(
         self,
@@ -314,11 +314,11 @@ class Problem:
         InvalidArgument
             If a shape is wrong or a number is out of range.
         """
-        return selecting.with_added_points(self, points, camera_index, point_index, pixels, sigma_px)
+        return selection.with_added_points(self, points, camera_index, point_index, pixels, sigma_px)
 
     def copy(self) -> Problem:
         """An independent copy, of the metadata too."""
-        return selecting.changed(self)
+        return selection.changed(self)
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -361,3 +361,9 @@ def _require_private_intrinsics(groups: int, cameras: int) -> None:
         raise InvalidArgument(
             f"intrinsics: {groups} rows for {cameras} cameras, must be equal unless intrinsics_index is given"
         )
+
+
+def html_table(rows: Iterable[tuple[str, str]]) -> str:
+    """Table of names and values, in order; both are text, whatever they hold."""
+    lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return f"<table>{''.join(lines)}</table>"

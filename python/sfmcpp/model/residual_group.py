@@ -1,9 +1,10 @@
-"""User-defined residuals of poses and points, in named groups."""
+"""User-defined residuals of poses and points, in named groups, with central differences."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -13,11 +14,13 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
-from sfmcpp.model.differences import by_point, by_pose
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
 ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
+_TANGENT = 6
+# Central differences of a double are best at its third root.
+_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 class Evaluation(NamedTuple):
@@ -159,12 +162,12 @@ class ResidualGroup(MemberGroup):
         InvalidArgument
             If the return value of the function has a wrong shape or is not a number.
         """
-        residuals, derivatives = self._called(poses, points)
+        residuals, derivatives = self._call_function(poses, points)
         if not jacobian:
             return Evaluation(residuals)
         if not derivatives:
             return self._differences(residuals, poses, points)
-        return self._given(residuals, derivatives)
+        return self._given_derivatives(residuals, derivatives)
 
     def residuals_at(self, problem: Problem) -> FloatArray:
         """Residuals (n, k) at the state of a problem.
@@ -196,11 +199,14 @@ class ResidualGroup(MemberGroup):
             As :meth:`evaluate`.
         """
         arguments = self._arguments_of(problem)
-        residuals, derivatives = self._called(*arguments)
+        residuals, derivatives = self._call_function(*arguments)
         if not derivatives:
             return 0.0
-        given, differences = self._given(residuals, derivatives), self._differences(residuals, *arguments)
-        return max(_error(*pair) for pair in zip(given[1:], differences[1:], strict=True))
+        given, differences = (
+            self._given_derivatives(residuals, derivatives),
+            self._differences(residuals, *arguments),
+        )
+        return max(_relative_error(*pair) for pair in zip(given[1:], differences[1:], strict=True))
 
     def _arguments_of(self, problem: Problem) -> tuple[FloatArray | None, FloatArray | None]:
         """Poses (n, p, 3, 4) and points (n, 3) of all members."""
@@ -221,7 +227,7 @@ class ResidualGroup(MemberGroup):
         if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
             raise InvalidArgument(f"{self._label(field_name)}: must be from 0 to {count - 1}")
 
-    def _called(
+    def _call_function(
         self, poses: FloatArray | None, points: FloatArray | None
     ) -> tuple[FloatArray, tuple[ArrayLike, ...]]:
         """Residuals, and the derivatives that the function gives, if it does."""
@@ -240,7 +246,7 @@ class ResidualGroup(MemberGroup):
         residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
         return residuals, tuple(derivatives)
 
-    def _given(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
+    def _given_derivatives(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
         """Derivatives as the function gives them."""
         left, poses, point = list(derivatives), None, None
         label = f"derivatives of {self._label('function')}"
@@ -256,12 +262,12 @@ class ResidualGroup(MemberGroup):
     ) -> Evaluation:
         return Evaluation(
             residuals,
-            None if poses is None else by_pose(lambda moved: self._called(moved, points)[0], poses),
-            None if points is None else by_point(lambda moved: self._called(poses, moved)[0], points),
+            None if poses is None else by_pose(lambda moved: self._call_function(moved, points)[0], poses),
+            None if points is None else by_point(lambda moved: self._call_function(poses, moved)[0], points),
         )
 
 
-def _error(given: FloatArray | None, differences: FloatArray | None) -> float:
+def _relative_error(given: FloatArray | None, differences: FloatArray | None) -> float:
     """The largest difference of two arrays over the largest number in them."""
     if given is None or differences is None:
         return 0.0
@@ -295,3 +301,76 @@ def require_kinds(groups: Iterable[Group], what: str) -> list[ConstraintGroup]:
             )
         known.append(group)
     return known
+
+
+def by_pose(residuals: Callable[[FloatArray], FloatArray], poses: FloatArray) -> FloatArray:
+    """Derivatives of residuals by poses, twelve calls for each pose of a member.
+
+    Parameters
+    ----------
+    residuals : callable
+        From poses (n, p, 3, 4), rotation world_from_camera and centre, to residuals (n, k).
+    poses : (n, p, 3, 4) float64
+        Where.
+
+    Returns
+    -------
+    (n, k, p, 6) float64
+        By δR of ``R exp([δR]×)`` [rad], then by the centre.
+    """
+    steps = np.array([_STEP] * 3 + [_difference_step(poses[..., 3])] * 3)
+    columns = [
+        [_difference(residuals, partial(_turned_or_shifted, poses, p, k), steps[k]) for k in range(_TANGENT)]
+        for p in range(poses.shape[1])
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.array(columns), (0, 1), (2, 3)))
+
+
+def by_point(residuals: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
+    """Derivatives of residuals by points, in six calls.
+
+    Parameters
+    ----------
+    residuals : callable
+        From points (n, 3) to residuals (n, k).
+    points : (n, 3) float64
+        Where.
+
+    Returns
+    -------
+    (n, k, 3) float64
+        By their coordinates.
+    """
+    step, axes = _difference_step(points), np.eye(3)
+    columns = [_difference(residuals, partial(_shifted_points, points, axis), step) for axis in axes]
+    return np.stack(columns, axis=-1)
+
+
+def _difference_step(places: FloatArray) -> float:
+    """Places far away move by as much of their distance; rotations are of the size one."""
+    return _STEP * max(1.0, float(np.abs(places).max(initial=0.0)))
+
+
+def _difference(
+    residuals: Callable[[FloatArray], FloatArray], moved: Callable[[float], FloatArray], step: float
+) -> FloatArray:
+    result: FloatArray = (residuals(moved(step)) - residuals(moved(-step))) / (2 * step)
+    return result
+
+
+def _shifted_points(points: FloatArray, axis: FloatArray, step: float) -> FloatArray:
+    return points + step * axis
+
+
+def _turned_or_shifted(poses: FloatArray, pose: int, k: int, step: float) -> FloatArray:
+    """Poses (n, p, 3, 4), one of each member moved along one of its six directions."""
+    moved: FloatArray = poses.copy()
+    if k >= 3:
+        moved[:, pose, k - 3, 3] += step
+        return moved
+    a, b = (k + 1) % 3, (k + 2) % 3
+    turn = np.eye(3)
+    turn[[a, b], [a, b]] = np.cos(step)
+    turn[a, b], turn[b, a] = -np.sin(step), np.sin(step)
+    moved[:, pose, :, :3] = poses[:, pose, :, :3] @ turn
+    return moved

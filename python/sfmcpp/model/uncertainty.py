@@ -1,4 +1,4 @@
-"""How well observations are measured: by standard deviations, by covariances, or to 1 px each."""
+"""Uncertainty of observations: standard deviations, covariances, or 1 px for all."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def first_bad_covariance(covariances: FloatArray) -> tuple[int, str] | None:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """What a problem takes: standard deviations (M,), or covariances (M, 2, 2), or neither for 1 px."""
+    """Uncertainties of a problem: standard deviations (M,), or covariances (M, 2, 2), or neither for 1 px."""
 
     sigma_px: FloatArray | None = None
     covariance_px2: FloatArray | None = None

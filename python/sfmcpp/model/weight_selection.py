@@ -1,4 +1,4 @@
-"""What was chosen for the weight of a sensor, and whether the sensor agrees with the images."""
+"""Results of weight selection: the chosen weight of a sensor, and its conflict with the images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class ConflictReport:
-    """How far a sensor is from what the images say: one constraint, or the worst member of a group.
+    """Distance of a sensor from the images: of one constraint, or of the worst member of a group.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class WeightSelection:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values only, as for JSON; infinite scores are None."""
-        values = {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
+        values = {name: _plain_value(getattr(self, name)) for name in self.__dataclass_fields__}
         return {**values, "conflict": dict(vars(self.conflict))}
 
     @property
@@ -144,13 +144,13 @@ class WeightSelection:
         return bool(0 < self.weight <= scored[0] or self.weight >= scored[-1])
 
     def describe(self) -> str:
-        """What was chosen, and whether sensor and images agree, in one line."""
+        """The choice, and whether sensor and images agree, in one line."""
         amounts = f"σ = {self.sensor_sigma:.3g} {self.unit}" if self.weight > 0 else "left out"
         end = ", at the end of what was tried: no better one inside" if self.at_end else ""
         return f"{self.weight:.3g} by {self.method} ({amounts}{end}); {self.conflict.describe()}"
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if not isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""Sensors beside the camera: streams of measurements, and what they say of the motion between two images."""
+"""Sensors beside the camera: streams, and the motion that they measure between two images."""
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
@@ -10,18 +10,17 @@ from sfmcpp.sensors.gps import (
     position_at,
     smoothed_positions,
 )
-from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
-from sfmcpp.sensors.ins import pose_at, pose_stream_values
+from sfmcpp.sensors.inertial import (
+    orientations,
+    pose_at,
+    pose_stream_values,
+    rotation_increment,
+    sampling_variance,
+)
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
 from sfmcpp.sensors.position_jumps import displaced_positions
-from sfmcpp.sensors.prediction import (
-    interpolate_poses,
-    interpolate_rotations,
-    interpolate_vectors,
-    predict_pose,
-)
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
 from sfmcpp.sensors.registration import (
     Registration,
@@ -30,7 +29,15 @@ from sfmcpp.sensors.registration import (
     register_by_positions,
 )
 from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, check_turns
-from sfmcpp.sensors.stream import describe_coverage, describe_gaps, measured_at
+from sfmcpp.sensors.stream import (
+    describe_coverage,
+    describe_gaps,
+    interpolate_poses,
+    interpolate_rotations,
+    interpolate_vectors,
+    measured_at,
+    predict_pose,
+)
 
 __all__ = [
     "MOST_TURNS",

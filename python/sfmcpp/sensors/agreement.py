@@ -1,4 +1,4 @@
-"""Streams that were measured on one body at the same time must tell of the same motion.
+"""Consistency of streams that were measured on one body at the same time.
 
 A unit that is wrong by a constant factor passes the limits of :class:`SensorStream` where the motion is slow:
 36 km/h declared as m/s are plausible by themselves, but not beside a GPS, nor in a bend.
@@ -59,8 +59,8 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
     for stream in streams:
         _require_short(stream)
     local = [local_positions(stream) if stream.kind == "geodetic" else stream for stream in streams]
-    _require_same(local, _WAYS, _way, _LEAST_WAY_M, "ways", "km/h, ft, mm or km")
-    _require_same(local, _TURNS, _turn, _LEAST_TURN_RAD, "rotations", "degrees")
+    _require_same_motion(local, _WAYS, _distance_between, _LEAST_WAY_M, "ways", "km/h, ft, mm or km")
+    _require_same_motion(local, _TURNS, _angle_between, _LEAST_TURN_RAD, "rotations", "degrees")
     for stream in local:
         for turning in local:
             if stream.kind in ("speed", "velocity") and turning.kind == "angular_rate":
@@ -102,7 +102,7 @@ def _require_short(stream: SensorStream) -> None:
         )
 
 
-def _require_same(
+def _require_same_motion(
     streams: Sequence[SensorStream],
     kinds: tuple[str, ...],
     measure: Measure,
@@ -111,7 +111,9 @@ def _require_same(
     hint: str,
 ) -> None:
     for one, other in combinations([s for s in streams if s.kind in kinds], 2):
-        pairs = np.array([[measure(s, *span) for s in (one, other)] for span in _stretches(one, other)])
+        pairs = np.array(
+            [[measure(s, *span) for s in (one, other)] for span in _common_stretches(one, other)]
+        )
         pairs = pairs.reshape(-1, 2)[pairs.reshape(-1, 2).max(axis=1) >= least]
         if len(pairs) < _FEWEST_STRETCHES:
             continue
@@ -124,7 +126,7 @@ def _require_same(
             )
 
 
-def _stretches(one: SensorStream, other: SensorStream) -> list[tuple[float, float]]:
+def _common_stretches(one: SensorStream, other: SensorStream) -> list[tuple[float, float]]:
     """Stretches that both cover, spread over the whole of the time they share."""
     start, end = max(one.t_s[0], other.t_s[0]), min(one.t_s[-1], other.t_s[-1])
     spans = list(pairwise(np.arange(start, end, _STRETCH_S).tolist()))
@@ -132,14 +134,14 @@ def _stretches(one: SensorStream, other: SensorStream) -> list[tuple[float, floa
     return [span for span in some if one.covers(*span) and other.covers(*span)]
 
 
-def _way(stream: SensorStream, start_s: float, end_s: float) -> float:
+def _distance_between(stream: SensorStream, start_s: float, end_s: float) -> float:
     if stream.kind in ("position", "pose"):
         start, end = measured_at(stream, np.array([start_s, end_s]))[:, :3]
         return float(np.linalg.norm(end - start))
     return abs(travelled_distance(stream, start_s, end_s) or 0.0)
 
 
-def _turn(stream: SensorStream, start_s: float, end_s: float) -> float:
+def _angle_between(stream: SensorStream, start_s: float, end_s: float) -> float:
     """Angle turned through; of rates the mean times the time, so that several turns are not none."""
     if stream.kind == "angular_rate":
         middles_s, lengths_s = segments(start_s, end_s, stream)

@@ -1,4 +1,4 @@
-"""Satellite positions: geodetic coordinates made local and metric, positions at any time.
+"""Satellite positions: conversion to local metric coordinates, interpolation.
 
 WGS 84 after NIMA TR8350.2, "Department of Defense World Geodetic System 1984", third edition: semi-major axis
 and flattening of table 3.1, geodetic to Cartesian coordinates of its section 4.

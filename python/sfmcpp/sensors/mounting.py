@@ -76,7 +76,7 @@ class Mounting:
 
 @checked(steps=(ANY, 3), directions=(ANY, 3))
 def find_misalignment(steps: FloatArray, directions: FloatArray) -> FloatArray | None:
-    """How a camera is turned from what its mounting says, by its steps and where images see it go.
+    """Rotation of a camera against its stated mounting, from its steps and their directions in images.
 
     Parameters
     ----------

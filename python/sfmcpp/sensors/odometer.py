@@ -1,4 +1,4 @@
-"""Odometer: how far the body went between two times, and where its stream cannot be right."""
+"""Odometer: travelled distance and displacement, and stretches of implausible speed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.prediction import interpolate_vectors
-from sfmcpp.sensors.stream import measured_at, require_interval, require_kind, segments
+from sfmcpp.sensors.stream import interpolate_vectors, measured_at, require_interval, require_kind, segments
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0
@@ -141,12 +140,12 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
         If the stream is of another kind.
     """
     t_s, speeds = _speeds(stream)
-    leaps = _leaps(t_s, speeds)
+    leaps = _speed_leaps(t_s, speeds)
     found: list[Gap] = []
     at = 0
     while at < len(leaps):
         opening = leaps[at]
-        closing = next((k for k in leaps[at + 1 :] if _undoes(speeds, opening, k)), len(speeds) - 1)
+        closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
         stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
         last = min(stop + 1, len(speeds) - 1)
         end_s = float(stream.t_s[-1] + stream.max_gap_s if last == len(speeds) - 1 else t_s[last])
@@ -194,7 +193,7 @@ def _speeds(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
     return stream.t_s, np.linalg.norm(stream.values, axis=1)
 
 
-def _leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
+def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     """Samples after which the speed changes faster than it can, or otherwise than before and after."""
     if len(speeds) < 3:
         return []
@@ -215,7 +214,7 @@ def _running_median(values: FloatArray) -> FloatArray:
     return np.asarray(np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1))
 
 
-def _undoes(speeds: FloatArray, opening: int, closing: int) -> bool:
-    there = speeds[opening] * speeds[closing]
-    back = speeds[opening + 1] * speeds[closing + 1]
-    return bool(abs(there - back) <= _SAME * max(there, back))
+def _is_opposite_leap(speeds: FloatArray, opening: int, closing: int) -> bool:
+    opening_product = speeds[opening] * speeds[closing]
+    closing_product = speeds[opening + 1] * speeds[closing + 1]
+    return bool(abs(opening_product - closing_product) <= _SAME * max(opening_product, closing_product))

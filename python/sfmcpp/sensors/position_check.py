@@ -1,4 +1,4 @@
-"""Whether positions are those of the camera: which way they bend, and when.
+"""Checks of positions against the camera's path: mirrored axes, clock offset.
 
 A similarity brings a map to any positions: their unit and where they lie say nothing. What is left is the
 hand of their axes and their clock.
@@ -17,9 +17,8 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
-from sfmcpp.sensors.prediction import interpolate_vectors
 from sfmcpp.sensors.registration import UP_IN_CAMERA
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import interpolate_vectors, require_kind
 
 # A bend of the way is told by two chords of so many standard deviations, to some ten degrees.
 _CHORD_SIGMAS = 10.0
@@ -118,7 +117,7 @@ def check_bends(
     turns = so3.log(np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:])
     heading = np.concatenate([[0.0], np.cumsum(turns @ up)])
     covered = np.array([stream.covers(t, t) for t in vision.t_s], dtype=bool)
-    found = _bends(stream, vision.t_s[covered], heading[covered], _CHORD_SIGMAS * sigma_m)
+    found = _path_bends(stream, vision.t_s[covered], heading[covered], _CHORD_SIGMAS * sigma_m)
     if len(found) < _FEWEST_BENDS:
         return BendCheck(len(found))
     sizes = np.abs(found[:, 0])
@@ -126,7 +125,7 @@ def check_bends(
     return BendCheck(len(found), *np.median(np.abs([told, seen, told - seen, told + seen]), axis=1).tolist())
 
 
-def _bends(stream: SensorStream, times: FloatArray, heading: FloatArray, chord_m: float) -> FloatArray:
+def _path_bends(stream: SensorStream, times: FloatArray, heading: FloatArray, chord_m: float) -> FloatArray:
     """Angles to the left (n, 2) between a chord up to a place and one from there on, and of the camera.
 
     The camera's is that from the middle of one chord to the middle of the other.
@@ -198,7 +197,10 @@ def _costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> FloatArray:
 
 def _stretch_costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> FloatArray:
     try:
-        left = [_left(interpolate_vectors(path.t_s, path.centres, t_s + o), places) for o in _OFFSETS_S]
+        left = [
+            _similarity_residuals(interpolate_vectors(path.t_s, path.centres, t_s + o), places)
+            for o in _OFFSETS_S
+        ]
     except InvalidArgument:  # it stands still, or goes straight to the last digit
         return np.zeros(len(_OFFSETS_S))
     squares = np.array([np.sum(residuals**2) for residuals in left])
@@ -209,5 +211,5 @@ def _stretch_costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> Flo
     return np.asarray(1.5 * count * np.log(np.maximum(squares, 1e-300)))
 
 
-def _left(source: FloatArray, target: FloatArray) -> FloatArray:
+def _similarity_residuals(source: FloatArray, target: FloatArray) -> FloatArray:
     return np.asarray(fit_similarity(source, target).apply(source) - target)

@@ -1,4 +1,4 @@
-"""What a gyroscope's rates are off by all the time, told by pairs of images.
+"""Bias of angular rates, estimated from the rotations of pairs of images.
 
 A map follows a gyroscope that it is fitted to; the rotation that two images tell by themselves does not, and
 is right to a milliradian or two where it is not wrong altogether.
@@ -42,7 +42,7 @@ _ROUNDS = 6
 
 @checked()
 def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> FloatArray | None:
-    """What rates are off by all the time, beside rotations that pairs of images tell.
+    """Estimate the bias of angular rates from the rotations of pairs of images.
 
     Parameters
     ----------
@@ -69,13 +69,13 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s)]
     if len(covered) < _FEWEST:
         return None
-    errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _lengths_s(covered)
+    errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _durations_s(covered)
     rate, sigma = _rate(errors, lengths_s)
     least = max(_SIGMAS * sigma, _LEAST_RAD_S / np.sqrt(len(covered)))
     if not least <= np.linalg.norm(rate) <= _LARGEST_RAD_S:
         return None
-    left = _median_length(errors - lengths_s[:, None] * rate)
-    if left > _SHARE_OF_OTHERS * _left_otherwise(stream, mounting, covered, errors):
+    left = _median_norm(errors - lengths_s[:, None] * rate)
+    if left > _SHARE_OF_OTHERS * _median_error_of_alternatives(stream, mounting, covered, errors):
         return None
     return np.asarray(mounting.camera_from_body.T @ rate)
 
@@ -104,14 +104,14 @@ def without_bias(stream: SensorStream, rate_rad_s: FloatArray) -> SensorStream:
     return replace(stream, values=stream.values - rate_rad_s)
 
 
-def _lengths_s(turns: Sequence[Turn]) -> FloatArray:
+def _durations_s(turns: Sequence[Turn]) -> FloatArray:
     return np.array([turn.end_s - turn.start_s for turn in turns])
 
 
 def _errors(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], offsets: FloatArray
 ) -> FloatArray:
-    """Rotation vectors (offsets, n, 3) from what images tell to what the stream does [rad]."""
+    """Rotation vectors (offsets, n, 3) from the rotations of images to those of the stream [rad]."""
     times = np.array([[turn.start_s, turn.end_s] for turn in turns])
     seen = np.stack([turn.rotation for turn in turns])
     return so3.log(np.swapaxes(seen, 1, 2) @ turns_at_offsets(stream, mounting, times, offsets))
@@ -129,17 +129,17 @@ def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]
     return rate, float(scale / np.sqrt(weights.sum()))
 
 
-def _median_length(errors: FloatArray) -> FloatArray:
+def _median_norm(errors: FloatArray) -> FloatArray:
     return np.asarray(np.median(np.linalg.norm(errors, axis=-1), axis=-1))
 
 
-def _left_otherwise(
+def _median_error_of_alternatives(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
 ) -> float:
     """Median error at the best of all clocks, or beside a camera that turns evenly, if that is less [rad]."""
-    by_clocks = float(_median_length(_errors(stream, mounting, turns, _OFFSETS_S)).min())
-    seen, lengths_s = so3.log(np.stack([turn.rotation for turn in turns])), _lengths_s(turns)
-    if _median_length(errors) > _LARGEST_RATIO * _median_length(seen):
+    by_clocks = float(_median_norm(_errors(stream, mounting, turns, _OFFSETS_S)).min())
+    seen, lengths_s = so3.log(np.stack([turn.rotation for turn in turns])), _durations_s(turns)
+    if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
         return by_clocks
     evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]
-    return min(by_clocks, float(_median_length(evenly)))
+    return min(by_clocks, float(_median_norm(evenly)))

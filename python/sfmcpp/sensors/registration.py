@@ -1,4 +1,4 @@
-"""Metric registration of a map by the first pairs of vision and sensor: thesis §5.3.3, eqs 5.16–5.19.
+"""Metric registration of a map with a sensor, from the first poses: thesis §5.3.3, eqs 5.16–5.19.
 
 The thesis takes rotation and translation from the last pair alone and says that a fit to all would be better
 (§5.3.3.1): here it is one. Apply the result with :meth:`Similarity.apply_to_poses` (eq. 5.16) and
@@ -86,8 +86,9 @@ def register_by_poses(vision: ArrayLike, measured: ArrayLike, pairs: int = PAIRS
     InvalidArgument
         If there are fewer than `pairs`, a shape is wrong, or the camera moved too little to tell a scale.
     """
-    source, target = _first("vision", vision, pairs, 2), _first("measured", measured, pairs, 2)
-    moments = _moving(source[:, :, 3], target[:, :, 3])
+    source = _leading_poses("vision", vision, pairs, 2)
+    target = _leading_poses("measured", measured, pairs, 2)
+    moments = _moments_of_motion(source[:, :, 3], target[:, :, 3])
     similarity = fit_pose_similarity(source, target)
     residuals = _distances(similarity.apply(source[:, :, 3]), target[:, :, 3])
     # The positions leave three numbers of the translation and the scale to the residuals.
@@ -132,10 +133,10 @@ def register_by_positions(
         If there are fewer than `pairs`, a shape is wrong, the camera moved too little for the noise of the
         positions, or it went straight and there is no `up`, or straight along `up`.
     """
-    poses = _first("vision", vision, pairs, 3)
+    poses = _leading_poses("vision", vision, pairs, 3)
     source, target = poses[:, :, 3], finite_array("measured", measured, (ANY, 3))[:pairs]
-    moments = _moving(source, target)
-    free = _registered(moments, nearest_rotation(moments.covariance), source, target)
+    moments = _moments_of_motion(source, target)
+    free = _registration_of_rotation(moments, nearest_rotation(moments.covariance), source, target)
     if free.roll_sigma_rad <= OPEN_ROLL_RAD:
         return free
     if up is None:
@@ -145,7 +146,7 @@ def register_by_positions(
         )
     in_map = (poses[:, :, :3] @ finite_array("up_in_camera", up_in_camera, (3,))).mean(axis=0)
     rotation = _upright_rotation(moments.covariance, in_map, finite_array("up", up, (3,)))
-    return _registered(moments, rotation, source, target, upright=True)
+    return _registration_of_rotation(moments, rotation, source, target, upright=True)
 
 
 @checked()
@@ -171,7 +172,7 @@ def register_by_distances(vision: ArrayLike, distances_m: ArrayLike, pairs: int 
     InvalidArgument
         If there are fewer than `pairs`, a shape is wrong, or either side says that nothing moved.
     """
-    centres = _first("vision", vision, pairs, 2)[:, :, 3]
+    centres = _leading_poses("vision", vision, pairs, 2)[:, :, 3]
     seen = _distances(centres[1:], centres[:-1])
     driven = np.abs(finite_array("distances_m", distances_m, (ANY,))[: len(seen)])
     if len(driven) < len(seen):
@@ -184,7 +185,7 @@ def register_by_distances(vision: ArrayLike, distances_m: ArrayLike, pairs: int 
     return Registration(similarity, np.abs(scale * seen - driven))
 
 
-def _first(name: str, poses: ArrayLike, pairs: int, fewest: int) -> FloatArray:
+def _leading_poses(name: str, poses: ArrayLike, pairs: int, fewest: int) -> FloatArray:
     if pairs < fewest:
         raise InvalidArgument(f"pairs = {pairs}: must be at least {fewest}")
     array = finite_array(name, poses, (ANY, 3, 4))
@@ -193,7 +194,7 @@ def _first(name: str, poses: ArrayLike, pairs: int, fewest: int) -> FloatArray:
     return array[:pairs]
 
 
-def _moving(source: FloatArray, target: FloatArray) -> PointMoments:
+def _moments_of_motion(source: FloatArray, target: FloatArray) -> PointMoments:
     """Moments of pairs of positions, of which neither side stands still."""
     moments = PointMoments.of(source, target)
     for name, mean, extents in (
@@ -205,7 +206,7 @@ def _moving(source: FloatArray, target: FloatArray) -> PointMoments:
     return moments
 
 
-def _registered(
+def _registration_of_rotation(
     moments: PointMoments, rotation: FloatArray, source: FloatArray, target: FloatArray, upright: bool = False
 ) -> Registration:
     scale = moments.scale(rotation)
@@ -248,7 +249,7 @@ def _noise(residuals: FloatArray, parameters: int) -> float:
 
 
 def _relative_sigma(moments: PointMoments, scale: float, noise: float) -> float:
-    """What the scale may be off, as a share; InvalidArgument where that is too much to call it a scale."""
+    """Relative standard deviation of the scale; InvalidArgument where it is too large."""
     extent = scale * np.sqrt(len(moments.shares) * moments.source_variance)
     if not noise <= LARGEST_RELATIVE_SIGMA * extent:
         raise InvalidArgument(

@@ -1,4 +1,4 @@
-"""Whether a sensor's rotations are those of the camera: its clock, its unit, its axes.
+"""Checks of a sensor's rotations against the camera's: clock offset, unit, axes.
 
 The rotation from one pose of the camera to the next is compared with the sensor's over the same interval,
 moved by an offset of the clock. All three axes and a robust cost: among the noisy poses of a real run the
@@ -17,10 +17,9 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
-from sfmcpp.sensors.imu import rotations_at_samples
+from sfmcpp.sensors.inertial import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.prediction import interpolate_rotations
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import interpolate_rotations, require_kind
 
 # An offset known less well than this counts as unknown.
 LARGEST_SIGMA_S = 0.02
@@ -40,7 +39,7 @@ _LEAST_TURN_RAD = float(np.radians(0.3))
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Motion of the camera between two times, as a pair of images tells it.
+    """Motion of the camera between two times, from a pair of images.
 
     Attributes
     ----------
@@ -161,7 +160,7 @@ def check_rotations(
         return RotationCheck(len(seen))
     offsets = _offsets(largest_offset_s)
     factors = (1.0, _DEGREES, 1 / _DEGREES) if stream.kind == "angular_rate" else (1.0,)
-    checks = [_check(stream, f, mounting, times[covered], seen, offsets) for f in factors]
+    checks = [_compare_with_stream(stream, f, mounting, times[covered], seen, offsets) for f in factors]
     best = min(checks, key=_misfit)
     return best if _misfit(best) < _RIGHT * min(1.0, _misfit(checks[0])) else checks[0]
 
@@ -170,7 +169,7 @@ def check_rotations(
 def check_turns(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], largest_offset_s: float = 0.5
 ) -> RotationCheck:
-    """Compare a sensor's rotations with those that pairs of images tell.
+    """Compare a sensor's rotations with those of pairs of images.
 
     They are fewer than poses and do not hang together, but no map has followed the sensor in them: six are
     enough where the rate changes. The unit is taken to be right.
@@ -199,7 +198,7 @@ def check_turns(
         return RotationCheck(len(covered))
     times = np.array([[turn.start_s, turn.end_s] for turn in covered])
     seen = np.stack([turn.rotation for turn in covered])
-    return _check(stream, 1.0, mounting, times, seen, _offsets(largest_offset_s))
+    return _compare_with_stream(stream, 1.0, mounting, times, seen, _offsets(largest_offset_s))
 
 
 def _offsets(largest_s: float) -> FloatArray:
@@ -211,7 +210,7 @@ def _misfit(check: RotationCheck) -> float:
     return check.error_rad / check.turned_rad if check.turned_rad > 0 else np.inf
 
 
-def _check(
+def _compare_with_stream(
     stream: SensorStream,
     factor: float,
     mounting: Mounting,
@@ -237,8 +236,8 @@ def turns_at_offsets(
     near = (stream.t_s >= times.min() - reach_s) & (stream.t_s <= times.max() + reach_s)
     stream = replace(stream, t_s=stream.t_s[near], values=stream.values[near])
     absolute = rotations_at_samples(stream, 1 / factor)
-    asked = times - offsets[:, None, None]
-    start, end = (interpolate_rotations(stream.t_s, absolute, asked[..., k].ravel()) for k in (0, 1))
+    shifted = times - offsets[:, None, None]
+    start, end = (interpolate_rotations(stream.t_s, absolute, shifted[..., k].ravel()) for k in (0, 1))
     return mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
 
 

@@ -3,8 +3,7 @@
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import Georeferenced, georeference
-from sfmcpp.sfm.given_database import match_graph_of_database
-from sfmcpp.sfm.given_matches import match_graph_of_arrays
+from sfmcpp.sfm.imported_matches import match_graph_of_arrays, match_graph_of_database
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import GpsOutcome, ImageOutcome, SfmRun
 from sfmcpp.sfm.run import reconstruct

@@ -1,4 +1,4 @@
-"""Batch reconstruction: all images at once, then what they leave out (thesis algorithm 4)."""
+"""Batch reconstruction of all images at once, then growth by those left out (thesis algorithm 4)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.sfm.batch.projective import ProjectiveReconstruction, reconstruct_projective
 from sfmcpp.sfm.batch.upgrade import MetricUpgrade, metric_upgrade
 from sfmcpp.sfm.growth import Growth
-from sfmcpp.sfm.incremental import Grown, asked
+from sfmcpp.sfm.incremental import GrownModels, stop_listener
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.tracks import NO_TRACK
 
 
-def batch_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int], bool]) -> Grown:
+def batch_models(scene: Scene, settings: IncrementalSettings, progress: Callable[[int], bool]) -> GrownModels:
     """Reconstruct all images at once from their tracks; images that this leaves out follow one by one.
 
     Parameters
@@ -27,7 +27,7 @@ def batch_models(scene: Scene, settings: IncrementalSettings, told: Callable[[in
         Images, cameras and tracks.
     settings : IncrementalSettings
         Thresholds and seed.
-    told : callable
+    progress : callable
         Called with the number of images that have a pose; returning True asks to stop with what there is.
 
     Returns
@@ -39,7 +39,7 @@ def batch_models(scene: Scene, settings: IncrementalSettings, told: Callable[[in
     projective = reconstruct_projective(tracks, max_error_px=settings.outlier_px, seed=settings.seed)
     reasons = dict(projective.left_out)
     if projective.problem is None:
-        return Grown([], reasons, warnings=[f"no batch reconstruction: {projective.message}"])
+        return GrownModels([], reasons, warnings=[f"no batch reconstruction: {projective.message}"])
     found = metric_upgrade(
         projective.problem,
         tracks.sizes[projective.images],
@@ -48,11 +48,11 @@ def batch_models(scene: Scene, settings: IncrementalSettings, told: Callable[[in
         **_what_is_known(scene, projective.images),
     )
     if found.problem is None:
-        return Grown([], reasons, warnings=[f"no metric model: {found.reason}"])
+        return GrownModels([], reasons, warnings=[f"no metric model: {found.reason}"])
     growth = _growth_from(scene, settings, projective, found)
-    grown = Grown([growth.world], reasons, warnings=list(found.warnings))
+    grown = GrownModels([growth.world], reasons, warnings=list(found.warnings))
     try:
-        growth.grow(asked(told, np.zeros(len(scene.graph.photos), dtype=np.bool_)))
+        growth.grow(stop_listener(progress, np.zeros(len(scene.graph.photos), dtype=np.bool_)))
     except KeyboardInterrupt:
         grown.interrupted = True
     grown.reasons.update(growth.reasons)
@@ -90,7 +90,7 @@ def _growth_from(
     projective: ProjectiveReconstruction,
     found: MetricUpgrade,
 ) -> Growth:
-    """Put the metric problem into a map of the scene, with the tracks that it found to be one."""
+    """Growth that begins with the metric problem, with its merged tracks, in a map of the scene."""
     problem, images, tracks = found.problem, projective.images, projective.tracks
     assert problem is not None
     assert projective.problem is not None

@@ -1,4 +1,4 @@
-"""Results that took long, kept in a folder by what they were computed from."""
+"""Cache of intermediate results in a folder, addressed by a hash of their inputs."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ def cache_key(*parts: Any) -> str:
     total = blake2b(digest_size=_DIGEST_BYTES)
     for part in parts:
         of_array = isinstance(part, np.ndarray)
-        told = f"{part.dtype.str} {part.shape}" if of_array else repr(part)
+        description = f"{part.dtype.str} {part.shape}" if of_array else repr(part)
         content = np.ascontiguousarray(part).tobytes() if of_array else b""
-        total.update(f"{len(told)} {len(content)} {told}".encode() + content)
+        total.update(f"{len(description)} {len(content)} {description}".encode() + content)
     return total.hexdigest()
 
 

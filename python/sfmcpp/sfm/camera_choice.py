@@ -1,4 +1,4 @@
-"""Which distortion the images of a model show: as much of it as lowers the cost for good.
+"""Choice of the distortion model by the cost of the whole model.
 
 A model of too few parameters bends the scene, focal length and heights first; one of too many takes up noise.
 """
@@ -12,7 +12,7 @@ from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjusting import FINE, adjusted
+from sfmcpp.sfm.adjustment import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -45,7 +45,7 @@ def choose_camera_model(
         Where the images were taken.
     """
     name, best = "simple-radial", adjusted(world, settings, **FINE)
-    apart = _apart(world.poses, positions, settings)
+    apart = _position_rms(world.poses, positions, settings)
     for intrinsics, richer in _STEPS:
         local = world.whole_problem(2)
         estimated = ~local.problem.fixed_intrinsics.all(axis=1)
@@ -55,7 +55,7 @@ def choose_camera_model(
         cost = adjusted(world, settings, local, **FINE)
         poses = world.poses.copy()
         poses[local.images] = local.problem.cameras
-        moved = _apart(poses, positions, settings)
+        moved = _position_rms(poses, positions, settings)
         if cost < (1 - _WORTH) * best and moved <= _BENT * apart:
             world.take(local)
             world.fixed_intrinsics[local.cameras] = freed
@@ -64,7 +64,7 @@ def choose_camera_model(
         world.camera_names[camera] = name.upper().replace("-", "_")
 
 
-def _apart(poses: FloatArray, positions: Positions | None, settings: IncrementalSettings) -> float:
+def _position_rms(poses: FloatArray, positions: Positions | None, settings: IncrementalSettings) -> float:
     """Root mean squared distance of the images from their positions, where they agree; 0 if unknown [m]."""
     if positions is None:
         return 0.0

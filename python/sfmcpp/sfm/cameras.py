@@ -1,19 +1,21 @@
-"""The cameras of a set of photos: what is known of them, what is to be estimated, and who shares one."""
+"""Cameras of a set of photos: known and free intrinsics, sharing, and the argument `camera`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from os import PathLike
+from pathlib import Path, PurePosixPath
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
+from sfmcpp.sources.cameras import camera_file, read_intrinsics
 
 # Intrinsics that a reconstruction estimates, by the name that COLMAP gives the model. The principal point
 # stays at the centre of the image: a few photos do not tell it.
@@ -31,6 +33,10 @@ USUAL_FOCAL = 1.2
 # Focal lengths of lenses, from the widest to the longest, as parts of the longer side of an image.
 _SHORTEST, _LONGEST = 0.1, 100.0
 PERSPECTIVE = camera_model("perspective").intrinsics
+CameraArgument = str | float | PathLike[str] | ArrayLike
+_RULE = (
+    "must be 'auto', 'exif', a focal length in pixels, a file (K.txt, calib.txt, YAML, XML), or intrinsics"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,7 @@ class Cameras:
 
 
 def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
-    """Say which photos share a camera.
+    """Numbers of the cameras that photos share.
 
     Parameters
     ----------
@@ -93,11 +99,12 @@ def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
         raise InvalidArgument(f"shared_camera = 'one': the images have {len(sizes)} sizes ({listed})")
     keys: dict[object, int] = {}
     return np.array(
-        [keys.setdefault(_key(i, p, sharing), len(keys)) for i, p in enumerate(photos)], dtype=np.int32
+        [keys.setdefault(_sharing_key(i, p, sharing), len(keys)) for i, p in enumerate(photos)],
+        dtype=np.int32,
     )
 
 
-def _key(number: int, photo: Photo, sharing: str) -> object:
+def _sharing_key(number: int, photo: Photo, sharing: str) -> object:
     folder = str(PurePosixPath(photo.name).parent)
     names = {"each": number, "one": "", "folder": folder, "auto": photo.camera}
     return names[sharing], photo.size
@@ -148,7 +155,7 @@ def cameras_of(
         [photo for photo, camera in zip(photos, of_image, strict=True) if camera == g] for g in range(count)
     ]
     sizes = np.array([some[0].size for some in members], dtype=np.int64).reshape(-1, 2)
-    told = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
+    focals = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
     given_focal = focal_px if calibration is None else float(calibration[0])
     for width, height in sizes.tolist():
         _require_usual(given_focal, max(width, height))
@@ -158,9 +165,9 @@ def cameras_of(
         rows = np.tile(calibration, (count, 1))
         known = np.ones((count, len(PERSPECTIVE)), dtype=np.bool_)
         return Cameras(rows, known, of_image, sizes, np.zeros(count, dtype=np.bool_), [""] * count)
-    rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, told, strict=True)])
+    rows = np.array([first_intrinsics(size, focal) for size, focal in zip(sizes, focals, strict=True)])
     fixed = np.tile([name not in free for name in PERSPECTIVE], (count, 1))
-    guessed = np.array([focal is None for focal in told], dtype=np.bool_)
+    guessed = np.array([focal is None for focal in focals], dtype=np.bool_)
     if not free and guessed.any():
         raise InvalidArgument("camera_model = 'fixed': wants a focal length, in camera or in the files")
     names = [start.upper().replace("-", "_") if free else ""] * count
@@ -177,8 +184,8 @@ def first_intrinsics(size: NDArray[np.int64], focal_px: float | None) -> FloatAr
 
 
 def _median_focal(photos: Sequence[Photo]) -> float | None:
-    told = [photo.focal_px for photo in photos if photo.focal_px is not None]
-    return float(np.median(told)) if told else None
+    focals = [photo.focal_px for photo in photos if photo.focal_px is not None]
+    return float(np.median(focals)) if focals else None
 
 
 def _require_usual(focal_px: float | None, side: int) -> None:
@@ -194,3 +201,92 @@ def _require_inside(row: FloatArray, width: int, height: int) -> None:
         if side and not 0.25 * side < at < 0.75 * side:
             rule = "must be near the middle: is the calibration of images of another size?"
             raise InvalidArgument(f"camera: {name} = {at:g} px in images of {width}×{height}: {rule}")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraInput:
+    """The argument `camera` of a reconstruction: known intrinsics or focal length, use of EXIF.
+
+    Attributes
+    ----------
+    focal_px : float or None
+        Focal length to start from [px].
+    calibration : (12,) float64 or None
+        Known intrinsics, which stay.
+    exif : str
+        ``"use"``: where files tell a focal length. ``"need"``: all must. ``"ignore"``: none is used.
+    """
+
+    focal_px: float | None = None
+    calibration: FloatArray | None = None
+    exif: str = "use"
+
+    def cameras(self, photos: Sequence[Photo], *, sharing: str, model: str) -> Cameras:
+        """Make the cameras of `photos`.
+
+        Raises
+        ------
+        InvalidArgument
+            If photos do not tell a focal length that is needed, or the calibration is of another size.
+        """
+        if self.exif == "need" and (silent := [p.name for p in photos if p.focal_px is None]):
+            listed = ", ".join(silent[:3])
+            raise InvalidArgument(f"camera = 'exif': {len(silent)} images tell no focal length ({listed})")
+        return cameras_of(
+            photos,
+            sharing=sharing,
+            model=model,
+            focal_px=self.focal_px,
+            calibration=self.calibration,
+            use_exif=self.exif != "ignore",
+        )
+
+
+def parse_camera_argument(camera: CameraArgument) -> CameraInput:
+    """Understand the argument `camera` of :func:`sfmcpp.sfm.reconstruct`.
+
+    Raises
+    ------
+    InvalidArgument
+        If it is none of what it may be.
+    DatasetError
+        If it is a file that cannot be read.
+    """
+    if isinstance(camera, str) and camera in ("auto", "exif"):
+        return CameraInput(exif="use" if camera == "auto" else "need")
+    if isinstance(camera, (str, PathLike)):
+        return _input_of_text(str(camera))
+    values = np.asarray(camera, dtype=np.float64)
+    return (
+        _input_of_focal(float(values))
+        if values.ndim == 0
+        else CameraInput(calibration=_complete_intrinsics(values))
+    )
+
+
+def _input_of_text(text: str) -> CameraInput:
+    try:
+        return _input_of_focal(float(text))
+    except ValueError:
+        path = Path(text)
+    if not camera_file(path)[0].exists():
+        if path.suffix:
+            raise DatasetError(path, "there is no such file")
+        raise InvalidArgument(f"camera = {text!r}: {_RULE}")
+    return CameraInput(calibration=_complete_intrinsics(read_intrinsics(path)))
+
+
+def _input_of_focal(focal_px: float) -> CameraInput:
+    if not (np.isfinite(focal_px) and focal_px > 0):
+        raise InvalidArgument(f"camera = {focal_px:g}: a focal length must be positive [px]")
+    return CameraInput(focal_px=focal_px, exif="ignore")
+
+
+def _complete_intrinsics(values: FloatArray) -> FloatArray:
+    if values.shape == (3, 3):
+        f, aspect = values[0, 0], values[1, 1] / values[0, 0]
+        values = np.array([f, aspect, values[0, 2], values[1, 2], values[0, 1]])
+    row = finite_array("camera", values, (-1,))
+    if len(row) not in (5, len(PERSPECTIVE)) or row[0] <= 0:
+        raise InvalidArgument(f"camera: {len(row)} numbers, {_RULE}")
+    return np.concatenate([row, np.zeros(len(PERSPECTIVE) - len(row))])

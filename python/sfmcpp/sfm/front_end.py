@@ -1,4 +1,4 @@
-"""From the photos of a folder to their match graph: features, pairs, matches and two-view geometry.
+"""Match graph of a folder of photos: features, pairs, matches and two-view geometry.
 
 What takes long is kept by its content, if a cache is given: features by the photo, matches by the two photos,
 geometry by matches and intrinsics. So a run that was interrupted goes on where it was, and one more photo
@@ -19,9 +19,9 @@ from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed, require_share
 from sfmcpp.model.photos import Features, Photo
+from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sfm.cache import Arrays, Cache, cache_key
-from sfmcpp.sfm.given_matches import one_for_one
-from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
+from sfmcpp.sfm.imported_matches import unique_matches
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
 from sfmcpp.sources.vision import (
     FeatureSettings,
@@ -47,7 +47,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class FrontEndSettings:
-    """What decides about the match graph of photos.
+    """Settings of the match graph of photos.
 
     Attributes
     ----------
@@ -93,10 +93,10 @@ def build_match_graph(
     intrinsics: Intrinsics | None = None,
     *,
     cache: Cache | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
     seconds: dict[str, float] | None = None,
 ) -> MatchGraph:
-    """Detect features in photos, match them, and find out what each pair says of its cameras.
+    """Detect features in photos, match them, and estimate the geometry of each pair.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def build_match_graph(
         raise InvalidArgument(f"intrinsics: {len(rows)} rows, must be {len(folder.photos)}, one a photo")
     work = _Work(settings or FrontEndSettings(), cache, progress, {} if seconds is None else seconds)
     found = work.features(folder.photos)
-    readable, unreadable = _parted(folder, found)
+    readable, unreadable = _decoded_and_unreadable(folder, found)
     photos = [folder.photos[i] for i in readable]
     features = [one for one in found if isinstance(one, Features)]
     numbers = work.pairs(photos, features)
@@ -147,7 +147,9 @@ def build_match_graph(
     return MatchGraph(photos, features, pairs, unreadable)
 
 
-def _parted(folder: PhotoFolder, found: list[Features | str]) -> tuple[list[int], dict[str, str]]:
+def _decoded_and_unreadable(
+    folder: PhotoFolder, found: list[Features | str]
+) -> tuple[list[int], dict[str, str]]:
     """Which photos could be decoded, and why each other file could not."""
     readable = [i for i, one in enumerate(found) if isinstance(one, Features)]
     reasons = {p.name: one for p, one in zip(folder.photos, found, strict=True) if isinstance(one, str)}
@@ -170,14 +172,14 @@ class _Work:
     def features(self, photos: Sequence[Photo]) -> list[Features | str]:
         """Of each photo, or why it cannot be decoded."""
         with one_opencv_thread():
-            return self._each("features", self._features_of, photos, _MOST_DETECTORS)
+            return self._run_tasks("features", self._features_of, photos, _MOST_DETECTORS)
 
     def pairs(self, photos: Sequence[Photo], features: Sequence[Features]) -> list[ImagePair]:
         def choose(matcher: str) -> list[ImagePair]:
             return choose_pairs(photos, features, matcher, seed=self.settings.seed, threads=threads)
 
         threads = thread_count(self.settings.threads)
-        return self._each("pairs", choose, [self.settings.matcher])[0]
+        return self._run_tasks("pairs", choose, [self.settings.matcher])[0]
 
     def matches(
         self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
@@ -187,13 +189,13 @@ class _Work:
 
         def matches_of(pair: ImagePair) -> Matches:
             i, j = pair
-            return self._kept(
+            return self._from_cache_or_computed(
                 "matches",
                 self._matches_key(photos[i], photos[j]),
-                lambda: {"matches": self._matched(features[i], features[j], places[i], places[j])},
+                lambda: {"matches": self._matches_between(features[i], features[j], places[i], places[j])},
             )["matches"]
 
-        return self._each("matching", matches_of, pairs)
+        return self._run_tasks("matching", matches_of, pairs)
 
     def geometries(
         self,
@@ -205,32 +207,34 @@ class _Work:
     ) -> list[TwoViewGeometry]:
         def geometry_of(number: int) -> TwoViewGeometry:
             (i, j), m = pairs[number], matches[number]
-            arrays = self._kept(
+            arrays = self._from_cache_or_computed(
                 "geometry",
                 self._geometry_key(photos[i], photos[j], rows[i], rows[j]),
-                lambda: _arrays_of(self._estimated(features[i], features[j], rows[i], rows[j], m)),
+                lambda: _arrays_of(self._estimated_geometry(features[i], features[j], rows[i], rows[j], m)),
             )
             return _geometry_of(arrays)
 
-        return self._each("geometry", geometry_of, range(len(pairs)))
+        return self._run_tasks("geometry", geometry_of, range(len(pairs)))
 
     def _features_of(self, photo: Photo) -> Features | str:
         try:
             key = self._features_key(photo)
-            found = self._found("features", key)
+            found = self._load_cached("features", key)
             features = vars(detect(photo, self.settings.features)) if found is None else found
         except DatasetError as error:
             return error.reason if error.path == str(photo.path) else str(error)
         if found is None:  # a cache that cannot be written is no fault of the photo
-            self._keep("features", key, features)
+            self._save_cached("features", key, features)
         return Features(**features)
 
-    def _matched(self, one: Features, other: Features, places_1: IndexArray, places_2: IndexArray) -> Matches:
+    def _matches_between(
+        self, one: Features, other: Features, places_1: IndexArray, places_2: IndexArray
+    ) -> Matches:
         ratio, mutual = self.settings.ratio, self.settings.mutual
         found = match(one.descriptors, other.descriptors, ratio=ratio, mutual=mutual, threads=1)
-        return one_for_one(np.column_stack([places_1[found[:, 0]], places_2[found[:, 1]]]))
+        return unique_matches(np.column_stack([places_1[found[:, 0]], places_2[found[:, 1]]]))
 
-    def _estimated(
+    def _estimated_geometry(
         self, one: Features, other: Features, row_1: Row, row_2: Row, matches: Matches
     ) -> TwoViewGeometry:
         return two_view_geometry(
@@ -260,28 +264,28 @@ class _Work:
         parts = (matches, settings.threshold_px, settings.min_inliers, settings.seed, _GEOMETRY_VERSION)
         return matches and cache_key(*parts, *rows)
 
-    def _kept(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
+    def _from_cache_or_computed(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
         """From the cache, or computed and put there."""
-        found = self._found(stage, key)
+        found = self._load_cached(stage, key)
         if found is None:
             found = compute()
-            self._keep(stage, key, found)
+            self._save_cached(stage, key, found)
         return found
 
-    def _found(self, stage: str, key: str) -> Arrays | None:
+    def _load_cached(self, stage: str, key: str) -> Arrays | None:
         return self.cache.load(stage, key) if self.cache is not None and key else None
 
-    def _keep(self, stage: str, key: str, arrays: Arrays) -> None:
+    def _save_cached(self, stage: str, key: str, arrays: Arrays) -> None:
         if self.cache is not None and key:
             self.cache.save(stage, key, **arrays)
 
-    def _each(
+    def _run_tasks(
         self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], most: int | None = None
     ) -> list[Result]:
         begin, threads = time.perf_counter(), thread_count(self.settings.threads)
         try:
             threads = threads if most is None else min(most, threads)
-            return in_order(function, tasks, threads, stage=stage, progress=self.progress)
+            return results_in_order(function, tasks, threads, stage=stage, progress=self.progress)
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 

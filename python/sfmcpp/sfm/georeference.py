@@ -1,4 +1,4 @@
-"""Positions of images bring a model into the world; how far they are to be trusted, the data tell.
+"""Georeferencing: a model moved and adjusted to positions of its images, with robust weights.
 
 A similarity that most positions agree with (least median of squares, Rousseeuw 1984) moves the model there.
 Then images and positions are adjusted together with the weight that restricted likelihood gives the
@@ -24,14 +24,13 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjusting import FINE
-from sfmcpp.sfm.handedness import swapped_axes
-from sfmcpp.sfm.position_checks import beyond_judgement, unchecked
+from sfmcpp.sfm.adjustment import FINE
+from sfmcpp.sfm.position_checks import evidence_of_swapped_axes, unchecked_positions, undecidable_positions
 from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.agreeing import LIE_SIGMAS
+from sfmcpp.weighting.conflict import LIE_SIGMAS
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -124,7 +123,9 @@ def georeference(
         On Ctrl-C.
     """
     require_seed(seed)
-    known = local_positions(_rows("positions", positions, problem), geodetic, _sigmas(sigmas_m, problem))
+    known = local_positions(
+        _position_rows("positions", positions, problem), geodetic, _sigmas(sigmas_m, problem)
+    )
     return georeference_to(problem, known, seed, **options)
 
 
@@ -133,7 +134,7 @@ def georeference_to(
 ) -> Georeferenced:
     """:func:`georeference` by positions that are in a metric frame already."""
     _require_movable(problem)
-    _is_told(problem, positions)
+    _uses_stated_sigmas(problem, positions)
     solve(problem, **options).require_uninterrupted()
     return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
 
@@ -172,11 +173,11 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
 
 
 def image_names(problem: Problem) -> list[str]:
-    """Names of the images of a problem; their numbers from 0 where its file told none."""
+    """Names of the images of a problem; their numbers from 0 where its file has none."""
     return list(problem.metadata.image_names) or [str(camera) for camera in range(problem.num_cameras)]
 
 
-def _rows(name: str, value: ArrayLike, problem: Problem) -> FloatArray:
+def _position_rows(name: str, value: ArrayLike, problem: Problem) -> FloatArray:
     rows = number_array(name, value).astype(np.float64)
     if rows.shape != (problem.num_cameras, 3):
         raise InvalidArgument(f"{name}: shape {rows.shape}, must be ({problem.num_cameras}, 3)")
@@ -184,7 +185,7 @@ def _rows(name: str, value: ArrayLike, problem: Problem) -> FloatArray:
 
 
 def _sigmas(value: ArrayLike | None, problem: Problem) -> FloatArray | None:
-    return None if value is None else _rows("sigmas_m", value, problem)
+    return None if value is None else _position_rows("sigmas_m", value, problem)
 
 
 def _require_movable(problem: Problem) -> None:
@@ -197,7 +198,7 @@ def _require_movable(problem: Problem) -> None:
             )
 
 
-def _is_told(problem: Problem, positions: Positions) -> bool:
+def _uses_stated_sigmas(problem: Problem, positions: Positions) -> bool:
     """Whether σ must be as stated, as the problem is too large for it to be found."""
     columns = 6 * problem.num_cameras + np.count_nonzero(~problem.fixed_intrinsics)
     if columns > MAX_COLUMNS and positions.sigmas_m is None:
@@ -216,32 +217,32 @@ def _georeferenced(
     options: dict[str, Any],
     moved: Callable[[Similarity], None],
 ) -> Georeferenced:
-    """Move and adjust a problem whose images alone are adjusted; `moved` hears of each move."""
+    """Move and adjust a problem whose images alone are adjusted; `moved` is called after each move."""
     images = np.flatnonzero(positions.known)
     no_fix = np.zeros(len(names)) if positions.no_fix is None else positions.no_fix
-    told = positions.of(images)
-    metres, weights = told.metres, told.member_weights
+    stated = positions.of(images)
+    metres, weights = stated.metres, stated.member_weights
     _require_enough(metres)
-    stated_m = told.stated_sigma_m if _is_told(problem, positions) else None
+    stated_m = stated.stated_sigma_m if _uses_stated_sigmas(problem, positions) else None
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
-    good |= beyond_judgement(problem.centres[images], metres, weights, good)
+    good |= undecidable_positions(problem.centres[images], metres, weights, good)
     for _ in range(_ROUNDS):
-        _require_off_a_line(metres[good], [names[image] for image in images[~good]])
+        _require_not_collinear(metres[good], [names[image] for image in images[~good]])
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
-        placed = _placed(problem.centres[images[good]], metres[good], weights[good])
+        placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
         placed.move(problem)
         moved(placed)
         group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
         apart = problem.centres[images] - metres
         misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
         agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
-        agrees |= beyond_judgement(problem.centres[images], metres, weights, agrees)
+        agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
         if (agrees == good).all():
             break
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
-    alone = good & unchecked(problem.centres[images], weights, good)
-    swapped = swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
+    alone = good & unchecked_positions(problem.centres[images], weights, good)
+    swapped = evidence_of_swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
     judged, sigmas_m = _centre_sigmas_m(problem, group, options)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
@@ -249,25 +250,27 @@ def _georeferenced(
         outliers=[names[image] for image in images[~good]],
         origin=positions.origin,
         geodetic=positions.geodetic,
-        stated_sigma_m=told.stated_sigma_m,
+        stated_sigma_m=stated.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
         sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
         warnings=[
             *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
             *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
             *(_UNCHECKED.format(names[image]) for image in images[alone]),
-            *_disagreeing([names[image] for image in images[~good]]),
+            *_disagreement_warning([names[image] for image in images[~good]]),
         ],
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
 
 
-def _disagreeing(lies: list[str]) -> list[str]:
+def _disagreement_warning(lies: list[str]) -> list[str]:
     if not lies:
         return []
-    told = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
-    return [f"{told} with the images: left out {', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"]
+    count_text = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
+    return [
+        f"{count_text} with the images: left out {', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
+    ]
 
 
 def _require_enough(metres: FloatArray) -> None:
@@ -277,7 +280,7 @@ def _require_enough(metres: FloatArray) -> None:
         )
 
 
-def _require_off_a_line(metres: FloatArray, lies: list[str]) -> None:
+def _require_not_collinear(metres: FloatArray, lies: list[str]) -> None:
     spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
     if spread[1] <= _LINE * spread[0]:
         but = f" but for those that disagree ({', '.join(lies[:3])})" if lies else ""
@@ -286,7 +289,7 @@ def _require_off_a_line(metres: FloatArray, lies: list[str]) -> None:
         )
 
 
-def _placed(centres: FloatArray, metres: FloatArray, weights: FloatArray) -> Similarity:
+def _fitted_similarity(centres: FloatArray, metres: FloatArray, weights: FloatArray) -> Similarity:
     """Similarity that brings `centres` (n, 3) nearest to `metres` (n, 3)."""
     try:
         return fit_similarity(centres, metres, weights.mean(axis=1))
@@ -306,7 +309,7 @@ def _adjust(
     cameras = images.astype(np.int32)
     group = ConstraintGroup("position", cameras, metres, member_weights=weights, name="gps")
     if stated_m is not None:
-        group.weight = 3 / stated_m**2 * _pixel_variance(_linear(problem, [], options))
+        group.weight = 3 / stated_m**2 * _pixel_variance(_linear_model(problem, [], options))
         solve(problem, constraints=[group], **options).require_uninterrupted()
         return group, stated_m
     summary = solve(problem, constraints=[group], weight="auto", **options)
@@ -318,14 +321,14 @@ def _centre_sigmas_m(
     problem: Problem, group: ConstraintGroup, options: dict[str, Any]
 ) -> tuple[NDArray[np.int32], FloatArray]:
     """Images all along, and the standard deviations (n, 3) of their centres in the world [m]."""
-    model = _linear(problem, [group], options)
+    model = _linear_model(problem, [group], options)
     count = problem.num_cameras
     judged = np.unique(np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32))
     variances = [np.diag(block)[3:6] for block in model.covariance(cameras=judged).cameras]
     return judged, np.sqrt(np.array(variances) * _pixel_variance(model))
 
 
-def _linear(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:
+def _linear_model(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:
     known = {name: options[name] for name in _LINEAR if name in options}
     return linearize(problem, constraints=groups, **known)
 

@@ -1,4 +1,4 @@
-"""One model that grows image by image from a first pair (thesis algorithm 5)."""
+"""Incremental growth of one model, image by image from an initial pair (thesis algorithm 5)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sfm.adjusting import FINE, ROUGH, adjust_all, adjust_around
+from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.match_graph import Pair
@@ -82,19 +82,22 @@ class Growth:
         poses: dict[int, tuple[FloatArray, float]] = {}
         angle_deg = self._settings.start_angle_deg
         while angle_deg >= _LEAST_START_ANGLE_DEG:
-            if any(self._start_with(*found, angle_deg) for found in self._wide(pairs, poses, angle_deg / 2)):
+            if any(
+                self._start_with(*found, angle_deg)
+                for found in self._wide_angle_pairs(pairs, poses, angle_deg / 2)
+            ):
                 return True
             angle_deg /= 2
         return False
 
-    def _wide(
+    def _wide_angle_pairs(
         self, pairs: list[Pair], poses: dict[int, tuple[FloatArray, float]], angle_deg: float
     ) -> Iterator[tuple[Pair, FloatArray]]:
         """The first pairs seen under an angle, with the pose of the second image, which `poses` keeps."""
         count = 0
         for number, pair in enumerate(pairs):
             if number not in poses:
-                poses[number] = self._relative(pair)
+                poses[number] = self._relative_pose(pair)
             camera, seen_deg = poses[number]
             if seen_deg >= angle_deg:
                 yield pair, camera
@@ -116,7 +119,7 @@ class Growth:
         world.points[:] = np.nan
         return False
 
-    def _relative(self, pair: Pair) -> tuple[FloatArray, float]:
+    def _relative_pose(self, pair: Pair) -> tuple[FloatArray, float]:
         """Pose (3, 4) of the second image in the frame of the first, and the median angle of the rays [deg].
 
         The angle is not a number where the pose is not known.
@@ -145,12 +148,12 @@ class Growth:
         angles = triangulation_angles_deg(local.problem, local.problem.points)
         return bool(np.median(angles) >= angle_deg / 2)
 
-    def grow(self, told: Told) -> None:
+    def grow(self, on_image: Told) -> None:
         """Take in image after image until none can be, then adjust all to the end."""
         retried = False
         while True:
             if self._register_next():
-                told(self.world)
+                on_image(self.world)
                 retried = False
             elif not retried:
                 self._adjust_all(rounds=2)
@@ -164,12 +167,12 @@ class Growth:
 
         Where the camera model is to be chosen, that is done then, and all of it once more.
         """
-        self._settle()
+        self._adjust_until_stable()
         if self._scene.cameras.model_is_open:
             choose_camera_model(self.world, self._settings, self._scene.positions)
-            self._settle()
+            self._adjust_until_stable()
 
-    def _settle(self) -> None:
+    def _adjust_until_stable(self) -> None:
         for _ in range(_LAST_ROUNDS):
             if self._adjust_all(rounds=1, fine=True) == 0:
                 break
@@ -195,10 +198,10 @@ class Growth:
                 f"it sees only {counts[image]} points of the model, {self._settings.min_inliers} are needed"
             )
         images = np.flatnonzero(counts >= self._settings.min_inliers)
-        scores = [self._spread(int(image), sees) for image in images]
+        scores = [self._coverage_score(int(image), sees) for image in images]
         return np.asarray(images[np.argsort(-np.asarray(scores), kind="stable")])
 
-    def _spread(self, image: int, sees: NDArray[np.bool_]) -> int:
+    def _coverage_score(self, image: int, sees: NDArray[np.bool_]) -> int:
         """Cells of finer and finer grids that hold points, the finer ones counting more (COLMAP's rule)."""
         world = self.world
         rows = world.keypoints_of([image])
@@ -222,7 +225,7 @@ class Growth:
         world.poses[image] = found.camera
         errors_px = self.structure.errors_px(rows, world.keypoint_points[rows])
         world.forget(rows[errors_px > 2 * self._settings.outlier_px])
-        self._take_in(image)
+        self._extend_structure(image)
         return True
 
     def _resection(self, rows: NDArray[np.intp], camera: int) -> PoseEstimate:
@@ -235,7 +238,7 @@ class Growth:
             "min_inlier_ratio": settings.min_inlier_ratio,
             "seed": settings.seed,
         }
-        if not self._is_guess(camera):
+        if not self._has_guessed_focal(camera):
             return resection(*seen, **limits)
         limits["threshold_px"] *= 2
         if not (world.registered & (world.image_cameras == camera)).any():
@@ -245,14 +248,14 @@ class Growth:
                 return free
         return resection(*seen, **limits)
 
-    def _is_guess(self, camera: int) -> bool:
+    def _has_guessed_focal(self, camera: int) -> bool:
         """Whether the focal length of a camera was guessed and not adjusted yet."""
         world = self.world
         used = world.registered & (world.image_cameras == camera)
         adjusted = used.any() and np.count_nonzero(world.registered) >= self._settings.intrinsics_images
         return bool(self._scene.cameras.guessed[camera] and not adjusted)
 
-    def _take_in(self, image: int) -> None:
+    def _extend_structure(self, image: int) -> None:
         """Points and observations that a new image brings, and the adjustment around it or of all."""
         world, settings = self.world, self._settings
         self.structure.triangulate(np.array([image]))

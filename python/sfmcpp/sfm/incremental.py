@@ -1,4 +1,4 @@
-"""Incremental reconstruction: one model, or several where the images fall apart (thesis algorithm 5)."""
+"""Incremental reconstruction of one or more models, merged where they overlap (thesis algorithm 5)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity, reprojection_errors_px
 from sfmcpp.map import Map
-from sfmcpp.model.arrays import BoolArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.growth import Growth
-from sfmcpp.sfm.joining import join
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
 # Models that are tried to start at most: photos of nothing fall into as many parts as there are.
 _MODELS = 50
+# Points of both models agree if most are nearer than this part of the spread of the common ones.
+_MAX_DISTANCE = 0.02
 
 
 @dataclass(eq=False)
-class Grown:
-    """What grew.
+class GrownModels:
+    """Models that have grown.
 
     Attributes
     ----------
@@ -40,7 +43,7 @@ class Grown:
     warnings: list[str] = field(default_factory=list)
 
 
-def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int], bool]) -> Grown:
+def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[[int], bool]) -> GrownModels:
     """Grow models until no images are left that fit together.
 
     Parameters
@@ -49,7 +52,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
         Images, cameras and tracks.
     settings : IncrementalSettings
         Thresholds and seed.
-    told : callable
+    progress : callable
         Called with the number of images that have a pose; returning True asks to stop with what there is.
 
     Returns
@@ -57,55 +60,97 @@ def grow_models(scene: Scene, settings: IncrementalSettings, told: Callable[[int
     Grown
         Models that overlap are joined. No model is thrown away but small ones beside a larger one.
     """
-    grown, num_images = Grown(), len(scene.graph.photos)
+    grown, num_images = GrownModels(), len(scene.graph.photos)
     elsewhere = np.zeros(num_images, dtype=np.bool_)
     while not grown.interrupted and len(grown.models) < _MODELS:
         growth = Growth(scene, settings, elsewhere.copy())
         try:
             if not growth.start():
                 break
-            growth.grow(asked(told, elsewhere))
+            growth.grow(stop_listener(progress, elsewhere))
         except KeyboardInterrupt:
             grown.interrupted = True
         if not growth.world.registered.any():
             break
         grown.reasons.update(growth.reasons)
-        _add(grown, growth, scene, settings)
+        _add_model(grown, growth, scene, settings)
         elsewhere |= growth.world.registered
     grown.models.sort(key=lambda world: -int(np.count_nonzero(world.registered)))
-    grown.models[1:] = [world for world in grown.models[1:] if _is_worth_it(world, settings)]
+    grown.models[1:] = [world for world in grown.models[1:] if _is_large_enough(world, settings)]
     return grown
 
 
-def asked(told: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
+def stop_listener(progress: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:
     """Turn the answer of a listener into an interruption."""
 
     def tell(world: Map) -> None:
-        if told(int(np.count_nonzero(world.registered | elsewhere))):
+        if progress(int(np.count_nonzero(world.registered | elsewhere))):
             raise KeyboardInterrupt
 
     return tell
 
 
-def _add(grown: Grown, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
-    """Put a model beside the others; those that it overlaps become one with it, and with each other."""
+def _add_model(grown: GrownModels, growth: Growth, scene: Scene, settings: IncrementalSettings) -> None:
+    """Add a model; those that it overlaps are merged with it, and with each other."""
     world, joined = growth.world, False
-    while (both := _joined_with_one(grown.models, world, settings)) is not None:
+    while (both := _merged_with_overlapping(grown.models, world, settings)) is not None:
         world, joined = both, True
     if joined:
         Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
     grown.models.append(world)
 
 
-def _joined_with_one(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
+def _merged_with_overlapping(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
     """Take the first of `models` that overlaps `world` out of them; the model of both."""
     for number, other in enumerate(models):
         large, small = sorted((other, world), key=lambda w: -int(np.count_nonzero(w.registered)))
-        if join(large, small, settings):
+        if merge_models(large, small, settings):
             del models[number]
             return large
     return None
 
 
-def _is_worth_it(world: Map, settings: IncrementalSettings) -> bool:
+def _is_large_enough(world: Map, settings: IncrementalSettings) -> bool:
     return bool(np.count_nonzero(world.registered) >= settings.min_model_images)
+
+
+def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
+    """Add the images of `other` to `kept` if common points determine their place; whether they do.
+
+    Both are of the same scene: images, keypoints and points have the same numbers. Poses and points that
+    `kept` has stay.
+    """
+    common = np.flatnonzero(kept.known & other.known)
+    if len(common) < settings.min_inliers:
+        return False
+    place = _similarity_between(other.points[common], kept.points[common], settings)
+    if place is None or not _observations_fit(kept, other, place, settings):
+        return False
+    images = other.registered & ~kept.registered
+    kept.poses[images] = place.apply_to_poses(other.poses[images])
+    points = other.known & ~kept.known
+    kept.points[points] = place.apply(other.points[points])
+    return True
+
+
+def _similarity_between(
+    source: FloatArray, target: FloatArray, settings: IncrementalSettings
+) -> Similarity | None:
+    """Similarity that brings most points (n, 3) near to where they should be; None if there is none."""
+    good = agreeing_pairs(source, target, seed=settings.seed)
+    try:
+        place = fit_similarity(source[good], target[good])
+    except InvalidArgument:
+        return None
+    spread = np.linalg.norm(target - np.median(target, axis=0), axis=1)
+    apart = np.linalg.norm(place.apply(source) - target, axis=1)
+    return place if np.median(apart) < _MAX_DISTANCE * np.median(spread) else None
+
+
+def _observations_fit(kept: Map, other: Map, place: Similarity, settings: IncrementalSettings) -> bool:
+    """Whether the images of `other`, put in place, see the points of `kept` where these should be."""
+    common = np.flatnonzero(kept.known & other.known)
+    local = other.seen_from(other.registered, common)
+    local.problem.cameras[:] = place.apply_to_poses(local.problem.cameras)
+    errors = reprojection_errors_px(local.problem, kept.points[local.points])
+    return bool(len(errors) and np.median(errors) <= 2 * settings.outlier_px)

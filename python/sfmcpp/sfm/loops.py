@@ -1,4 +1,4 @@
-"""Closing loops: images that come back to a place see its points, but drift has moved them apart.
+"""Loop closing: observations lost to drift are restored and adjusted.
 
 The observations that tie both ends of a loop are left out as outliers when the loop comes round. They are
 known by their number: one pair of images does not lose many matches, which agreed with an epipolar geometry,
@@ -20,10 +20,10 @@ from sfmcpp.sfm.structure import Numbers, Structure
 from sfmcpp.weighting import solve
 
 # The robust loss lets go of nothing that a drift explains: its scale falls as the loop closes [px].
-_SCALES_PX = (64.0, 16.0, 4.0)
+_LOSS_SCALES_PX = (64.0, 16.0, 4.0)
 _STEPS = 25
 # Part of the torn observations that must fit afterwards.
-_CLOSED = 0.5
+_LEAST_FITTING_SHARE = 0.5
 
 
 def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
@@ -32,23 +32,23 @@ def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     Otherwise the model is as it was, and these observations are not tried again before others join them.
     """
     world = structure.world
-    rows = torn_observations(structure, settings.min_inliers)
+    rows = lost_common_observations(structure, settings.min_inliers)
     if np.count_nonzero(~structure.given_up[rows]) < settings.min_inliers:
         return False
-    before = _Memory.of(world)
+    before = _MapBackup.of(world)
     structure.observe(rows, structure.tracks[rows])
-    for scale_px in _SCALES_PX:
+    for scale_px in _LOSS_SCALES_PX:
         _adjust(world, scale_px)
     points = world.keypoint_points[rows]
     fits = (points >= 0) & (structure.errors_px(rows, structure.tracks[rows]) <= settings.outlier_px)
-    if np.count_nonzero(fits) < _CLOSED * len(rows):
+    if np.count_nonzero(fits) < _LEAST_FITTING_SHARE * len(rows):
         before.restore(world)
         structure.given_up[rows] = True
         return False
     return True
 
 
-def torn_observations(structure: Structure, least: int) -> Numbers:
+def lost_common_observations(structure: Structure, least: int) -> Numbers:
     """Keypoints whose track has a point that they do not see, where two images share `least` such tracks."""
     world = structure.world
     torn = (structure.tracks >= 0) & (world.keypoint_points < 0)
@@ -81,15 +81,15 @@ def _adjust(world: Map, scale_px: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Memory:
-    """What an adjustment changes of a map, and who sees what."""
+class _MapBackup:
+    """Copy of what an adjustment changes in a map, and of the observations."""
 
     poses: FloatArray
     points: FloatArray
     seen: IndexArray
 
     @classmethod
-    def of(cls, world: Map) -> _Memory:
+    def of(cls, world: Map) -> _MapBackup:
         return cls(world.poses.copy(), world.points.copy(), world.keypoint_points.copy())
 
     def restore(self, world: Map) -> None:

@@ -1,4 +1,4 @@
-"""Photos, their features, and which pairs of photos match: what a reconstruction starts from."""
+"""The match graph: photos, their features, and matched pairs with their geometry."""
 
 from __future__ import annotations
 

@@ -1,14 +1,18 @@
-"""What became of each image, and what a user should know of a reconstruction, in sentences."""
+"""Outcome of each image, and warnings for the user."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
-from sfmcpp.sfm.contradictions import contradicting_pairs, warning_of
-from sfmcpp.sfm.incremental import Grown
+from sfmcpp.sfm.contradictions import (
+    contradicting_pairs,
+    contradiction_warning,
+    missing_matches_warning,
+    pairs_with_missing_matches,
+)
+from sfmcpp.sfm.incremental import GrownModels
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
-from sfmcpp.sfm.missing_matches import pairs_with_missing_matches, warning_of_missing
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.vision.images import photos_of_video
@@ -18,8 +22,8 @@ _FEW_FEATURES = 50
 _MOST_NAMED = 3
 
 
-def outcomes(graph: MatchGraph, grown: Grown) -> dict[str, ImageOutcome]:
-    """Say of each image whether it has a pose, and why not.
+def image_outcomes(graph: MatchGraph, grown: GrownModels) -> dict[str, ImageOutcome]:
+    """Outcome of each image: whether it has a pose, and why not.
 
     Parameters
     ----------
@@ -40,7 +44,9 @@ def outcomes(graph: MatchGraph, grown: Grown) -> dict[str, ImageOutcome]:
         if models:
             result[photo.name] = ImageOutcome(True, models[0])
         else:
-            result[photo.name] = ImageOutcome(False, None, _reason(graph, grown, best.get(image), image))
+            result[photo.name] = ImageOutcome(
+                False, None, _reason_without_pose(graph, grown, best.get(image), image)
+            )
     for name, reason in graph.unreadable.items():
         result[name] = ImageOutcome(False, None, reason)
     return result
@@ -56,7 +62,7 @@ def _best_pairs(graph: MatchGraph) -> dict[int, Pair]:
     return best
 
 
-def _reason(graph: MatchGraph, grown: Grown, best: Pair | None, image: int) -> str:
+def _reason_without_pose(graph: MatchGraph, grown: GrownModels, best: Pair | None, image: int) -> str:
     features = len(graph.features[image])
     if features < _FEW_FEATURES:
         where = "in it" if graph.photos[image].mask is None else "outside its mask"
@@ -99,7 +105,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     return warnings
 
 
-def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) -> list[str]:
+def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSettings) -> list[str]:
     """List warnings for the user.
 
     Parameters
@@ -130,16 +136,16 @@ def warnings_of(graph: MatchGraph, grown: Grown, settings: IncrementalSettings) 
     own_matches = any(photo.path is not None for photo in graph.photos)
     for world in grown.models:
         if contradicting := contradicting_pairs(graph, world, settings):
-            warnings.append(warning_of(graph, contradicting))
+            warnings.append(contradiction_warning(graph, contradicting))
         elif own_matches and (missing := pairs_with_missing_matches(graph, world, settings)):
-            warnings.append(warning_of_missing(graph, missing))
+            warnings.append(missing_matches_warning(graph, missing))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
         warnings.append(f"the images form {len(grown.models)} separate models of {sizes} images")
     return warnings
 
 
-def guessed_focal_lengths(cameras: Cameras, grown: Grown) -> list[str]:
+def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
     """Warn of cameras in models whose focal length is only a guess.
 
     Parameters

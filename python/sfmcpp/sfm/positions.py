@@ -1,22 +1,29 @@
-"""Positions of images in metres from a near origin, from whatever tells them."""
+"""Positions of images in a local metric frame, from EXIF blocks or tables, and the argument `gps`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike, fspath
+from pathlib import Path, PurePath, PureWindowsPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.gps import east_north_up, require_metres
-from sfmcpp.sfm.position_names import named_alike
+from sfmcpp.model.photos import Photo
+from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, require_metres
+from sfmcpp.sources.io.position_csv import NamedPositions, Triple, read_position_csv
+from sfmcpp.sources.vision.photos import open_photos
 
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].
 _GRID_M = 1000.0
 # A position at zero is none where the others are farther from there than any flight goes [m].
 _FAR_M = 100e3
+GPS_WORDS = ("auto", "exif", "none")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +99,20 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
         If no position is known, a latitude is out of range, x and y look like degrees, or a standard
         deviation is not positive.
     """
-    told = np.isfinite(rows).all(axis=1)
-    if not told.any():
+    known = np.isfinite(rows).all(axis=1)
+    if not known.any():
         raise InvalidArgument("gps: no position is known")
     if not geodetic:
-        require_metres(rows[told])
+        require_metres(rows[known])
     if sigmas_m is not None:
-        wrong = told & ~((sigmas_m > 0) & np.isfinite(sigmas_m)).all(axis=1)
+        wrong = known & ~((sigmas_m > 0) & np.isfinite(sigmas_m)).all(axis=1)
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InvalidArgument(f"sigmas_m[{row}] = {sigmas_m[row]}: must be positive and finite")
-    middle = np.asarray(np.median(rows[told], axis=0))
+    middle = np.asarray(np.median(rows[known], axis=0))
     metres = np.full(rows.shape, np.nan)
     origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M
-    metres[told] = east_north_up(rows[told], origin) if geodetic else rows[told] - origin
+    metres[known] = east_north_up(rows[known], origin) if geodetic else rows[known] - origin
     lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
     metres[lost] = np.nan
     return Positions(metres, origin, geodetic, sigmas_m, lost)
@@ -125,7 +132,7 @@ def positions_of(
     names : list of I str
         Names of images.
     known : mapping
-        Positions by name, see :func:`named_alike`; names that are no image's are left alone.
+        Positions by name, see :func:`match_names`; names that are no image's are left alone.
     geodetic : bool
         Whether they are latitude, longitude [deg, WGS84] and height [m]; else x, y, z [m].
     sigmas : mapping, optional
@@ -141,14 +148,150 @@ def positions_of(
     InvalidArgument
         If no name is an image's, one may be that of several, or a latitude is out of range.
     """
-    alike = named_alike(names, known)
+    alike = match_names(names, known)
     if not alike:
         listed, wanted = (", ".join(list(some)[:3]) for some in (known, names))
         raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
-    told = [alike.get(name) for name in names]
-    stated = None if sigmas is None else _in_order(told, sigmas)
-    return local_positions(_in_order(told, known), geodetic, stated)
+    table_names = [alike.get(name) for name in names]
+    stated = None if sigmas is None else _rows_by_image(table_names, sigmas)
+    return local_positions(_rows_by_image(table_names, known), geodetic, stated)
 
 
-def _in_order(told: list[str | None], known: Mapping[str, tuple[float, float, float]]) -> FloatArray:
-    return np.array([(np.nan,) * 3 if name is None else known[name] for name in told]).reshape(-1, 3)
+def _rows_by_image(
+    table_names: list[str | None], known: Mapping[str, tuple[float, float, float]]
+) -> FloatArray:
+    return np.array([(np.nan,) * 3 if name is None else known[name] for name in table_names]).reshape(-1, 3)
+
+
+def match_names(images: Iterable[str], table: Iterable[str]) -> dict[str, str]:
+    """Find for each image the name that a table has for it.
+
+    It is the same; else it may have more or fewer folders in front, and a suffix of another case or none, if
+    it is the only one like it.
+
+    Parameters
+    ----------
+    images, table : iterable of str
+        Names of images, and those in the table.
+
+    Returns
+    -------
+    dict of str to str
+        Names in the table by names of images, of those that have one.
+
+    Raises
+    ------
+    InvalidArgument
+        If a name may be that of several images, or an image has several.
+    """
+    table, images = set(table), list(images)
+    found = {name: name for name in images if name in table}
+    left = defaultdict(list)
+    for name in sorted(table - found.keys()):
+        left[_name_parts(name)[-1]].append(name)
+    users: dict[str, str] = {}
+    for image in images:
+        if image not in found:
+            for name in _similar_names(image, left):
+                _require_single(image, name, found, users)
+                found[image], users[name] = name, image
+    return found
+
+
+def _similar_names(image: str, table: dict[str, list[str]]) -> Iterator[str]:
+    *folders, file = _name_parts(image)
+    for called in dict.fromkeys((file, PurePath(file).stem)):
+        parts = (*folders, called)
+        for name in table.get(called, ()):
+            others = _name_parts(name)
+            shared = min(len(parts), len(others))
+            if parts[-shared:] == others[-shared:]:
+                yield name
+
+
+def _require_single(image: str, name: str, found: dict[str, str], users: dict[str, str]) -> None:
+    if image in found:
+        raise InvalidArgument(
+            f"gps: the positions of {found[image]} and of {name} may both be those of {image}"
+        )
+    if name in users:
+        raise InvalidArgument(f"gps: the position of {name} may be that of {users[name]} or of {image}")
+
+
+def _name_parts(name: str) -> tuple[str, ...]:
+    """Folders and file, the suffix in lower case; names may come from Windows."""
+    *folders, file = PureWindowsPath(name).parts or (name,)
+    path = PurePath(file)
+    return (*folders, path.stem + path.suffix.lower())
+
+
+def read_gps_argument(gps: str | PathLike[str]) -> NamedPositions | None:
+    """Read the file that the argument `gps` of :func:`sfmcpp.sfm.reconstruct` names; None if it is a word.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read.
+    """
+    return None if fspath(gps) in GPS_WORDS else read_position_csv(gps)
+
+
+def exif_positions_of_folder(folder: Path) -> NamedPositions:
+    """Positions of the photos of a folder, from their EXIF blocks.
+
+    Raises
+    ------
+    DatasetError
+        If there is no photo, or none tells.
+    InvalidArgument
+        If Pillow is not installed.
+    """
+    try:
+        photos = open_photos(folder).photos
+    except ModuleNotFoundError as error:  # it says how to install what is missing
+        raise InvalidArgument(str(error)) from None
+    positions = _exif_positions(photos)
+    if not positions:
+        raise DatasetError(folder, "no photo tells its position")
+    return NamedPositions(positions, geodetic=True)
+
+
+def _exif_positions(photos: Sequence[Photo]) -> dict[str, Triple]:
+    """Positions of photos from EXIF, those with a height only."""
+    positions = {photo.name: photo.position for photo in photos if photo.position is not None}
+    return {name: position for name, position in positions.items() if math.isfinite(position[2])}
+
+
+def choose_positions(
+    gps: str | PathLike[str], known: NamedPositions | None, photos: Sequence[Photo]
+) -> Positions | None:
+    """Positions of images, or None where none are to be used.
+
+    Parameters
+    ----------
+    gps : str or path-like
+        ``"none"``; ``"exif"``: those that the files tell; ``"auto"``: the same, if enough files do; or the
+        file that `known` was read from.
+    known : NamedPositions or None
+        What the file holds.
+    photos : sequence of Photo
+        The images.
+
+    Returns
+    -------
+    Positions or None
+
+    Raises
+    ------
+    InvalidArgument
+        If positions are asked for and there are none.
+    """
+    names = [photo.name for photo in photos]
+    if known is not None:
+        return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
+    from_exif = _exif_positions(photos)
+    if gps == "none" or (gps == "auto" and len(from_exif) < LEAST_POSITIONS):
+        return None
+    if not from_exif:
+        raise InvalidArgument("gps = 'exif': no image tells its position with its height")
+    return positions_of(names, from_exif, geodetic=True)

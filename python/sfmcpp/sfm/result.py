@@ -1,4 +1,4 @@
-"""What a reconstruction gives: models, and of each image and pair what became of it."""
+"""Result of a reconstruction: models, and the outcome of each image and pair."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sfmcpp.map import Map, problem_of_map
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sfm.match_graph import MatchGraph
 
 
 @dataclass(frozen=True)
 class ImageOutcome:
-    """What became of one image.
+    """Outcome of one image.
 
     Attributes
     ----------
@@ -76,10 +76,10 @@ class GpsOutcome:
     warnings: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        told = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
+        accuracy = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
         out = f"left out {', '.join(self.outliers) or 'none'} of {len(self.residuals_m)}"
         origin = ", ".join(f"{name} {value:.10g}" for name, value in self.world_origin.to_dict().items())
-        return f"GpsOutcome({told}; {out}; origin {origin})"
+        return f"GpsOutcome({accuracy}; {out}; origin {origin})"
 
     @property
     def world_origin(self) -> WorldOrigin:

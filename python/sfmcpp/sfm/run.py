@@ -19,36 +19,34 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
+from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
-from sfmcpp.sfm.camera_wish import CameraArgument, CameraWish, camera_wish
-from sfmcpp.sfm.cameras import FREE_INTRINSICS, Cameras
+from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
-from sfmcpp.sfm.given_database import match_graph_of_database
-from sfmcpp.sfm.given_tracks import graph_of_tracks, joined, photos_of
-from sfmcpp.sfm.gps_wish import known_positions, positions_wanted
-from sfmcpp.sfm.in_order import Progress, silent
-from sfmcpp.sfm.incremental import Grown, grow_models
+from sfmcpp.sfm.imported_matches import match_graph_of_database
+from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
+from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
-from sfmcpp.sfm.outcome import guessed_focal_lengths, outcomes, warnings_of, warnings_of_folder
-from sfmcpp.sfm.positions import Positions
-from sfmcpp.sfm.refining import Refinement, refine_models
+from sfmcpp.sfm.outcome import guessed_focal_lengths, image_outcomes, warnings_of, warnings_of_folder
+from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument
+from sfmcpp.sfm.refinement import Refinement, refine_models
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.io.colmap.database import is_database
 
-Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], Grown]
+Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
 Source = str | PathLike[str] | MatchGraph | ImageTracks
 
 
 @dataclass
 class _Run:
-    """What is carried from stage to stage."""
+    """State that is passed from stage to stage."""
 
-    cameras: CameraWish
+    cameras: CameraInput
     sharing: str
     model: str
     settings: IncrementalSettings
@@ -85,7 +83,7 @@ def reconstruct(
     threads: int | None = None,
     settings: IncrementalSettings | None = None,
     front_end: FrontEndSettings | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> SfmRun:
     """Reconstruct cameras and points.
 
@@ -151,8 +149,8 @@ def reconstruct(
     require_seed(seed)
     looked_up("camera_model", camera_model, {"auto": None, **dict.fromkeys(FREE_INTRINSICS)})
     limits = replace(settings or IncrementalSettings(), seed=seed)
-    wanted = partial(positions_wanted, gps, known_positions(gps))
-    run = _Run(camera_wish(camera), shared_camera, camera_model, limits, progress, wanted)
+    wanted = partial(choose_positions, gps, read_gps_argument(gps))
+    run = _Run(parse_camera_argument(camera), shared_camera, camera_model, limits, progress, wanted)
     options: dict[str, Any] = {
         "method": method,
         "camera": camera if isinstance(camera, (str, float, int)) else str(camera),
@@ -168,13 +166,13 @@ def reconstruct(
     positions = wanted(scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
-        grown = _mapped(scene, run, METHODS[method])
+        grown = _reconstructed_models(scene, run, METHODS[method])
     refined = Refinement()
     if subpixel:
         with run.timed("refining"):
             photos = scene.graph.photos
             refined = refine_models(grown.models, photos, run.settings, threads=threads, progress=progress)
-    found = _finished(source, options, scene, grown, run)
+    found = _finished_run(source, options, scene, grown, run)
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
     if positions is not None and found.model is not None:
@@ -264,7 +262,7 @@ def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Sce
         graph = graph_of_tracks(
             tracks, _known_rows(cameras), seed=run.settings.seed, threads=threads, progress=run.progress
         )
-    return Scene(graph, _with_guessed_focals(graph, cameras), joined(tracks))
+    return Scene(graph, _with_guessed_focals(graph, cameras), joined_tracks(tracks))
 
 
 def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
@@ -273,7 +271,7 @@ def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
 
 
 def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
-    """Estimate focal lengths that nobody tells from the fundamental matrices of their images."""
+    """Estimate unknown focal lengths from the fundamental matrices of their images."""
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
         of_camera = cameras.of_image == camera
@@ -292,13 +290,13 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
     return replace(cameras, intrinsics=intrinsics)
 
 
-def _mapped(scene: Scene, run: _Run, method: Method) -> Grown:
+def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModels:
     total = len(scene.graph.photos)
     return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
 def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: bool) -> None:
-    """Bring the largest model into the world; positions that nobody asked for may turn out to be useless."""
+    """Georeference the largest model; positions that were not asked for may prove useless."""
     world = found.models[0]
     try:
         found.gps = georeference_map(world, positions, run.settings)
@@ -311,7 +309,9 @@ def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: boo
     found.warnings += found.gps.warnings
 
 
-def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grown, run: _Run) -> SfmRun:
+def _finished_run(
+    source: Source, options: dict[str, Any], scene: Scene, grown: GrownModels, run: _Run
+) -> SfmRun:
     for world in grown.models:
         world.update_errors()
         world.update_colors()
@@ -321,7 +321,7 @@ def _finished(source: Source, options: dict[str, Any], scene: Scene, grown: Grow
         options,
         scene.graph,
         grown.models,
-        outcomes(scene.graph, grown),
+        image_outcomes(scene.graph, grown),
         seconds=run.seconds,
         warnings=[
             *run.warnings,

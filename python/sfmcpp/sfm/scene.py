@@ -1,4 +1,4 @@
-"""What is to be reconstructed: images, tracks and cameras, and the maps that grow from them."""
+"""Input of a reconstruction: images, tracks and cameras; new maps are made from it."""
 
 from __future__ import annotations
 

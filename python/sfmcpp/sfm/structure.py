@@ -1,4 +1,4 @@
-"""The points of a growing model: new ones, more observations, tracks that are one, outliers."""
+"""Points of a growing model: triangulation, observations, merged tracks, outliers."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Structure:
         seen = np.unique(self.tracks[world.keypoints_of(images)])
         waiting = seen[seen != NO_TRACK]
         waiting = waiting[~world.known[waiting]]
-        self._take_back(waiting)
+        self._restore_observations(waiting)
         local = world.seen_from(world.registered, waiting)
         if not local.problem.num_observations:
             return 0
@@ -88,7 +88,7 @@ class Structure:
         """Fewest views of a point; as many as there are, while the model is smaller than that."""
         return max(2, min(self._settings.min_views, int(np.count_nonzero(self.world.registered))))
 
-    def _take_back(self, tracks: NDArray[np.integer]) -> None:
+    def _restore_observations(self, tracks: NDArray[np.integer]) -> None:
         """Let all keypoints of `tracks` without a position belong to them again, as at the start."""
         wanted = np.zeros(len(self.world.points), dtype=np.bool_)
         wanted[tracks] = True
@@ -147,7 +147,7 @@ class Structure:
         pairs = pairs[(pairs != NO_TRACK).all(axis=1) & (pairs[:, 0] != pairs[:, 1])]
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
         pairs = pairs[world.known[pairs].all(axis=1)] if len(pairs) else pairs
-        return self.join_tracks(pairs[self._fit_each_other(pairs)])
+        return self.join_tracks(pairs[self._fit_mutually(pairs)])
 
     def join_tracks(self, pairs: NDArray[np.integer]) -> int:
         """Let tracks (p, 2) be one, each second one becoming part of the first; how many there are fewer."""
@@ -162,7 +162,7 @@ class Structure:
         self.tracks[tracked] = same[self.tracks[tracked]]
         return int(np.count_nonzero(same != np.arange(len(same))))
 
-    def _fit_each_other(self, pairs: NDArray[np.integer]) -> BoolArray:
+    def _fit_mutually(self, pairs: NDArray[np.integer]) -> BoolArray:
         """Which pairs (p, 2) of points have errors within the limit in all images that see the other one."""
         world, fits = self.world, np.ones(len(pairs), dtype=np.bool_)
         for here, there in ((0, 1), (1, 0)):

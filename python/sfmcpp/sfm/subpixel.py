@@ -1,4 +1,4 @@
-"""Observations of a finished model, moved to where the photos of a point look most alike.
+"""Subpixel refinement of observations by alignment of image patches.
 
 A blob is found in every photo for itself, and its place differs by parts of a pixel from photo to photo. With
 poses and points known, the model predicts how the surroundings of a point in one photo look in another: by
@@ -15,26 +15,93 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.geometry.pinhole import unit
+from sfmcpp.geometry.point_tests import projected_points
+from sfmcpp.geometry.surface import surface_normals, surface_slopes
 from sfmcpp.map import LocalProblem, Map
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_count, require_positive, require_share
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.in_order import Progress, in_order, silent, thread_count
-from sfmcpp.sfm.patch_places import Numbers, PatchPlaces, determinants, inverses
+from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sources.vision import one_opencv_thread
 from sfmcpp.sources.vision.patches import PatchAlignment, align_patches, grey_pyramid, sample_patches
 
-Templates = NDArray[np.float32]
+Numbers = NDArray[np.intp]
 
+# Of an image of a patch over its area in the reference: less is seen from the side, or from behind.
+_LEAST_AREA = 0.05
+Templates = NDArray[np.float32]
 # Templates of so many points are kept at a time: 60 MB for each size of patches.
 _POINTS_AT_ONCE = 50_000
 # A photo in grey with its smaller copies takes 130 MB where it has 24 megapixels.
 _MOST_READERS = 8
 
 
+@dataclass(frozen=True, eq=False)
+class PatchPlaces:
+    """Patches of N points in M observations.
+
+    Attributes
+    ----------
+    reference : (N,) int
+        Observation of each point whose keypoint tells which point is meant: its ray is nearest to the mean.
+    pixels : (M, 2) float64
+        Centres [px]: in the reference the keypoint, elsewhere what the model predicts of it.
+    maps : (M, 2, 2) float64
+        Derivatives of the position with respect to that in the reference; not a number where the patch is not
+        seen from its front.
+    spacings : (N,) float64
+        Distance of samples in the reference [px], where all of what was detected is in the patch.
+    """
+
+    reference: Numbers
+    pixels: FloatArray
+    maps: FloatArray
+    spacings: FloatArray
+
+    @classmethod
+    def of(cls, world: Map, local: LocalProblem, step_per_scale: float) -> PatchPlaces:
+        """Of the points of `local`; the distance of samples is a pixel at least."""
+        problem = local.problem
+        towards, reference = _reference_views(problem)
+        slopes = surface_slopes(problem, surface_normals(problem.points, towards))
+        maps = slopes @ inverses(slopes[reference])[problem.point_index]
+        maps[~(determinants(maps) >= _LEAST_AREA)] = np.nan
+        predicted = projected_points(problem, problem.points)
+        meant = (problem.pixels - predicted)[reference]
+        pixels = predicted + np.einsum("mij,mj->mi", maps, meant[problem.point_index])
+        spacings = np.fmax(1.0, step_per_scale * world.keypoint_scales[local.rows[reference]])
+        return cls(reference, pixels, maps, spacings)
+
+
+def _reference_views(problem: Problem) -> tuple[FloatArray, Numbers]:
+    """Mean direction (N, 3) from each point to its cameras, and the observation (N,) nearest to it."""
+    index = problem.point_index
+    rays = unit(problem.centres[problem.camera_index] - problem.points[index])
+    towards = unit(np.stack([np.bincount(index, ray, problem.num_points) for ray in rays.T], axis=1))
+    cosines = (rays * towards[index]).sum(axis=1)
+    order = np.lexsort((-cosines, index))
+    first = np.searchsorted(index[order], np.arange(problem.num_points))
+    return towards, np.asarray(order[first], dtype=np.intp)
+
+
+def determinants(matrices: FloatArray) -> FloatArray:
+    """Of (n, 2, 2)."""
+    (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
+    return np.asarray(a * d - b * c)
+
+
+def inverses(matrices: FloatArray) -> FloatArray:
+    """Of (n, 2, 2); infinite or not a number where there is none."""
+    (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.moveaxis(np.array([[d, -b], [-c, a]]) / determinants(matrices), -1, 0))
+
+
 @dataclass(frozen=True)
 class SubpixelSettings:
-    """What decides about patches, and about which of their places are trusted.
+    """Settings of patches and of the acceptance of their alignment.
 
     Attributes
     ----------
@@ -73,7 +140,7 @@ class SubpixelSettings:
 
 @dataclass(frozen=True)
 class SubpixelOutcome:
-    """What became of the observations of a model.
+    """Result of the subpixel refinement of the observations of a model.
 
     Attributes
     ----------
@@ -99,7 +166,7 @@ def refine_tracks(
     settings: SubpixelSettings | None = None,
     *,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> SubpixelOutcome:
     """Move the keypoints that see points to where patches of the photos agree; poses and points stay.
 
@@ -135,7 +202,7 @@ def refine_tracks(
         portions = range(0, local.problem.num_points, _POINTS_AT_ONCE)
         for k, begin in enumerate(portions):
             end = min(begin + _POINTS_AT_ONCE, local.problem.num_points)
-            work.run(begin, end, thread_count(threads), _part_of(progress, k, len(portions)))
+            work.run(begin, end, thread_count(threads), _partial_progress(progress, k, len(portions)))
     shifts = np.linalg.norm(work.found - local.problem.pixels, axis=1)[work.moved]
     points = np.unique(local.problem.point_index[work.moved])
     world.keypoints[local.rows] = work.found
@@ -144,8 +211,8 @@ def refine_tracks(
     return SubpixelOutcome(len(local.rows), len(shifts), len(points), median)
 
 
-def _part_of(progress: Progress, part: int, parts: int) -> Progress:
-    """Progress of one of several equal parts, told as that of all."""
+def _partial_progress(progress: Progress, part: int, parts: int) -> Progress:
+    """Progress of one of several equal parts, reported as that of the whole."""
     return lambda stage, done, total: progress(stage, part * total + done, parts * total)
 
 
@@ -201,7 +268,7 @@ class _Work:
         reference = self.places.reference[begin:end]
         others = (problem.point_index >= begin) & (problem.point_index < end)
         others[reference] = False
-        rounds = _rounds(self.places.spacings[begin:end], 2 * self.settings.radius + 3)
+        rounds = _alignment_rounds(self.places.spacings[begin:end], 2 * self.settings.radius + 3)
 
         def sample(image: int) -> None:
             here = np.flatnonzero(problem.camera_index[reference] == image)
@@ -216,9 +283,11 @@ class _Work:
         images = [k for k, photo in enumerate(self.photos) if photo.path is not None]
         threads = min(threads, _MOST_READERS)
         for part, task in enumerate((sample, align)):
-            in_order(task, images, threads, stage="refining", progress=_part_of(progress, part, 2))
+            results_in_order(
+                task, images, threads, stage="refining", progress=_partial_progress(progress, part, 2)
+            )
 
-    def _sample(self, image: int, rows: Numbers, points: Numbers, rounds: list[_Round]) -> None:
+    def _sample(self, image: int, rows: Numbers, points: Numbers, rounds: list[_AlignmentRound]) -> None:
         """Templates of `points`, whose references are the observations `rows` of an image."""
         pyramid, radius = grey_pyramid(self.photos[image]), self.settings.radius + 1
         for one in rounds:
@@ -227,7 +296,7 @@ class _Work:
             pixels = self.places.pixels[rows[some]]
             one.templates[one.number[points[some]]] = sample_patches(pyramid, pixels, steps, radius)
 
-    def _align(self, image: int, rows: Numbers, points: Numbers, rounds: list[_Round]) -> None:
+    def _align(self, image: int, rows: Numbers, points: Numbers, rounds: list[_AlignmentRound]) -> None:
         """Move the observations `rows` of an image, which see `points`, as far as they are to be trusted."""
         pyramid, start = grey_pyramid(self.photos[image]), self.places.pixels[rows]
         for one in rounds:
@@ -235,14 +304,16 @@ class _Work:
             steps = self.places.maps[rows[some]] * one.spacings[points[some], None, None]
             numbers = one.number[points[some]]
             aligned = align_patches(pyramid, one.templates, numbers, start[some], steps)
-            good = self._are_good(aligned, start[some], steps)
+            good = self._pass_quality_limits(aligned, start[some], steps)
             moved = some[good]
             start[moved] = aligned.pixels[good]
             self.found[rows[moved]] = aligned.pixels[good]
             self.covariances[rows[moved]] = aligned.covariances[good]
             self.moved[rows[moved]] = True
 
-    def _are_good(self, aligned: PatchAlignment, start: FloatArray, steps: FloatArray) -> BoolArray:
+    def _pass_quality_limits(
+        self, aligned: PatchAlignment, start: FloatArray, steps: FloatArray
+    ) -> BoolArray:
         settings = self.settings
         shifts = np.einsum("nij,nj->ni", inverses(steps), aligned.pixels - start)
         uu, uv, vv = aligned.covariances.T
@@ -254,7 +325,7 @@ class _Work:
 
 
 @dataclass(frozen=True, eq=False)
-class _Round:
+class _AlignmentRound:
     """Patches of one size, of points that are large enough.
 
     Attributes
@@ -275,14 +346,14 @@ class _Round:
         return np.asarray(self.number[points] >= 0)
 
 
-def _rounds(spacings: FloatArray, side: int) -> list[_Round]:
+def _alignment_rounds(spacings: FloatArray, side: int) -> list[_AlignmentRound]:
     """From the whole of what was detected to the pixels of the photo, finer by a factor of two each."""
-    rounds: list[_Round] = []
+    rounds: list[_AlignmentRound] = []
     takes_part = np.ones(len(spacings), dtype=np.bool_)
     while takes_part.any():
         number = np.where(takes_part, np.cumsum(takes_part) - 1, -1).astype(np.int32)
         templates = np.full((np.count_nonzero(takes_part), side, side), np.nan, dtype=np.float32)
-        rounds.append(_Round(spacings, number, templates))
+        rounds.append(_AlignmentRound(spacings, number, templates))
         takes_part = takes_part & (spacings > 1)
         spacings = np.maximum(spacings / 2, 1.0)
     return rounds

@@ -1,4 +1,4 @@
-"""Tracks: keypoints of many images that show one point of the scene, joined by union–find (thesis §3.1)."""
+"""Tracks: keypoints of many images that show one scene point, joined by union–find (thesis §3.1)."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ def build_tracks(graph: MatchGraph) -> Tracks:
     """
     counts = np.array([len(features) for features in graph.features], dtype=np.intp)
     begin = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
-    links, strength = _links(graph, begin)
+    links, strength = _match_links(graph, begin)
     image = np.repeat(np.arange(len(counts)), counts)
     parts = _components(links, len(image))
-    twice = _seen_twice(parts, image)
+    twice = _components_with_conflict(parts, image)
     doubtful = twice[parts[links[:, 0]]]
-    kept, apart = _joined_one_by_one(links[doubtful], strength[doubtful], image)
-    track = _numbered(_components(np.concatenate([links[~doubtful], kept]), len(image)))
+    kept, apart = _join_without_conflict(links[doubtful], strength[doubtful], image)
+    track = _numbered_components(_components(np.concatenate([links[~doubtful], kept]), len(image)))
     differ = track[apart[:, 0]] != track[apart[:, 1]]
     return Tracks(begin, track, int(track.max(initial=NO_TRACK)) + 1, apart[differ])
 
 
-def _links(graph: MatchGraph, begin: Links) -> tuple[Links, NDArray[np.intp]]:
+def _match_links(graph: MatchGraph, begin: Links) -> tuple[Links, NDArray[np.intp]]:
     """(e, 2) keypoints of all verified matches, and the inliers of their pairs (e,)."""
     pairs = [pair for pair in graph.pairs if pair.geometry.kind != "none"]
     links = [pair.verified + begin[[pair.first, pair.second]] for pair in pairs]
@@ -83,7 +83,7 @@ def _components(links: Links, count: int) -> NDArray[np.int32]:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
 
 
-def _seen_twice(parts: NDArray[np.int32], image: Links) -> NDArray[np.bool_]:
+def _components_with_conflict(parts: NDArray[np.int32], image: Links) -> NDArray[np.bool_]:
     """Which components have two keypoints of one image."""
     key = np.sort(parts.astype(np.int64) * (image.max(initial=0) + 1) + image)
     repeated = key[1:][np.diff(key) == 0] // (image.max(initial=0) + 1)
@@ -92,7 +92,7 @@ def _seen_twice(parts: NDArray[np.int32], image: Links) -> NDArray[np.bool_]:
     return twice
 
 
-def _joined_one_by_one(links: Links, strength: Links, image: Links) -> tuple[Links, Links]:
+def _join_without_conflict(links: Links, strength: Links, image: Links) -> tuple[Links, Links]:
     """Links that join, and those set apart; the strongest come first."""
     root: dict[int, int] = {}
     sees: dict[int, set[int]] = {}
@@ -115,7 +115,7 @@ def _joined_one_by_one(links: Links, strength: Links, image: Links) -> tuple[Lin
     return links[joins], links[~joins]
 
 
-def _numbered(parts: NDArray[np.int32]) -> IndexArray:
+def _numbered_components(parts: NDArray[np.int32]) -> IndexArray:
     """Number the components of two keypoints and more in the order of their first keypoints."""
     _, first, inverse, counts = np.unique(parts, return_index=True, return_inverse=True, return_counts=True)
     joined = counts > 1

@@ -1,4 +1,4 @@
-"""A SLAM run over a drive: what the command line does, from Python."""
+"""A SLAM run over a drive with its sensors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.ba.callbacks import goes_on
+from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -21,8 +21,8 @@ from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import require_metres
 from sfmcpp.slam.frame_run import run_slam
+from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
@@ -34,7 +34,7 @@ _ABSOLUTE = {"gps", "ins"}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlamRun:
-    """What a run over a drive gave.
+    """Result of a run over a drive.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class SlamRun:
 
     @property
     def world(self) -> WorldMap | None:
-        """The map; None if none could be started, `result.message` says why."""
+        """The map; None if none could be started, with the reason in `result.message`."""
         return self.result.world
 
     @property
@@ -74,7 +74,7 @@ class SlamRun:
 
     @property
     def georeferenced(self) -> bool:
-        """Whether the map is in the world of a sensor that tells positions or poses."""
+        """Whether the map is in the world of a sensor of positions or poses."""
         return self.result.metric and not _ABSOLUTE.isdisjoint(self.sensors)
 
     @property
@@ -242,14 +242,14 @@ def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
     return Gps(local_positions(stream) if stream.kind == "geodetic" else stream, mounting, name)
 
 
-def _at_camera(mounting: Mounting | None) -> Mounting:
+def _mounting_at_camera(mounting: Mounting | None) -> Mounting:
     return mounting or Mounting(np.eye(3), np.zeros(3))
 
 
 _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]] = {
     "odometer": lambda name, stream, mounting: Odometer(stream, name, mounting=mounting),
-    "imu": lambda name, stream, mounting: Gyroscope(stream, _at_camera(mounting), name),
-    "ins": lambda name, stream, mounting: Ins(stream, _at_camera(mounting), name),
+    "imu": lambda name, stream, mounting: Gyroscope(stream, _mounting_at_camera(mounting), name),
+    "ins": lambda name, stream, mounting: Ins(stream, _mounting_at_camera(mounting), name),
     "gps": _gps,
 }
 
@@ -265,5 +265,5 @@ class _Listener:
         self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.ended = self._callback is not None and not goes_on(self._callback(frame, result))
+        self.ended = self._callback is not None and not continues_after(self._callback(frame, result))
         return not self.ended

@@ -1,4 +1,4 @@
-"""What a run learns of a sensor beside the images: its σ, if nobody declared one, and conflicts."""
+"""Knowledge about a sensor gained during a run: its σ where undeclared, and its conflicts."""
 
 from __future__ import annotations
 
@@ -63,24 +63,24 @@ class Experience:
 
     def describe(self, name: str) -> list[str]:
         """Messages about the sensor of that name, one sentence each."""
-        told = []
+        sentences = []
         if self.sigma is not None:
-            told.append(
+            sentences.append(
                 f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} was "
                 f"estimated from the images at its first {KEYFRAMES_OF_SIGMA} keyframes"
             )
         worst = [self.reports[k] for k in _worst_conflict(self.reports)]
         if worst:
-            told.append(
+            sentences.append(
                 f"{name}: disagrees with the images at {_keyframes(len(worst))}, by up to "
                 f"{max(report.sigmas for report in worst):.0f} σ and "
                 f"{max(report.discrepancy for report in worst):.2g} {worst[0].unit}: one of them is wrong"
             )
-        return told
+        return sentences
 
     @property
     def denied(self) -> Gap | None:
-        """When the worst conflict was, with what leads to it and away; None where there is none to tell."""
+        """Time span of the worst conflict, with its onset and end; None where there is none."""
         worst = _worst_conflict(self.reports)
         if not worst:
             return None
@@ -118,9 +118,9 @@ def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
     median = float(np.median(sigmas[witnesses])) if witnesses else 0.0
     usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
     strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
-    told = [
+    conflicts = [
         (power, stretch)
         for power, stretch in zip(strength, stretches, strict=True)
         if power >= _STRONG or len(stretch) >= _FEWEST_IN_A_ROW
     ]
-    return max(told, key=lambda found: found[0])[1] if told else []
+    return max(conflicts, key=lambda found: found[0])[1] if conflicts else []

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from sfmcpp.ba.callbacks import goes_on
+from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
+from sfmcpp.slam.checkpoints import SlamCheckpoints
+from sfmcpp.slam.motion_sensors import MotionSensor
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.saving import SlamCheckpoints
-from sfmcpp.slam.sensing import MotionSensor
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam
 from sfmcpp.sources.frames import FrameSource
@@ -76,19 +76,19 @@ def run_slam(
             continue
         slam.step(frame)
         slam.result.seconds = time.perf_counter() - begin_s
-        ended = callback is not None and not goes_on(callback(frame.number, slam.result))
+        ended = callback is not None and not continues_after(callback(frame.number, slam.result))
         checkpoints.offer(frame, slam.state(), ended)
         if ended:
             break
     else:
         slam.finish()
-        slam = _in_hindsight(slam, source, seen, callback)
+        slam = _repeated_with_corrections(slam, source, seen, callback)
     slam.result.seconds = time.perf_counter() - begin_s
     slam.result.warnings += checkpoints.warnings
     return slam.result
 
 
-def _in_hindsight(
+def _repeated_with_corrections(
     slam: Slam, source: FrameSource, frames: Sequence[Frame], callback: Listener | None
 ) -> Slam:
     """The run once more, with what was right of its sensors, if it has found anything wrong.
@@ -101,7 +101,7 @@ def _in_hindsight(
     again = Slam(source.intrinsics, slam.settings, sensors)
     for frame in frames:
         again.step(frame)
-        if callback is not None and not goes_on(callback(frame.number, again.result)):
+        if callback is not None and not continues_after(callback(frame.number, again.result)):
             return slam
     again.finish()
     if again.result.world is None or again.in_hindsight() is not None:

@@ -1,4 +1,4 @@
-"""The first three keyframes (thesis §3.3.2) of a map, and of a new part of it after the images had lost it.
+"""Initialisation of a map, or of a new part of it, from three keyframes (thesis §3.3.2).
 
 Relative pose, triangulation, resection, adjustment; then, for a new part, its place in the map.
 """
@@ -16,12 +16,12 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
-from sfmcpp.slam.calibrating import remove_biases
-from sfmcpp.slam.fusing import constraint_groups, presumed_weights, usual_weights
+from sfmcpp.slam.calibration import remove_biases
+from sfmcpp.slam.fusion import constraint_groups, presumed_weights, usual_weights
 from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
 from sfmcpp.slam.mapping import drop_outliers, triangulate_new
+from sfmcpp.slam.motion_sensors import Measurement
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensing import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
@@ -80,7 +80,7 @@ class Initialiser:
         self._contradictions = 0
 
     def state(self) -> dict[str, Any]:
-        """What it has learned from the frames so far."""
+        """State gained from the frames so far, for checkpoints."""
         return {"frames": self.frames, "reason": self.reason, "contradictions": self._contradictions}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -110,7 +110,7 @@ class Initialiser:
         return self._map_of(before, after)
 
     def _map_of_pair(self, frame: Frame) -> WorldMap | None:
-        """The map of a left and a right image, if they tell enough points: one keyframe, in metres."""
+        """The map of a left and a right image, if they give enough points: one keyframe, in metres."""
         world = self._map([(frame, np.eye(3, 4))])
         world.metric = True
         return world if triangulate_new(world, self._settings) >= _FEWEST_OF_A_PAIR else None
@@ -139,7 +139,7 @@ class Initialiser:
         return world if self._adjusted(world) else None
 
     def _pose_of_last(self, before: FloatArray, after: FloatArray) -> FloatArray | None:
-        """Pose (3, 4) of the last frame in the first: turned as a gyroscope tells, if the images agree.
+        """Pose (3, 4) of the last frame in the first, with the gyroscope's rotation if the images agree.
 
         What contradicts it is not believed at once: a few matches often fit a wrong rotation. Nor is it left
         aside for ever: the sensor may be wrong.
@@ -159,17 +159,17 @@ class Initialiser:
         turn = self._sensors.rotation(first.t_s, last.t_s)
         if turn is None:
             return free.camera if free.success else None
-        told = relative_pose_of_rotation(
+        by_rotation = relative_pose_of_rotation(
             before, after, self._intrinsics, turn, min_inliers=settings.min_inliers, seed=settings.seed
         )
         best = 0 if free.failure == "rotation only" else free.num_inliers
-        supported = told.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
-        if told.success and supported and self._contradictions <= _DOUBTS:
+        supported = by_rotation.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
+        if by_rotation.success and supported and self._contradictions <= _DOUBTS:
             self.reason = (
-                f"{names}: median parallax {told.median_parallax_px:.3g} px after removing the gyroscope's "
-                "rotation"
+                f"{names}: median parallax {by_rotation.median_parallax_px:.3g} px after removing the "
+                "gyroscope's rotation"
             )
-            return told.camera if told.median_parallax_px >= least_px else None
+            return by_rotation.camera if by_rotation.median_parallax_px >= least_px else None
         self._contradictions += 1
         if self._remove_biases():
             self._contradictions = 0
@@ -189,7 +189,9 @@ class Initialiser:
         for before, keyframe in pairwise(world.keyframes):
             rotation = keyframe.pose[:, :3]
             measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
-            agreeing = [m for m in measured if m.sigma and _agrees(m, m.sigma, before, keyframe)]
+            agreeing = [
+                m for m in measured if m.sigma and _agrees_with_gyroscope(m, m.sigma, before, keyframe)
+            ]
             keyframe.constraints = presumed_weights(world, keyframe, before, agreeing)
 
     def _map(self, keyframes: list[tuple[Frame, FloatArray]]) -> WorldMap:
@@ -205,8 +207,8 @@ class Initialiser:
         local.problem.fixed_cameras[0] = True
         groups = constraint_groups(world, local)
         alone = local.problem.copy()
-        told = _cost_of_images(local.problem, groups)
-        if groups and _denied(told, _cost_of_images(alone, []), alone, groups):
+        cost = _cost_of_images(local.problem, groups)
+        if groups and _images_contradict(cost, _cost_of_images(alone, []), alone, groups):
             self.reason = "the first three keyframes contradict the rotations of the gyroscope"
             self._contradictions += 1
             return False
@@ -226,18 +228,22 @@ def _cost_of_images(problem: Problem, groups: Sequence[ConstraintGroup]) -> floa
     return float(summary.final_cost - sum(after for _, after in summary.constraint_costs.values()))
 
 
-def _denied(told: float, alone: float, problem: Problem, groups: Sequence[ConstraintGroup]) -> bool:
+def _images_contradict(
+    with_rotations: float, alone: float, problem: Problem, groups: Sequence[ConstraintGroup]
+) -> bool:
     """Whether images cost more beside rotations than alone by what neither noise nor correlation explains.
 
     Inliers do not tell: where the view is narrow, all of them bear a turn that is off by degrees.
     """
     rotations = sum(group.num_members for group in groups)
     redundancy = 2 * problem.num_observations - 3 * problem.num_points - _FREEDOM_OF_CAMERAS
-    return (told - alone) * redundancy > _DENIED_SIGMAS**2 * 3 * rotations * alone
+    return (with_rotations - alone) * redundancy > _DENIED_SIGMAS**2 * 3 * rotations * alone
 
 
-def _agrees(measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe) -> bool:
-    """Whether a rotation of the start is one that the sensor, a gyroscope, tells."""
+def _agrees_with_gyroscope(
+    measurement: Measurement, sigma: float, before: Keyframe, keyframe: Keyframe
+) -> bool:
+    """Whether a rotation of the start agrees with the gyroscope."""
     turn = before.pose[:, :3].T @ keyframe.pose[:, :3]
     angle = float(so3.rotation_angle(np.asarray(measurement.value).T @ turn))
     return angle < _SAME_TURN_SIGMAS * sigma

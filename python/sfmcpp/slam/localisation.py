@@ -1,4 +1,4 @@
-"""Where the camera is: from the points of the map, or from the frame before."""
+"""Localisation: pose of a frame from the points of the map, or relative to the frame before."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def locate(
     )
     if rotation is not None:
         least = max(least, math.ceil(_SUPPORT * max(free.num_inliers, _LEAST_SHARE * len(points))))
-        told = resection_of_rotation(
+        rotated = resection_of_rotation(
             points,
             known.pixels,
             row,
@@ -64,8 +64,8 @@ def locate(
             min_inliers=least,
             seed=settings.seed,
         )
-        if told.success:
-            return Located(told.camera, free.camera if free.success else None)
+        if rotated.success:
+            return Located(rotated.camera, free.camera if free.success else None)
     return Located(free.camera, free.camera) if free.success else None
 
 
@@ -138,7 +138,7 @@ class Follower:
         centre = self._sensors.centre(frame.t_s, rotation) if metric else None
         if centre is None:
             distance = self._sensors.distance(start_s, frame.t_s) if metric else None
-            centre = now[:, 3] + _step(guess, now, distance)
+            centre = now[:, 3] + _predicted_step(guess, now, distance)
         return np.asarray(np.column_stack([rotation, centre]))
 
     def length(self, start_s: float, end_s: float, result: SlamResult) -> float:
@@ -149,7 +149,7 @@ class Follower:
         return distance
 
 
-def _step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:
+def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:
     """Step (3,) from one pose to the next as guessed, of the `distance` measured if there is one."""
     step = np.asarray(guess[:, 3] - now[:, 3])
     if distance is None:

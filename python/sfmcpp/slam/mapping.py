@@ -1,16 +1,22 @@
-"""New points, the local adjustment, and what it shows to be wrong."""
+"""New points, the local adjustment of the last keyframes and the final one of all, and outliers."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from sfmcpp.ba import Summary
 from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_px, triangulate_linear
 from sfmcpp.map import LocalProblem
+from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.names import Loss
-from sfmcpp.slam.fusing import constraint_groups
+from sfmcpp.sensors.registration import OPEN_ROLL_RAD
+from sfmcpp.slam.fusion import constraint_groups
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, PLACE_KINDS
+from sfmcpp.slam.result import FinalAdjustment, SlamResult
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.stereo import with_right_views
+from sfmcpp.slam.stereo import RIGID, with_right_views
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve
 
@@ -21,6 +27,12 @@ HELD_KEYFRAMES = 2
 # third of the first disparities is off by some 30 %. With Huber's loss they bend the scale.
 _LOSS: tuple[Loss, float] = ("huber", 2.0)
 _STEREO_LOSS: tuple[Loss, float] = ("cauchy", 1.0)
+# Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
+_LOSS_PX = 1.0
+# Digits of the cost that would be bought with what hardly any image tells.
+_TOLERANCE = 1e-5
+# The group of constraints that holds turns where positions do not.
+_PRIOR_NAME = "as left"
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
@@ -75,3 +87,66 @@ def drop_outliers(world: WorldMap, local: LocalProblem, settings: SlamSettings) 
     both = with_right_views(world, local)
     errors = reprojection_errors_px(both.problem, both.problem.points)
     both.drop(errors > settings.outlier_px, settings.min_views)
+
+
+def finish_map(result: SlamResult, settings: SlamSettings) -> None:
+    """Adjust all keyframes and points of a run with what its sensors say, and keep it where that is a gain.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run; its map and the frames between keyframes move, and `final` says what was done.
+    settings : SlamSettings
+        `final_adjustment` decides: always, or where images and all sensors gain.
+    """
+    world = result.world
+    if settings.final_adjustment == "off" or world is None:
+        return
+    local = world.whole_problem(settings.min_views)
+    groups = [replace(group, loss="cauchy") for group in constraint_groups(world, local)]
+    # Images alone always gain: on drives their errors did not.
+    if settings.final_adjustment == "auto" and not groups:
+        return
+    placed = any(group.kind in PLACE_KINDS for group in groups)
+    scaled = any(group.kind in METRIC_KINDS for group in groups)
+    hold_gauge(local, 0 if placed else 1 if scaled or world.stereo else HELD_KEYFRAMES)
+    held = [_orientation_prior(local.problem)] if placed else []
+    both = with_right_views(world, local)
+    summary = solve(
+        both.problem,
+        constraints=[*groups, *held, *both.rigid],
+        loss="cauchy",
+        loss_scale_px=_LOSS_PX,
+        function_tolerance=_TOLERANCE,
+        max_iterations=50,
+    ).require_uninterrupted()
+    done = _final_adjustment_of(summary)
+    result.final = replace(done, kept=done.improved or settings.final_adjustment == "on")
+    if result.final.kept:
+        before = world.poses.copy()
+        both.take()
+        drop_outliers(world, local, settings)
+        result.path.follow(before)
+
+
+def _orientation_prior(problem: Problem) -> ConstraintGroup:
+    """Cameras turned as they are, so loosely that it tells nothing but what positions leave open.
+
+    Positions on a straight way tell no roll of a part of the map that shares no point with the others: it
+    goes where their noise is least. The whole map is held to `OPEN_ROLL_RAD`, beyond which a roll counts as
+    open.
+    """
+    count = problem.num_cameras
+    sigma = OPEN_ROLL_RAD * np.sqrt(count)
+    return ConstraintGroup(
+        "orientation", np.arange(count, dtype=np.int32), problem.rotations, sigma=sigma, name=_PRIOR_NAME
+    )
+
+
+def _final_adjustment_of(summary: Summary) -> FinalAdjustment:
+    sensors = {name: (float(a), float(b)) for name, (a, b) in summary.constraint_costs.items()}
+    sums = np.array(list(sensors.values())).reshape(-1, 2).sum(axis=0)
+    pixels = (float(summary.initial_cost - sums[0]), float(summary.final_cost - sums[1]))
+    for name in (RIGID, _PRIOR_NAME):
+        sensors.pop(name, None)
+    return FinalAdjustment(False, pixels, sensors)

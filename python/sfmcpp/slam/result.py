@@ -1,4 +1,4 @@
-"""What a SLAM run gives."""
+"""Result of a SLAM run: poses, keyframe records, the final adjustment."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import predict_pose
-from sfmcpp.slam.fusing import Fused
+from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
 
 
 @dataclass
 class Path:
-    """Where the camera was.
+    """Poses of the camera at all frames.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Path:
             self.between.update(zip(numbers, carried, strict=True))
 
     def predict(self, time_s: float) -> FloatArray:
-        """Pose (3, 4) at a later time if the camera goes on as between the last two (thesis eqs 1.1–1.3)."""
+        """Pose (3, 4) at a later time by constant motion from the last two (thesis eqs 1.1–1.3)."""
         latest = self.latest(2)
         *earlier, last = latest
         now = latest[last]
@@ -147,7 +147,7 @@ def carry(
 
 @dataclass
 class KeyframeRecord:
-    """What happened at one keyframe, for the report.
+    """Record of one keyframe, for the report.
 
     Attributes
     ----------
@@ -185,13 +185,13 @@ class KeyframeRecord:
         """Make it of a frame that has become a keyframe."""
         weights = {c.measurement.sensor: c.weight for c in fused.constraints}
         conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
-        told = (weights, conflicts, list(fused.selections))
-        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *told)
+        fusion = (weights, conflicts, list(fused.selections))
+        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *fusion)
 
 
 @dataclass(frozen=True)
 class FinalAdjustment:
-    """What the adjustment of all keyframes did.
+    """Result of the adjustment of all keyframes.
 
     Attributes
     ----------
@@ -215,15 +215,15 @@ class FinalAdjustment:
         )
 
     def describe(self) -> str:
-        """Say it in a sentence."""
+        """Description in a sentence."""
         costs = {"images": self.pixels, **self.sensors}
-        told = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
-        return f"{'kept' if self.kept else 'not kept'}: cost of {told}"
+        text = ", ".join(f"{name} {before:.4g} to {after:.4g}" for name, (before, after) in costs.items())
+        return f"{'kept' if self.kept else 'not kept'}: cost of {text}"
 
 
 @dataclass
 class SlamResult:
-    """What a run has found so far.
+    """Result of a run so far.
 
     Attributes
     ----------

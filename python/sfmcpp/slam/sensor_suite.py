@@ -1,4 +1,4 @@
-"""All sensors of a run, asked together."""
+"""All sensors of a run, with their clocks, biases and conflicts."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from sfmcpp.sensors import (
     without_bias,
 )
 from sfmcpp.slam.experience import Experience
-from sfmcpp.slam.fusing import Fused
-from sfmcpp.slam.sensing import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
+from sfmcpp.slam.fusion import Fused
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
@@ -39,7 +39,7 @@ _LAST_TURNS = 48
 
 
 class SensorSuite:
-    """The sensors of a run, asked together.
+    """The sensors of a run with their corrections.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class SensorSuite:
         self._in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.sensors)
 
     def state(self) -> dict[str, Any]:
-        """What it has learned from the keyframes so far."""
+        """State gained from the keyframes so far, for checkpoints."""
         return {
             "in_conflict": self.in_conflict,
             "experience": self._experience,
@@ -78,7 +78,7 @@ class SensorSuite:
         """Go on from a state; the sensors are as they were given."""
         self._moved_s, self._biases = state["moved_s"], state["biases"]
         self._turns, self.turns_until_s = state["turns"], state["turns_until_s"]
-        self._correct()
+        self._apply_corrections()
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
         self._in_time = state["in_time"]
 
@@ -93,7 +93,7 @@ class SensorSuite:
             else sensor
             for sensor in self._given
         )
-        self._correct()
+        self._apply_corrections()
 
     def measure(
         self,
@@ -108,7 +108,7 @@ class SensorSuite:
 
         `rotation` and `previous` are those of the keyframe and of the one before, world_from_camera.
         """
-        turn = self._turn(start_s, end_s, None if previous is None else previous.T @ rotation)
+        turn = self._rotation_or_seen(start_s, end_s, None if previous is None else previous.T @ rotation)
         found = [
             sensor.measure(start_s, end_s, rotation, turn)
             if isinstance(sensor, Odometer)
@@ -116,7 +116,7 @@ class SensorSuite:
             for sensor in self.sensors
         ]
         return [
-            m if m.sigma is not None else replace(m, sigma=self._of(m.sensor).sigma)
+            m if m.sigma is not None else replace(m, sigma=self._experience_of(m.sensor).sigma)
             for m in found
             if m is not None and (metric or m.kind not in METRIC_KINDS)
         ]
@@ -131,7 +131,7 @@ class SensorSuite:
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
-                self._of(selection.name).add(selection.conflict, stretch)
+                self._experience_of(selection.name).add(selection.conflict, stretch)
 
     @property
     def in_time(self) -> bool:
@@ -178,8 +178,8 @@ class SensorSuite:
     def move_stamps(self, names: Collection[str], offset_s: float) -> None:
         """Add as many seconds to the stamps of the sensors of these names."""
         self._moved_s |= {name: self._moved_s.get(name, 0.0) + offset_s for name in names}
-        self._correct()
-        self._forget(names)
+        self._apply_corrections()
+        self._forget_experience(names)
 
     def _refine_clocks(self, vision: Trajectory) -> None:
         """Set clocks that were wrong once more: hundredths of a second are ten milliradians of a turn."""
@@ -196,7 +196,7 @@ class SensorSuite:
 
     @property
     def turns(self) -> tuple[Turn, ...]:
-        """What pairs of images have told, in the order of time."""
+        """Rotations from pairs of images, in the order of time."""
         return tuple(self._turns)
 
     def remove_biases(self, turns: Sequence[Turn], until_s: float) -> bool:
@@ -218,12 +218,12 @@ class SensorSuite:
         known = dict(self._biases)
         for sensor in self._given:
             if _has_rates(sensor):
-                in_step = self._in_step(sensor.name, sensor.stream)
+                in_step = self._on_camera_clock(sensor.name, sensor.stream)
                 self._learn_bias(sensor.name, find_bias(in_step, sensor.mounting, self._turns))
         changed = any(bias is not known.get(name) for name, bias in self._biases.items())
         if changed:
-            self._correct()
-            self._forget(self._biases.keys() - known.keys())
+            self._apply_corrections()
+            self._forget_experience(self._biases.keys() - known.keys())
         return changed
 
     def _learn_bias(self, name: str, found: FloatArray | None) -> None:
@@ -231,7 +231,7 @@ class SensorSuite:
         if found is not None and np.linalg.norm(found - known) > _SAME_BIAS_RAD_S:
             self._biases[name] = found
 
-    def _correct(self) -> None:
+    def _apply_corrections(self) -> None:
         """Make the sensors those given, but for their clocks and biases."""
         self.sensors = tuple(
             replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
@@ -242,20 +242,20 @@ class SensorSuite:
 
     def _corrected(self, name: str, stream: SensorStream) -> SensorStream:
         known = self._biases.get(name)
-        in_step = self._in_step(name, stream)
+        in_step = self._on_camera_clock(name, stream)
         return in_step if known is None else without_bias(in_step, known)
 
-    def _in_step(self, name: str, stream: SensorStream) -> SensorStream:
+    def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
         """A stream on the clock of the camera, as far as it is known."""
         return stream.shifted(self._moved_s.get(name, 0.0))
 
-    def _forget(self, names: Collection[str]) -> None:
-        """What was learnt of sensors that have been corrected."""
+    def _forget_experience(self, names: Collection[str]) -> None:
+        """Discard the knowledge about sensors that have been corrected."""
         for name in names:
             self._experience.pop(name, None)
         self.in_conflict -= set(names)
 
-    def _of(self, name: str) -> Experience:
+    def _experience_of(self, name: str) -> Experience:
         return self._experience.setdefault(name, Experience())
 
     def remarks(self) -> list[str]:
@@ -297,7 +297,7 @@ class SensorSuite:
         turned = [
             f"{name}: its directions differ by {np.degrees(so3.rotation_angle(turn)):.1f}° from those of the "
             "camera: check the declared mounting"
-            for name, turn in self._misaligned().items()
+            for name, turn in self._misalignments().items()
         ]
         return (
             biases
@@ -314,7 +314,7 @@ class SensorSuite:
         theirs: a map drifts off them by itself, and without them it would not come back.
         """
         self._refine_clocks(vision)
-        misaligned = self._misaligned()
+        misaligned = self._misalignments()
         of_motion = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gps | Ins)]
         denied = {
             name: stretch
@@ -323,22 +323,22 @@ class SensorSuite:
         }
         if not {*denied, *misaligned, *self._moved_s, *self._biases}:
             return None
-        kept = [_without(sensor, denied.get(sensor.name)) for sensor in self.sensors]
-        return tuple(_turned(sensor, misaligned) for sensor in kept if sensor is not None)
+        kept = [_without_stretch(sensor, denied.get(sensor.name)) for sensor in self.sensors]
+        return tuple(_with_turned_mounting(sensor, misaligned) for sensor in kept if sensor is not None)
 
-    def _misaligned(self) -> dict[str, FloatArray]:
-        """How the camera is turned from what the mountings of odometers say, where images tell."""
+    def _misalignments(self) -> dict[str, FloatArray]:
+        """Rotations of the camera against the mountings of odometers, where images determine them."""
         odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
-        told = {odometer.name: _steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
-        return {name: turn for name, steps in told.items() if (turn := find_misalignment(*steps)) is not None}
+        steps = {odometer.name: _camera_steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
+        return {name: turn for name, pair in steps.items() if (turn := find_misalignment(*pair)) is not None}
 
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance between two times [m]; `turn` start_from_end of the camera, where no gyroscope tells."""
-        turn = self._turn(start_s, end_s, turn)
+        turn = self._rotation_or_seen(start_s, end_s, turn)
         answers = (s.between(start_s, end_s, turn) for s in self.sensors if isinstance(s, Odometer))
-        return _first_known(answers)
+        return _first_not_none(answers)
 
-    def _turn(self, start_s: float, end_s: float, seen: FloatArray | None) -> FloatArray | None:
+    def _rotation_or_seen(self, start_s: float, end_s: float, seen: FloatArray | None) -> FloatArray | None:
         turn = self.rotation(start_s, end_s)
         return seen if turn is None else turn
 
@@ -346,39 +346,39 @@ class SensorSuite:
         """Rotation start_from_end of the camera, by a gyroscope that agrees with the images."""
         asked = [s for s in self.sensors if isinstance(s, Gyroscope) and s.name not in self.in_conflict]
         answers = (s.between(start_s, end_s) for s in asked)
-        return _first_known(answers)
+        return _first_not_none(answers)
 
     def centre(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre of the camera in the sensors' world [m]."""
         answers = (s.at(time_s, rotation) for s in self.sensors if isinstance(s, Gps))
-        return _first_known(answers)
+        return _first_not_none(answers)
 
     def pose(self, time_s: float) -> FloatArray | None:
         """Pose of the camera in the sensors' world."""
         answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
-        return _first_known(answers)
+        return _first_not_none(answers)
 
 
 def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
 
 
-def _steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
-    """Steps (n, 3) of the camera that an odometer tells, and their directions by the images."""
-    told = [
+def _camera_steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
+    """Steps (n, 3) of the camera by an odometer, and their directions by the images."""
+    compared = [
         (odometer.measure(turn.start_s, turn.end_s, turn.rotation, turn.rotation), turn) for turn in turns
     ]
     known = [
         (np.asarray(measured.value)[:, 3], turn.direction)
-        for measured, turn in told
+        for measured, turn in compared
         if measured is not None and measured.kind == "displacement-pose" and not measured.doubtful
     ]
     steps, directions = np.array(known).reshape(-1, 2, 3).swapaxes(0, 1)
     return steps, directions
 
 
-def _turned(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSensor:
-    """An odometer whose camera is turned from what its mounting says."""
+def _with_turned_mounting(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSensor:
+    """An odometer with a corrected rotation of its mounting."""
     turn = turns.get(sensor.name)
     if turn is None or not isinstance(sensor, Odometer) or sensor.mounting is None:
         return sensor
@@ -386,7 +386,7 @@ def _turned(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSens
     return replace(sensor, mounting=mounted)
 
 
-def _without(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
+def _without_stretch(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
     """A sensor without the samples of a stretch; None if nothing is left."""
     if stretch is None or not isinstance(sensor, _Stamped):
         return sensor
@@ -394,5 +394,5 @@ def _without(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
     return None if rest is None else replace(sensor, stream=rest)
 
 
-def _first_known(answers: Iterable[_Answer | None]) -> _Answer | None:
+def _first_not_none(answers: Iterable[_Answer | None]) -> _Answer | None:
     return next((answer for answer in answers if answer is not None), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,22 +11,33 @@ from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.frames import Frame, View, common
-from sfmcpp.slam.between import settle_between, settled
-from sfmcpp.slam.calibrating import calibrate
-from sfmcpp.slam.clock import Clock
-from sfmcpp.slam.ending import finish_map
-from sfmcpp.slam.fusing import fuse
+from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_last_frames
+from sfmcpp.slam.calibration import calibrate, check_positions
+from sfmcpp.slam.checkpoints import State
+from sfmcpp.slam.fusion import fuse
 from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
-from sfmcpp.slam.mapping import adjust, triangulate_new
-from sfmcpp.slam.position_doubts import doubt_positions
-from sfmcpp.slam.registering import place_in_world
+from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
+from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
+from sfmcpp.slam.registration import place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
-from sfmcpp.slam.saving import State
-from sfmcpp.slam.sensing import Measurement, MotionSensor
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
+
+
+class Clock:
+    """Milliseconds of each stage."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Note what has passed since the last lap."""
+        now = time.perf_counter()
+        self.laps[name] = 1e3 * (now - self._last)
+        self._last = now
 
 
 class Slam:
@@ -101,25 +113,25 @@ class Slam:
         pose = self._locate(frame)
         clock.lap("resection")
         if pose is None:
-            self._go_on_without_map(frame, clock)
+            self._track_without_map(frame, clock)
             return
         self._initialiser = None
-        self._place(frame, pose)
+        self._note_pose(frame, pose)
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)
             return
-        told = settled(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
-        self.result.path.settle(frame.number, told)
+        fitted = fit_last_frames(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
+        self.result.path.settle(frame.number, fitted)
 
     def finish(self) -> None:
-        """After the last frame: adjust all keyframes, and tell what the whole run says of the sensors."""
+        """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
         if self.result.world is not None:
             self.result.warnings += self._sensors.shortcomings(times[0], times[-1], metric=self.result.metric)
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
-        self.result.warnings += doubt_positions(self.result, self._sensors)
+        self.result.warnings += check_positions(self.result, self._sensors)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
@@ -145,7 +157,7 @@ class Slam:
             pose = None if frame.number in keyframes else self._locate(frame)
             if pose is None and frame.number not in keyframes:
                 continue
-            self._place(frame, pose)
+            self._note_pose(frame, pose)
             self.result.trust(frame.number)
 
     def _locate(self, frame: Frame) -> FloatArray | None:
@@ -155,16 +167,16 @@ class Slam:
             self.result.path.seen_from[frame.number] = found.pose[:, :3].T @ found.seen[:, :3]
         return None if found is None else found.pose
 
-    def _place(self, frame: Frame, pose: FloatArray | None) -> None:
-        """Say where a frame is; None: it is a keyframe, and the map says it."""
+    def _note_pose(self, frame: Frame, pose: FloatArray | None) -> None:
+        """Store the pose of a frame; None: it is a keyframe, whose pose is in the map."""
         between = self.result.path.between
         between.pop(frame.number, None)
         if pose is not None:
             between[frame.number] = pose
         self._lately = [seen for seen in self._lately if seen.number < frame.number] + [frame]
 
-    def _go_on_without_map(self, frame: Frame, clock: Clock) -> None:
-        """Too few points are left: go on from the last frame, and look for a new start once that fails."""
+    def _track_without_map(self, frame: Frame, clock: Clock) -> None:
+        """Track from frame to frame where too few points are left; initialise again once that fails."""
         result, last = self.result, self._lately[-1]
         step = self._follower.follow(frame, last, result)
         if step is None:
@@ -174,20 +186,20 @@ class Slam:
         else:
             result.bridged.append(frame.number)
             pose = step.pose
-        self._place(frame, pose)
+        self._note_pose(frame, pose)
         if self._initialiser is not None:
             self._start_again(frame, self._initialiser)
         elif step is not None and step.moved:
-            self._bridge(last, frame, step, clock)
+            self._add_keyframes_of_gap(last, frame, step, clock)
 
-    def _bridge(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
+    def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
             self._add_keyframe(last, self.result.poses[last.number], clock)
         self._add_keyframe(frame, step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
-        """A new part of the map, once the frames since the loss tell one."""
+        """Start a new part of the map from the frames since the loss, if possible."""
         part = initialiser.try_frame(frame)
         if part is None:
             return
@@ -219,7 +231,7 @@ class Slam:
         before = world.poses.copy()
         adjust(world, self.settings)
         self.result.path.follow(before)
-        settle_between(self.result, self._lately, self._sensors, self.settings)
+        fit_between_keyframes(self.result, self._lately, self._sensors, self.settings)
         self._lately = [seen for seen in self._lately if seen.number >= frame.number]
         clock.lap("adjustment")
         place_in_world(self.result, self._sensors, self.settings)

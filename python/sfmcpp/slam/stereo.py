@@ -1,4 +1,4 @@
-"""Right images of a rectified pair: further views of points, each held one baseline beside its left one."""
+"""Right images of a rectified pair: additional views, tied to their left cameras by the baseline."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
 
 
 def metres_per_unit(world: WorldMap) -> float | None:
-    """Length of the unit of a map in metres, by the right images; None where they say too little.
+    """Length of the unit of a map in metres, by the right images; None where they determine too little.
 
     Each point of the map tells one: baseline over disparity is its depth. The median of the nearer half is
     taken, nearer by the map: what chooses by disparity is biased by its noise.

@@ -1,4 +1,4 @@
-"""The map of a drive: keyframes in the order of time, and what sensors say between them."""
+"""The map of a drive: keyframes in order of time, with their sensor measurements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sfmcpp.map.table import Table
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray
 from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam.sensing import Measurement
+from sfmcpp.slam.motion_sensors import Measurement
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Keyframe:
 
     @property
     def view(self) -> View:
-        """What it sees, outliers left out."""
+        """Its observations without outliers."""
         begin = self.world.keypoint_begin[self.image]
         rows = slice(begin, begin + self.world.keypoint_counts[self.image])
         tracks = self.world.keypoint_points[rows]
@@ -95,7 +95,7 @@ class WorldMap(Map):
 
     @property
     def stereo(self) -> bool:
-        """Whether right images tell its scale: it is in metres, and there are some."""
+        """Whether right images determine its scale: it is in metres, and there are some."""
         return self.metric and self.baseline_m is not None
 
     @property

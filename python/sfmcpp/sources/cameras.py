@@ -1,4 +1,4 @@
-"""Cameras of a drive, as the user says them or as data sets put them beside their images.
+"""Intrinsics of a camera, as given by the user or found beside its images.
 
 ``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
 one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
@@ -56,7 +56,7 @@ def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
 
 
 def find_camera(source: Path) -> Path:
-    """Find the file nearest to a folder of images or a video that tells their camera.
+    """Find the camera file nearest to a folder of images or a video.
 
     Raises
     ------
@@ -94,13 +94,13 @@ def read_intrinsics(path: Path) -> FloatArray:
 
 
 def read_camera(path: Path) -> Calibration:
-    """As :func:`read_intrinsics`, with what the file tells beside it."""
+    """As :func:`read_intrinsics`, with the other contents of the file."""
     file, camera = camera_file(path)
     if file.suffix.lower() in DOCUMENTS:
         return read_calibration(file, camera)
     with failures_named(path):
         data = read_text_bytes(path)
-    matrices = _square(path, data) if path.name == "K.txt" else _projections(path, data)
+    matrices = _matrix_of_numbers(path, data) if path.name == "K.txt" else _projections(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
@@ -115,7 +115,7 @@ def camera_file(path: str | Path) -> tuple[Path, str]:
     return (Path(file), name) if named else (Path(path), "")
 
 
-def _square(path: Path, data: bytes) -> FloatArray:
+def _matrix_of_numbers(path: Path, data: bytes) -> FloatArray:
     values = NumberText(path, data.replace(b",", b" "), comments=True).values
     if len(values) != 9:
         raise DatasetError(path, f"holds {len(values)} numbers: must be 9, a calibration matrix")

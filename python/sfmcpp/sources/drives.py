@@ -1,4 +1,4 @@
-"""Drives: frames of a camera, what sensors measured beside it, and the truth where it is known."""
+"""Drives: frames of a camera, sensor streams, and ground truth where it is known."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up
-from sfmcpp.model.sensor_kinds import SENSORS
+from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
-from sfmcpp.sources.euroc import EurocFolder, euroc_folder
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
+from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
+_ROOT, _IMAGES, _RATES = "mav0", "cam0/data", "imu0/data.csv"
+_TRUTH = "state_groundtruth_estimate0/data.csv"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive:
-    """What a SLAM run reads.
+    """Input of a SLAM run: frames, sensors, truth.
 
     Attributes
     ----------
@@ -90,13 +92,15 @@ class Drive:
                 return self.streams[kind]
         wanted = " or ".join(map(_with_columns, kinds))
         if self.sensor_file is not None:
-            reason = f"holds no {wanted}, which the sensor {name!r} needs{_left_out(self.sensor_file)}"
+            reason = (
+                f"holds no {wanted}, which the sensor {name!r} needs{_ignored_columns_text(self.sensor_file)}"
+            )
             raise DatasetError(self.sensor_file, reason)
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
 
 
-def _left_out(path: Path) -> str:
-    """What a file of sensors has under names that are not known, in words."""
+def _ignored_columns_text(path: Path) -> str:
+    """Note on the columns of a sensor file with unknown names."""
     if path.suffix.lower() not in (".csv", ".txt"):
         return ""
     names = ", ".join(repr(name) for name in left_out_columns(path))
@@ -222,17 +226,54 @@ def _read_images(
     images = source if euroc is None else euroc.images
     frames, truth = open_images(images, camera, fps, corners, stamps)
     mounting = _mounting_beside(images, camera)
-    return (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_of_euroc(euroc, mounting))
+    return (
+        (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_euroc_drive(euroc, mounting))
+    )
 
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
-    """What the camera's file tells of how it sits on the body."""
+    """Mounting in the camera's file."""
     if camera is not None and not isinstance(camera, (str, PathLike)):
         return None
     return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
 
 
-def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
+def _euroc_drive(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
     streams = {} if folder.rates is None else read_sensor_csv(folder.rates)
     truth = None if mounting is None else folder.camera_truth(mounting)
     return truth, _Sensors(streams, mounting)
+
+
+@dataclass(frozen=True)
+class EurocFolder:
+    """Contents of a folder of EuRoC.
+
+    Attributes
+    ----------
+    images : Path
+        Those of the first camera.
+    rates : Path or None
+        What the IMU measured.
+    truth : Path or None
+        Poses of the body.
+    """
+
+    images: Path
+    rates: Path | None
+    truth: Path | None
+
+    def camera_truth(self, mounting: Mounting) -> Trajectory | None:
+        """True poses of a camera that sits so on the body; None where the folder knows none."""
+        if self.truth is None:
+            return None
+        body = read_trajectory(self.truth)
+        return Trajectory(body.t_s, mounting.camera_poses(body.poses))
+
+
+def euroc_folder(path: Path) -> EurocFolder | None:
+    """Find what ``mav0``, or the folder that holds it, has; None if `path` is no such folder."""
+    root = path / _ROOT if (path / _ROOT).is_dir() else path
+    if not (root / _IMAGES).is_dir():
+        return None
+    rates, truth = (file if file.is_file() else None for file in (root / _RATES, root / _TRUTH))
+    return EurocFolder(root / _IMAGES, rates, truth)

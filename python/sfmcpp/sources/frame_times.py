@@ -1,4 +1,4 @@
-"""When images were taken, as the user says it or as data sets put it beside them.
+"""Times of images, as given by the user or found beside them.
 
 The first that there is counts: a frame rate of the user; stamps of the sensors' drive; ``times.txt``, a line
 for each image, in seconds or, of some clock since 1970, in nanoseconds; EuRoC's ``data.csv``, which tells the
@@ -64,17 +64,17 @@ def times_of_images(
     """
     if fps is not None:
         require_positive("fps", fps)
-        return _even(fps, 0.0 if stamps is None else float(stamps[0])), None
+        return _even_times(fps, 0.0 if stamps is None else float(stamps[0])), None
     if stamps is not None:
         if len(stamps) < len(images):
             reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
             raise DatasetError(images.path, reason)
-        return _looked_up(images.path, stamps), None
-    found = _found_times(images)
+        return _times_of_argument(images.path, stamps), None
+    found = _times_beside_images(images)
     if found is not None:
-        return _looked_up(images.path, found), None
-    own_fps = _own_fps(images)
-    return _even(own_fps), own_fps if images.fps is None else None
+        return _times_of_argument(images.path, found), None
+    own_fps = _frame_rate_of_video(images)
+    return _even_times(own_fps), own_fps if images.fps is None else None
 
 
 def require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
@@ -89,11 +89,11 @@ def require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
         raise DatasetError(path, f"holds {count} {what} for {len(images)} images: must be as many")
 
 
-def _even(fps: float, start_s: float = 0.0) -> TimeOf:
+def _even_times(fps: float, start_s: float = 0.0) -> TimeOf:
     return lambda number: start_s + number / fps
 
 
-def _looked_up(source: Path, t_s: FloatArray) -> TimeOf:
+def _times_of_argument(source: Path, t_s: FloatArray) -> TimeOf:
     def time_of(number: int) -> float:
         if number >= len(t_s):
             raise DatasetError(source, f"image {number} has no time: {len(t_s)} are known; give --fps")
@@ -102,7 +102,7 @@ def _looked_up(source: Path, t_s: FloatArray) -> TimeOf:
     return time_of
 
 
-def _own_fps(images: Frames) -> float:
+def _frame_rate_of_video(images: Frames) -> float:
     if images.fps is not None:
         return images.fps
     if images.path.is_dir():
@@ -110,8 +110,8 @@ def _own_fps(images: Frames) -> float:
     raise DatasetError(images.path, "the video tells no frame rate: give --fps")
 
 
-def _found_times(images: Frames) -> FloatArray | None:
-    """Times that files or names tell [s]; None if none does."""
+def _times_beside_images(images: Frames) -> FloatArray | None:
+    """Times from files or names of images [s]; None if there are none."""
     listed = file_beside(images.path, _TIMES)
     if listed is not None:
         return read_times(listed, lambda count: require_as_many(listed, count, "times", images))
@@ -171,24 +171,24 @@ def _times_by_name(path: Path, images: Frames) -> FloatArray | None:
         raise DatasetError(path, str(error), head) from None
     factor = 1.0 if column is None else column.factor
     rows = ((number, line.partition(",")) for number, line in lines)
-    told = {
+    times = {
         name.strip(): finite_number(path, number, "timestamp", stamp.strip(), factor)
         for number, (stamp, _, name) in rows
     }
-    missing = next((name for name in images.names if name not in told), None)
+    missing = next((name for name in images.names if name not in times), None)
     if missing is not None:
         raise DatasetError(path, f"tells no time of {images.path / missing}: give --fps, or remove one")
-    return _increasing(path, images, np.array([told[name] for name in images.names]))
+    return _require_increasing_times(path, images, np.array([times[name] for name in images.names]))
 
 
 def _times_of_names(images: Frames) -> FloatArray | None:
     stems = [Path(name).stem for name in images.names]
     if not stems or not all(map(_NAMED_BY_NS.fullmatch, stems)):
         return None
-    return _increasing(images.path, images, np.array([float(stem) for stem in stems]) * _NS)
+    return _require_increasing_times(images.path, images, np.array([float(stem) for stem in stems]) * _NS)
 
 
-def _increasing(path: Path, images: Frames, t_s: FloatArray) -> FloatArray:
+def _require_increasing_times(path: Path, images: Frames, t_s: FloatArray) -> FloatArray:
     late = np.flatnonzero(np.diff(t_s) <= 0)
     if len(late):
         name, before = images.names[late[0] + 1], images.names[late[0]]

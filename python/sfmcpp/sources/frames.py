@@ -1,4 +1,4 @@
-"""Frames of one camera, one after the other: tracks read from a file, or corners followed through images."""
+"""Frames of one camera: tracks read from a file, or corners tracked through images."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CameraArgument = str | PathLike[str] | Sequence[float] | None
 
 
 class FrameSource(ABC):
-    """Where frames come from, one after the other.
+    """Source of frames, one after the other.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class FrameSource(ABC):
         """Times of the first frame and of the last one expected [s]."""
 
     def identity(self) -> dict[str, Any]:
-        """What tells these frames from others, as far as it is known before they are looked at."""
+        """Identity of these frames, as far as it is known before they are read."""
         return {"camera": self.intrinsics, "count": len(self), "times": self.span_s}
 
     @abstractmethod
@@ -161,7 +161,7 @@ class TrackSequence(FrameSource):
         return Frame(number, float(self.t_s[number]), self.view(number))
 
     def view(self, frame: int) -> View:
-        """What `frame` sees."""
+        """Observations of `frame`."""
         span = slice(self._begin[frame], self._begin[frame + 1])
         right = None if self._right is None else self._right.only(span)
         return View(self._tracks[span], self._pixels[span], right)
@@ -176,7 +176,7 @@ def _right_view(right_px: ArrayLike, baseline_m: float | None, count: int) -> Ri
 
 
 class ImageStream(FrameSource):
-    """Frames of a camera, each image read and its corners followed when the frame is asked for.
+    """Frames of a camera; images are read and corners tracked lazily.
 
     Parameters
     ----------
@@ -320,6 +320,6 @@ def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[i
         reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
         raise DatasetError(images.path, reason)
     if calibrated not in (None, (width, height)):
-        told = f"{calibrated[0]}×{calibrated[1]}"
-        reason = f"its images have {size} pixels, the camera is for {told}: scale one of them to the other"
+        wanted = f"{calibrated[0]}×{calibrated[1]}"
+        reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
         raise DatasetError(images.path, reason)

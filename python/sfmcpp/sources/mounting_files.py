@@ -1,4 +1,4 @@
-"""How a camera sits on the body of the sensors, as the user says it or as files do.
+"""Mounting of a camera on the body of the sensors, as given by the user or found in files.
 
 A text file holds the pose body_from_camera, three rows ``[R | t]`` or four, the last 0 0 0 1. Of EuRoC's
 ``sensor.yaml`` it is ``T_BS``.
@@ -53,7 +53,7 @@ def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
         rule = f"must be {', '.join(_NAMES)}, or a file with the rows of body_from_camera, [R | t]"
         raise DatasetError(path, f"is no mounting and no file: {rule}")
     if path.suffix.lower() in DOCUMENTS:
-        return _required(path, mounting_beside_camera(path))
+        return _require_found(path, mounting_beside_camera(path))
     return _read_mounting(path)
 
 
@@ -69,16 +69,16 @@ def mounting_beside_camera(path: Path) -> Mounting | None:
     if file.suffix.lower() not in DOCUMENTS:
         return None
     node = read_document(file).part(_POSE)
-    return None if node is None else _of_node(node)
+    return None if node is None else _mounting_of_node(node)
 
 
-def _required(path: Path, found: Mounting | None) -> Mounting:
+def _require_found(path: Path, found: Mounting | None) -> Mounting:
     if found is None:
         raise DatasetError(path, f"holds no {_POSE}, the pose body_from_camera of EuRoC's sensor.yaml")
     return found
 
 
-def _of_node(node: Node) -> Mounting:
+def _mounting_of_node(node: Node) -> Mounting:
     numbers = node.numbers()
     if len(numbers) != 16:
         raise node.error(f"{_POSE} holds {len(numbers)} numbers: must be 16, a 4×4 matrix")
@@ -87,7 +87,7 @@ def _of_node(node: Node) -> Mounting:
         raise node.error(f"the last row of {_POSE} is {pose[3].tolist()}: must be 0 0 0 1")
     if not is_rotation(pose[:3, :3], PRINTED_ROTATION_TOLERANCE):
         raise node.error(f"{_POSE} holds no rotation")
-    return _of_pose(np.column_stack([nearest_rotation(pose[:3, :3]), pose[:3, 3]]))
+    return _mounting_of_pose(np.column_stack([nearest_rotation(pose[:3, :3]), pose[:3, 3]]))
 
 
 def _read_mounting(path: Path) -> Mounting:
@@ -99,11 +99,11 @@ def _read_mounting(path: Path) -> Mounting:
     if len(pose) == 4 and not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise DatasetError(path, f"its last row is {pose[3].tolist()}: must be 0 0 0 1")
     try:
-        return _of_pose(pose)
+        return _mounting_of_pose(pose)
     except InvalidArgument as error:
         raise DatasetError(path, f"body_from_camera holds no rotation: {error}") from error
 
 
-def _of_pose(pose: FloatArray) -> Mounting:
+def _mounting_of_pose(pose: FloatArray) -> Mounting:
     """Mounting of body_from_camera (≥ 3, 4)."""
     return Mounting(pose[:3, :3].T, pose[:3, 3])

@@ -1,4 +1,4 @@
-"""How well a solved problem is known, to files: standard deviations as a table, or covariances as arrays."""
+"""Covariance files: standard deviations as a table, or covariances as arrays."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Covariances:
         """
         few = problem.num_points * model.num_camera_columns <= MOST_PRODUCTS
         found = model.covariance(cameras="all", points="all" if few else ())
-        found.cameras[_none_of(model.camera_columns < 0)] = np.nan
+        found.cameras[_mask_of_missing(model.camera_columns < 0)] = np.nan
         points = found.points if few else np.full((problem.num_points, 3, 3), np.nan)
         points[model.point_columns < 0] = np.nan
         determined = model.num_determined
@@ -80,13 +80,13 @@ class Covariances:
 
     @property
     def gauge(self) -> str:
-        """What the covariances refer to."""
+        """Gauge of the covariances."""
         if self.freedoms == 0:
             return "the frame that fixed parameters or positions give"
         return f"the mean of all cameras and points, as {self.freedoms} gauge freedoms are left"
 
     def to_dict(self) -> dict[str, Any]:
-        """What a report says of them."""
+        """Entries of a report."""
         factor = None if np.isnan(self.variance_factor) else self.variance_factor
         return {"refer_to": self.gauge, "free_freedoms": self.freedoms, "variance_factor": factor}
 
@@ -110,7 +110,7 @@ def write_covariances(path: Path, found: Covariances) -> None:
 
 
 def require_covariance_format(path: Path) -> None:
-    """Raise a DatasetError unless the name of a file tells a format for covariances."""
+    """Raise a DatasetError unless the name of a file has a suffix of a covariance format."""
     if path.suffix.lower() not in COVARIANCE_SUFFIXES:
         raise DatasetError(
             path, f"the name of a file of covariances must end in {', '.join(COVARIANCE_SUFFIXES)}"
@@ -129,7 +129,7 @@ def require_covariances(problem: Problem, path: Path) -> None:
         raise DatasetError(path, f"{reason}; {advice}")
 
 
-def _none_of(missing: Any) -> Any:
+def _mask_of_missing(missing: Any) -> Any:
     """(C, D, D) mask of the entries that belong to a parameter that is missing (C, D)."""
     return missing[:, :, None] | missing[:, None, :]
 
@@ -148,7 +148,7 @@ def _npz(found: Covariances) -> bytes:
 
 
 def _csv(found: Covariances) -> str:
-    titles = [_title(name) for name in found.parameter_names]
+    titles = [_column_title(name) for name in found.parameter_names]
     degrees = np.array([np.rad2deg(1.0) if title.endswith("_deg") else 1.0 for title in titles])
     # Places first: a point has these alone.
     order = [3, 4, 5, 0, 1, 2, *range(6, len(titles))]
@@ -167,7 +167,7 @@ def _sigmas(blocks: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.diagonal(blocks, axis1=1, axis2=2)))
 
 
-def _title(name: str) -> str:
+def _column_title(name: str) -> str:
     """Column of a parameter: ``sigma_rx_deg`` of "rotation x", ``sigma_sensor_y`` of "sensor centre y"."""
     of_sensor, own = "sensor_" * name.startswith("sensor "), name.removeprefix("sensor ")
     if own.startswith("rotation "):

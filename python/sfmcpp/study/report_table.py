@@ -1,14 +1,86 @@
-"""Reports that are shown as a table of names and values."""
+"""Tables of reports: rows of names and values, reasons in groups, the georeference of a model."""
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sfmcpp.sfm import GpsOutcome
+
+
+T = TypeVar("T")
+NAMES_LISTED = 4
+_NUMBER = re.compile(r"\b\d[\d.,]*\b")
+
+
+def grouped_by_reason(entries: Iterable[tuple[str, T]]) -> dict[str, list[T]]:
+    """Group members by their reason, the largest group first.
+
+    Reasons that differ only in numbers or after a colon form one group, which is named by their common
+    text.
+
+    Parameters
+    ----------
+    entries : iterable of (str, member)
+        Reasons, and what was left out for them.
+    """
+    groups: dict[str, list[tuple[str, T]]] = {}
+    for reason, member in entries:
+        shared = _NUMBER.sub("…", reason.split(":")[0])
+        groups.setdefault(shared, []).append((reason, member))
+    named = {}
+    for shared, group in sorted(groups.items(), key=lambda item: -len(item[1])):
+        named[_common_reason(shared, {reason for reason, _ in group})] = [member for _, member in group]
+    return named
+
+
+def _common_reason(shared: str, reasons: set[str]) -> str:
+    """Common part of reasons: all of it, all but the numbers, or the part before the colon."""
+    for candidates in (reasons, {_NUMBER.sub("…", reason) for reason in reasons}):
+        if len(candidates) == 1:
+            return candidates.pop()
+    return shared
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """Some names, and how many more there are."""
+    shown = ", ".join(names[:NAMES_LISTED])
+    more = len(names) - NAMES_LISTED
+    return f"{shown} and {more:,} more" if more > 0 else shown
+
+
+def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
+    """σ of the positions, accuracy of the model, positions that were left out, origin."""
+    yield (
+        "GPS",
+        f"σ {gps.sigma_m:.3g} m{_stated_accuracy(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)",
+    )
+    if gps.outliers:
+        yield "GPS left out", listed_names(gps.outliers)
+    if np.any(gps.origin):
+        yield "origin", origin_text(gps)
+
+
+def origin_text(gps: GpsOutcome) -> str:
+    """The numbers of the origin with their names."""
+    return ", ".join(f"{name} {value:.10g}" for name, value in gps.world_origin.to_dict().items())
+
+
+def _stated_accuracy(gps: GpsOutcome) -> str:
+    if gps.stated_sigma_m is None:
+        return ""
+    same = gps.sigma_m == gps.stated_sigma_m
+    return " as stated" if same else f" (stated: {gps.stated_sigma_m:.3g} m)"
 
 
 class ReportTable(ABC):
-    """What a report of a run shows on screen."""
+    """Report of a run as a table on screen."""
 
     def table(self, written: Iterable[Path] = ()) -> str:
         """Make a table of it.

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.on_threads import on_threads
+from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.io.colmap import binary, text
-from sfmcpp.sources.io.colmap.formats import write_colmap_of_both_kinds
+from sfmcpp.sources.io.colmap.formats import ORIGIN, write_colmap_of_both_kinds
 from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.io.origin_file import ORIGIN
 from sfmcpp.sources.io.ply import write_ply
 from sfmcpp.sources.io.transforms import folder_from, write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
@@ -40,7 +39,7 @@ _READERS = 4
 
 
 def write_files(report: SfmReport, folder: Path) -> list[Path]:
-    """Write all files of a reconstruction, and go on where one fails; without a model, report and page alone.
+    """Write all files of a reconstruction, also after one fails; without a model, report and page alone.
 
     Beside the model of an earlier run these would tell of what is not there: then nothing is written.
 
@@ -99,7 +98,7 @@ def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:
 
 
 class _Pictures:
-    """Small pictures of the photos, made once and when they are asked for."""
+    """Thumbnails of the photos, made once on request."""
 
     def __init__(self, report: SfmReport) -> None:
         self._report = report
@@ -131,7 +130,7 @@ def _scene(report: SfmReport, thumbnails: dict[str, bytes]) -> ModelScene:
         world.poses[images],
         image_corners(measures, images),
         [world.image_names[i] for i in images],
-        [_note(report, int(i)) for i in images],
+        [_image_note(report, int(i)) for i in images],
         [thumbnails.get(world.image_names[i]) for i in images],
         facts,
         "m" if run.gps is not None else "",
@@ -155,7 +154,7 @@ def image_corners(measures: ModelMeasures, images: NDArray[np.intp]) -> FloatArr
     return corners_at_distance_one(*np.array(rows, dtype=np.float64).reshape(-1, 6).T)
 
 
-def _note(report: SfmReport, image: int) -> str:
+def _image_note(report: SfmReport, image: int) -> str:
     measures = report.measures[0]
     count = int(measures.observations_of_images[image])
     note = f"{count:,} observations"

@@ -1,4 +1,4 @@
-"""What can be read off a model: errors of images, residuals over a sensor, tracks, intrinsics and their σ."""
+"""Quality measures of a model: errors of images, residual maps, tracks, intrinsics and their σ."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class ModelMeasures:
 
     @property
     def mean_point_error_px(self) -> float | None:
-        """Mean over points of the mean error of each [px], as COLMAP tells it; None without observations."""
+        """Mean over points of their mean errors [px], as COLMAP defines it; None without observations."""
         if not self.num_observations:
             return None
         sums = np.bincount(self._local.problem.point_index, self.errors_px, minlength=self.num_points)
@@ -125,7 +125,7 @@ class ModelMeasures:
     @cached_property
     def cameras(self) -> list[int]:
         """Numbers of the cameras that took an image of the model, the most used first."""
-        return _by_use(self.world.image_cameras[self._local.images])
+        return _counts_by_use(self.world.image_cameras[self._local.images])
 
     def images_of_camera(self, camera: int) -> int:
         """Images of the model that this camera took."""
@@ -153,8 +153,8 @@ class ModelMeasures:
         counts = np.bincount(place, minlength=rows * columns)
         sums = [np.bincount(place, axis, minlength=rows * columns) for axis in self.residuals_px[mine].T]
         means = np.full((rows * columns, 2), np.nan)
-        told = counts >= _FEWEST_OF_CELL
-        means[told] = np.stack(sums, axis=1)[told] / counts[told, None]
+        has_enough = counts >= _FEWEST_OF_CELL
+        means[has_enough] = np.stack(sums, axis=1)[has_enough] / counts[has_enough, None]
         return ResidualMap((width, height), means.reshape(rows, columns, 2), counts.reshape(rows, columns))
 
     def intrinsics_of(self, camera: int) -> dict[str, float]:
@@ -169,7 +169,7 @@ class ModelMeasures:
         return [name for name, held in zip(names, fixed, strict=True) if not held]
 
     def model_name(self, camera: int) -> str:
-        """What COLMAP calls the model of a camera: its own name, or the smallest that holds it."""
+        """COLMAP's name of the model of a camera: its own name, or the smallest that holds it."""
         if self.world.camera_names[camera] or self.world.camera_model != "perspective":
             return self.world.camera_names[camera] or self.world.camera_model
         values, fixed = self.world.intrinsics[camera], self.world.fixed_intrinsics[camera]
@@ -205,7 +205,7 @@ class ModelMeasures:
         return found
 
     def camera_dict(self, camera: int) -> dict[str, Any]:
-        """What a report tells of a camera."""
+        """Entries of a report about a camera."""
         values = self.intrinsics_of(camera)
         width, height = self.world.camera_sizes[camera].tolist()
         distortion = {name: values[name] for name in values if name[0] in "kp"}
@@ -225,7 +225,7 @@ class ModelMeasures:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """What a report tells of the model."""
+        """Entries of a report about the model."""
         lengths = self.track_lengths
         values, counts = np.unique(lengths, return_counts=True)
         return {
@@ -241,6 +241,6 @@ class ModelMeasures:
         }
 
 
-def _by_use(numbers: NDArray[np.integer[Any]]) -> list[int]:
+def _counts_by_use(numbers: NDArray[np.integer[Any]]) -> list[int]:
     values, counts = np.unique(numbers, return_counts=True)
     return [int(value) for value in values[np.argsort(-counts, kind="stable")]]

@@ -1,4 +1,4 @@
-"""What a reconstruction gave: for people, for programs, and as files."""
+"""Report of a reconstruction, as text, plain values and files."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfmcpp.study.gps_rows import gps_rows
-from sfmcpp.study.reasons import NAMES_LISTED, by_reason, listed
 from sfmcpp.study.report_files import peak_memory_bytes, plain
-from sfmcpp.study.report_table import ReportTable
+from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, gps_rows, grouped_by_reason, listed_names
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 if TYPE_CHECKING:
@@ -33,7 +31,7 @@ _FOLDERS_OF_ANY_SET = frozenset({"images", "photos", "pictures", "img", "jpg"})
 
 
 class SfmReport(ReportTable):
-    """What a reconstruction gave, for people, for programs and as files.
+    """Report of a reconstruction, as text, plain values and files.
 
     Parameters
     ----------
@@ -72,19 +70,19 @@ class SfmReport(ReportTable):
                 found.append((outcome.reason, name))
             elif outcome.model:
                 found.append((f"in model {outcome.model}, which is not connected to the largest", name))
-        return by_reason(found)
+        return grouped_by_reason(found)
 
     def verdict(self) -> str:
-        """Say in a sentence how many images are in the model, and why others are not."""
+        """Sentence on how many images are in the model, and why others are not."""
         run = self.run
         if run.model is None:
-            told = f"no model: none of {len(run.images):,} images could be registered"
+            text = f"no model: none of {len(run.images):,} images could be registered"
         else:
-            told = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
-        reasons = [f"{listed(names)}: {reason}" for reason, names in self.left_out().items()]
+            text = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
+        reasons = [f"{listed_names(names)}: {reason}" for reason, names in self.left_out().items()]
         if len(reasons) > _REASONS_LISTED:
             reasons[_REASONS_LISTED:] = [f"and {len(reasons) - _REASONS_LISTED:,} more reasons"]
-        return f"{told} ({'; '.join(reasons)})" if reasons else told
+        return f"{text} ({'; '.join(reasons)})" if reasons else text
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain values; what is not finite is None.
@@ -126,12 +124,12 @@ class SfmReport(ReportTable):
         return {"seconds": {**seconds, "total": sum(seconds.values())}}
 
     def options(self) -> dict[str, Any]:
-        """How it was asked for, but for what changes no result; paths as text."""
+        """Options of the run that affect its result; paths as text."""
         given = {key: value for key, value in self.run.options.items() if key not in _OF_THE_MACHINE}
         return {key: str(value) if isinstance(value, PathLike) else value for key, value in given.items()}
 
     def images(self) -> dict[str, dict[str, Any]]:
-        """What became of each image, by name."""
+        """Outcome of each image, by name."""
         numbers = {photo.name: number for number, photo in enumerate(self.run.graph.photos)}
         residuals = self.run.gps.residuals_m if self.run.gps else {}
         found = {}
@@ -156,7 +154,7 @@ class SfmReport(ReportTable):
         return found
 
     def pair(self, pair: Pair) -> dict[str, Any]:
-        """What became of a pair of images."""
+        """Outcome of a pair of images."""
         photos, geometry = self.run.graph.photos, pair.geometry
         return {
             "first": photos[pair.first].name,
@@ -199,7 +197,7 @@ class SfmReport(ReportTable):
         yield "images", f"{run.num_registered:,} of {len(run.images):,} in the model"
         reasons = list(self.left_out().items())
         for reason, names in reasons[:_REASONS_LISTED]:
-            yield "left out", f"{listed(names)}: {reason}"
+            yield "left out", f"{listed_names(names)}: {reason}"
         if len(reasons) > _REASONS_LISTED:
             yield "left out", f"and {len(reasons) - _REASONS_LISTED:,} more reasons"
         matched = sum(pair.geometry.kind != "none" for pair in graph.pairs)
@@ -234,7 +232,7 @@ def thumbnail_of_file(photo: Photo) -> bytes | None:
 
 
 def camera_line(measures: ModelMeasures, camera: int) -> str:
-    """Say in a line what a camera is: its model, focal length and distortion."""
+    """Description of a camera in a line: its model, focal length and distortion."""
     facts = measures.camera_dict(camera)
     sigma = facts["sigma"].get("f")
     focal = f"focal length {facts['focal_px']:.2f} px" + (f" ± {sigma:.2g}" if sigma else "")

@@ -16,7 +16,7 @@ from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.pages.scene_page import Scene, save_scene_page
 from sfmcpp.study.plotting import save_figure
-from sfmcpp.study.plotting.trajectories import plot_scale_ratio, plot_top_view
+from sfmcpp.study.plotting.evaluations import plot_scale_ratio, plot_top_view
 from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
 from sfmcpp.study.report_files import Step, write_report, write_steps
 
@@ -39,7 +39,7 @@ _FACTS = ("frames", "keyframes", "points", "bridged", "lost")
 
 
 def write_files(report: SlamReport, folder: Path) -> list[Path]:
-    """Write all files of a run, or the report alone if there is no map, and go on where one fails.
+    """Write all files of a run, or the report alone if there is no map, also after one fails.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def _steps(report: SlamReport) -> Iterator[Step]:
         yield KEYFRAMES, partial(write_trajectory, keyframes)
         yield MODEL, partial(_write_model, problem)
         yield POINTS, partial(write, problem)
-        yield TOP_VIEW, partial(_draw, report, trajectory, problem)
+        yield TOP_VIEW, partial(_draw_top_view, report, trajectory, problem)
         yield VIEW, lambda path: save_scene_page(_scene(report, trajectory, problem), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     if world is not None:
@@ -76,7 +76,7 @@ def _write_model(problem: Problem, folder: Path) -> None:
         write(problem, folder, format=name)
 
 
-def _draw(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Path) -> None:
+def _draw_top_view(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Path) -> None:
     """From above, in the frame of the first camera; of the first true one where there is a truth."""
     comparison = report.comparison
     if comparison is None:
@@ -89,7 +89,7 @@ def _draw(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Pa
         *map(place.apply, seen),
         truth=truth,
         alignment=report.alignment,
-        unit=_unit(report, truth is not None),
+        unit=_unit_of_map(report, truth is not None),
     )
     save_figure(figure, path)
 
@@ -99,7 +99,7 @@ def _has_latitudes(run: SlamRun) -> bool:
     return "gps" in run.sensors and run.drive.streams_of(["gps"])[0].kind == "geodetic"
 
 
-def _unit(report: SlamReport, aligned: bool = False) -> str:
+def _unit_of_map(report: SlamReport, aligned: bool = False) -> str:
     return "m" if aligned or report.run.result.metric else ""
 
 
@@ -138,7 +138,7 @@ def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scen
         trajectory.centres,
         problem.cameras,
         truth_name="",
-        unit=_unit(report),
+        unit=_unit_of_map(report),
         facts={name: f"{run.totals[name]:,}" for name in _FACTS},
         east_north_up=run.georeferenced and _has_latitudes(run),
     )

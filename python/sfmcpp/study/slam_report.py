@@ -1,4 +1,4 @@
-"""A SLAM run measured: against the truth, as a report, as a table."""
+"""Report of a SLAM run, measured against the truth."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DRIFT: _Ways = (("aligned to the first tenth, by poses", {"align_to": "first:0.
 
 
 class SlamReport(ReportTable):
-    """What a SLAM run gave, for people, for programs and as files.
+    """Report of a SLAM run, as text, plain values and files.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class SlamReport(ReportTable):
             "metric": result.metric,
             "final_adjustment": None if result.final is None else asdict(result.final),
             "warnings": result.warnings,
-            "keyframes": [_keyframe(record) for record in result.records],
+            "keyframes": [_keyframe_facts(record) for record in result.records],
             "truth": None if self.comparison is None else self.comparison.to_dict(),
             "truth_in_metres": None if self.in_metres is None else self.in_metres.to_dict(),
             "drift": None if self.drift is None else self.drift.to_dict(),
@@ -144,17 +144,17 @@ class SlamReport(ReportTable):
         yield "input", str(run.drive.path)
         yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
         if frames.assumed_fps is not None:
-            told = f"{frames.assumed_fps:g} frames per second assumed: neither times.txt nor --fps is given"
+            text = f"{frames.assumed_fps:g} frames per second assumed: neither times.txt nor --fps is given"
             # Metres a second at the wrong seconds are as many wrong metres.
             wrong = "; where that is wrong, so are the scale and the clocks of the sensors"
-            yield ("warning", told + wrong) if run.sensors else ("times", told)
+            yield ("warning", text + wrong) if run.sensors else ("times", text)
         yield "of these", f"{count['bridged']:,} from the previous frame only, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
         if frames.seconds is not None:
             each = 1e3 * frames.seconds / max(run.frames, 1)
-            told = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"
-            yield "images", told
+            text = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"
+            yield "images", text
         if run.result.final is not None:
             yield "final", run.result.final.describe()
         if run.sensors:
@@ -189,11 +189,11 @@ class SlamReport(ReportTable):
         return f"{rule}, median {', '.join(medians)}" if medians else rule
 
     def _conflict(self, name: str) -> Iterator[tuple[str, str]]:
-        """Where a sensor disagrees with the images, and by how much."""
-        told = [r.conflicts[name] for r in self.run.result.records if name in r.conflicts]
-        worse = [sigmas for sigmas in told if sigmas > CONFLICT_SIGMAS]
+        """Text on where a sensor disagrees with the images, and by how much."""
+        sigmas_of_keyframes = [r.conflicts[name] for r in self.run.result.records if name in r.conflicts]
+        worse = [sigmas for sigmas in sigmas_of_keyframes if sigmas > CONFLICT_SIGMAS]
         if worse:
-            where = f"at {len(worse):,} of {len(told):,} keyframes"
+            where = f"at {len(worse):,} of {len(sigmas_of_keyframes):,} keyframes"
             yield "conflict", f"{name} disagrees with the images {where}, by up to {max(worse):.1f} σ"
 
 
@@ -206,6 +206,6 @@ def require_pictures(folder: Path) -> None:
         raise DatasetError(folder, reason) from None
 
 
-def _keyframe(record: KeyframeRecord) -> dict[str, Any]:
+def _keyframe_facts(record: KeyframeRecord) -> dict[str, Any]:
     """All but the curves that the weights were chosen from: a hundred numbers each."""
     return {f.name: getattr(record, f.name) for f in fields(record) if f.name != "selections"}

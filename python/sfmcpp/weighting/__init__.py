@@ -41,8 +41,7 @@ from sfmcpp.weighting.orientation_filter import (
     with_orientations,
 )
 from sfmcpp.weighting.pose import equivalent_sigma, select_weight, select_weights
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.solve import solve
 from sfmcpp.weighting.sweep import PoseFit, WeightSweep, refine_pose, sweep_weights, weight_grid
 from sfmcpp.weighting.units import ConstraintUnit

@@ -1,4 +1,4 @@
-"""Between which weights to choose: what a sensor declares from above, what the images leave of it from below.
+"""Bounds of a weight: from above by the declared σ, from below by the conflict with the images.
 
 Images alone choose impossible weights where they tell little: of one pose, leave-one-out takes an odometer of
 20 mm for one of 0.15 mm, or takes none of it. The thesis has no bounds (``"none"``).
@@ -18,7 +18,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.criteria import MEDIAN_WIDTH
-from sfmcpp.weighting.pose_constraint import PoseConstraint
+from sfmcpp.weighting.pose_inputs import PoseConstraint
 
 WeightBoundsName = Literal["declared", "none"]
 WEIGHT_BOUNDS: tuple[str, ...] = get_args(WeightBoundsName)

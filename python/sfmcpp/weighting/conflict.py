@@ -1,4 +1,4 @@
-"""Whether a sensor agrees with what the images say, and by how many standard deviations."""
+"""Conflict of a sensor with the images, in standard deviations, of a pose or of group members."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
+from sfmcpp.ba.linearize import linearize
+from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
+from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import ConflictReport
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.units import ConstraintUnit
 
 CONFLICT_SIGMAS = 3.0
@@ -28,6 +30,8 @@ _LEAST_FREE = 0.3
 _MEDIAN_SPREAD = 1.17
 # The smallest probability whose quantile the normal distribution still gives.
 _LEAST_PROBABILITY = 1e-300
+# Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
+LIE_SIGMAS = 4.6
 
 
 @checked()
@@ -60,11 +64,11 @@ def conflict(view: PoseView, constraint: PoseConstraint, vision_pose: ArrayLike)
     at = _core.linearize_pose(view.arrays(), [constraint.arrays(0.0)], pose)
     error = np.asarray(at["residuals"][0]).ravel()
     jacobian = np.asarray(at["jacobians"][0])
-    vision = view.pixel_sigma(at["vision"]) ** 2 * _inverse(np.asarray(at["vision_normal"]))
+    vision = view.pixel_sigma(at["vision"]) ** 2 * _inverse_normal(np.asarray(at["vision_normal"]))
     sensor = math.hypot(constraint.sensor_sigma or 0.0, constraint.slack) ** 2 / constraint.unit.spread
-    seen, covariance = _seen(jacobian, vision)
+    seen, covariance = _pose_directions(jacobian, vision)
     freedom = seen.shape[1]
-    squared = _squared_mahalanobis(seen.T @ error, covariance + sensor * np.eye(freedom))
+    squared = _mahalanobis_squared(seen.T @ error, covariance + sensor * np.eye(freedom))
     from_images = float(np.trace(covariance)) * constraint.unit.spread / max(freedom, 1)
     sigmas = equivalent_sigmas(squared, freedom)
     return ConflictReport(
@@ -126,7 +130,7 @@ def member_conflict(
     bias = max(_mean_sigmas(errors, hat, variance, of_entry) for of_entry in entries)
     alike = _neighbour_sigmas(errors, hat, variance, entries)
     count = len(members)
-    limits = [_limit(of, count) for of in (count, len(entries), 1)]
+    limits = [_sigma_limit(of, count) for of in (count, len(entries), 1)]
     return ConflictReport(
         name=name,
         discrepancy=discrepancy,
@@ -154,7 +158,7 @@ def equivalent_sigmas(squared_mahalanobis: float, degrees_of_freedom: int) -> fl
     squared_mahalanobis : float
         A number from the chi-square distribution, if only chance is at work.
     degrees_of_freedom : int
-        Of that distribution; 0: nothing can be told.
+        Of that distribution; 0: undetermined.
 
     Returns
     -------
@@ -171,13 +175,13 @@ def equivalent_sigmas(squared_mahalanobis: float, degrees_of_freedom: int) -> fl
     return abs(float(ndtri(probability / 2)))
 
 
-def _inverse(normal: FloatArray) -> FloatArray:
+def _inverse_normal(normal: FloatArray) -> FloatArray:
     scale = np.sqrt(np.diag(normal) + np.finfo(float).tiny)
     unit = normal / np.outer(scale, scale) + _RIDGE * np.eye(len(normal))
     return np.asarray(np.linalg.inv(unit) / np.outer(scale, scale))
 
 
-def _seen(jacobian: FloatArray, pose_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _pose_directions(jacobian: FloatArray, pose_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Directions (R, k) in which the pose moves the error, of rotation matrices three out of nine.
 
     With the covariance (k, k) that the error has along them.
@@ -188,7 +192,7 @@ def _seen(jacobian: FloatArray, pose_covariance: FloatArray) -> tuple[FloatArray
     return seen, np.asarray(seen.T @ jacobian @ pose_covariance @ jacobian.T @ seen)
 
 
-def _squared_mahalanobis(apart: FloatArray, covariance: FloatArray) -> float:
+def _mahalanobis_squared(apart: FloatArray, covariance: FloatArray) -> float:
     return float(apart @ np.linalg.solve(covariance, apart)) if len(apart) else 0.0
 
 
@@ -217,10 +221,42 @@ def _mean_sigmas(errors: FloatArray, hat: FloatArray, variance: float, entry: ND
     return float(abs(errors[entry].sum()) / np.sqrt(variance * free))
 
 
-def _limit(count: int, members: int) -> float:
+def _sigma_limit(count: int, members: int) -> float:
     """Standard deviations that the largest of as many numbers exceeds as rarely as one the usual limit.
 
     Raised by what the median of the members leaves open of their measure.
     """
     rare = -NormalDist().inv_cdf(NormalDist().cdf(-CONFLICT_SIGMAS) / count)
     return rare * (1 + _MEDIAN_SPREAD / math.sqrt(members))
+
+
+def agreeing_members(
+    group: Group, unit: ConstraintUnit, problem: Problem, sigma: float | None = None
+) -> BoolArray:
+    """Find the members that chance explains.
+
+    Parameters
+    ----------
+    group : ConstraintGroup or ResidualGroup
+        All members; of those without weight none is judged, and all agree.
+    unit : ConstraintUnit
+        Unit, spread and freedom of its kind.
+    problem : Problem
+        The state they are judged at.
+    sigma : float, optional
+        Standard deviation of a number of a member of weight one, in the unit. Default: that of which the
+        median member is typical.
+
+    Returns
+    -------
+    (n,) bool
+        Which members are within `LIE_SIGMAS` of the state.
+    """
+    (rows,) = linearize(problem, constraints=[group]).groups
+    squared = np.bincount(rows.member, rows.errors**2, minlength=group.num_members) * unit.spread
+    if sigma is None:
+        judged = np.unique(rows.member)
+        variance = float(np.median(squared[judged])) / chi_square_median(unit.freedom)
+    else:
+        variance = sigma**2
+    return np.asarray(squared <= LIE_SIGMAS**2 * unit.freedom * variance)

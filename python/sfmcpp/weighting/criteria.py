@@ -1,4 +1,4 @@
-"""Scores of weights: the smaller, the better. What each means is told by the thesis, §2.4 and §5.2.3.
+"""Criteria that score weights, the lower the better (thesis §2.4 and §5.2.3).
 
 The trade-off criteria look at the curve of two objectives over the logarithm of the weight: ρ, what the fit
 minimises beside the selected constraint, and ν, the mean squared error of that constraint. At an optimum of
@@ -42,7 +42,7 @@ def l_curve_scores(
     (W,) float64
         −κ; infinite where the curve stands still or an objective is zero, and for λ = 0.
     """
-    rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
+    rho, nu, nu_slope = _checked_curve(weights, rest, constraint, slope)
     defined = (weights > 0) & (rho > 0) & (nu > 0) & (nu_slope < 0)
     scores = np.full(len(weights), np.inf)
     w2, r, n, d = (x[defined] for x in (weights**2, rho, nu, nu_slope))
@@ -70,7 +70,7 @@ def scaled_l_curve_scores(
     (W,) float64
         Minus the curvature; infinite where the curve stands still, and for λ = 0.
     """
-    rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
+    rho, nu, nu_slope = _checked_curve(weights, rest, constraint, slope)
     height, width = np.ptp(nu), np.ptp(rho)
     defined = (weights > 0) & (nu_slope < 0) & (height > 0) & (width > 0)
     scores = np.full(len(weights), np.inf)
@@ -95,8 +95,8 @@ def ltn_scores(
     (W,) float64
         The scores; zero for an objective that stands still, infinite for λ = 0.
     """
-    rho, nu, nu_slope = _curve(weights, rest, constraint, slope)
-    scores = _scaled(weights**2 * nu_slope, rho) ** 2 + _scaled(nu_slope, nu) ** 2
+    rho, nu, nu_slope = _checked_curve(weights, rest, constraint, slope)
+    scores = _scaled_derivative(weights**2 * nu_slope, rho) ** 2 + _scaled_derivative(nu_slope, nu) ** 2
     return np.where(weights > 0, scores, np.inf)
 
 
@@ -207,7 +207,7 @@ def _is_local_minimum(scores: FloatArray) -> BoolArray:
     return np.asarray((scores <= padded[:-2]) & (scores <= padded[2:]))
 
 
-def _curve(
+def _checked_curve(
     weights: FloatArray, rest: FloatArray, constraint: FloatArray, slope: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """ρ, ν and dν / d log λ, checked."""
@@ -225,7 +225,7 @@ def _curve(
     return rho, nu, derivative
 
 
-def _scaled(derivative: FloatArray, values: FloatArray) -> FloatArray:
+def _scaled_derivative(derivative: FloatArray, values: FloatArray) -> FloatArray:
     """Derivative of the values scaled to [0, 1]; zero if they are all equal."""
     extent = np.ptp(values)
     return derivative / extent if extent > 0 else np.zeros_like(derivative)

@@ -1,4 +1,4 @@
-"""A whole problem fitted again and again, with other weights of its constraints."""
+"""Fits of a whole problem at different weights of its constraints."""
 
 from __future__ import annotations
 
@@ -98,15 +98,15 @@ class WeightFits:
     """
 
     def __init__(self, problem: Problem, groups: Sequence[Group], options: SolveOptions) -> None:
-        self.groups = [_without_unmoved(group, problem) for group in groups]
+        self.groups = [_without_fixed_members(group, problem) for group in groups]
         self.units = [unit_of_group(group, problem) for group in groups]
         kept = ("linear_solver", "loss", "loss_scale_px", "max_iterations", "max_seconds", "threads", "gauge")
         self.options = SolveOptions(**{name: getattr(options, name) for name in kept})
         tolerance = max(options.function_tolerance, _ALONE_TOLERANCE)
-        self.options = self._changed(function_tolerance=tolerance)
+        self.options = self._options_with(function_tolerance=tolerance)
         state = problem.copy()
         summary = self._adjust(state, np.zeros(len(groups)), self.options)
-        self.options = self._changed(
+        self.options = self._options_with(
             loss_scale_px=summary.loss_scale_px,
             max_iterations=FIT_STEPS,
             initial_damping=_WARM_DAMPING,
@@ -119,7 +119,9 @@ class WeightFits:
     def among(self, members: Mapping[int, BoolArray]) -> WeightFits:
         """The same with some members (n,) of some groups alone, by number of the group."""
         other = copy(self)
-        other.groups = [_among(g, members[k]) if k in members else g for k, g in enumerate(self.groups)]
+        other.groups = [
+            _group_of_members(g, members[k]) if k in members else g for k, g in enumerate(self.groups)
+        ]
         other.alone = replace(self.alone, errors=other.squared_errors(self.alone.problem))
         return other
 
@@ -127,7 +129,7 @@ class WeightFits:
         """Fit at the given weights (k,), from a start that is left untouched; if `brief`, less sharply."""
         state, options = start.copy(), self.options
         if brief:
-            options = self._changed(max_iterations=BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
+            options = self._options_with(max_iterations=BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
         return self._result(state, self._adjust(state, weights, options))
 
     def loss_terms(self, squared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -154,7 +156,9 @@ class WeightFits:
             The start with the fitted cameras, intrinsics and points, and all its observations.
         """
         subset = start.with_observations(keep)
-        self._adjust(subset, weights, self._changed(max_iterations=steps, initial_damping=_SUBSET_DAMPING))
+        self._adjust(
+            subset, weights, self._options_with(max_iterations=steps, initial_damping=_SUBSET_DAMPING)
+        )
         moved = {name: getattr(subset, name) for name in ("cameras", "intrinsics", "points", "rigs")}
         return replace(start, **moved)
 
@@ -185,7 +189,7 @@ class WeightFits:
         return self.bounded(k, self.noise**2 * self.measurements(k) / error)
 
     def left_out_loss(self, squared: FloatArray) -> FloatArray:
-        """Loss of predicted errors, given squared: Tukey's, whatever that of the fits.
+        """Tukey's loss of predicted errors, given squared, independent of that of the fits.
 
         Of points seen at small angles some are lost without one of their observations, and would decide
         alone.
@@ -196,7 +200,7 @@ class WeightFits:
         """Squared residuals within `INLIER_SIGMAS` of the noise of the images alone."""
         return int(np.count_nonzero(squared <= (INLIER_SIGMAS * self.noise) ** 2))
 
-    def _changed(self, **values: float) -> SolveOptions:
+    def _options_with(self, **values: float) -> SolveOptions:
         return SolveOptions.from_dict({**self.options.to_dict(), **values})
 
     def _weighted(self, weights: FloatArray) -> list[Group]:
@@ -222,19 +226,19 @@ def squared_residuals(problem: Problem) -> FloatArray:
     return np.asarray((np.asarray(_core.residuals(core_arrays(problem))) ** 2).sum(axis=1))
 
 
-def _without_unmoved(group: Group, problem: Problem) -> Group:
-    """Members on cameras and points that all are fixed or unseen have no say and must not count as wrong."""
+def _without_fixed_members(group: Group, problem: Problem) -> Group:
+    """Group without the weights of members whose cameras and points are all fixed or unobserved."""
     moved = np.zeros(group.num_members, dtype=np.bool_)
     if group.cameras is not None:
         poses_matter = isinstance(group, ResidualGroup) or CONSTRAINT_KINDS[group.kind].on_poses
         held = problem.fixed_cameras & poses_matter
-        moved |= _any_moves(group.cameras, problem.camera_index, held)
+        moved |= _has_free_entity(group.cameras, problem.camera_index, held)
     if isinstance(group, ResidualGroup) and group.points is not None:
-        moved |= _any_moves(group.points, problem.point_index, problem.fixed_points)
-    return _among(group, moved)
+        moved |= _has_free_entity(group.points, problem.point_index, problem.fixed_points)
+    return _group_of_members(group, moved)
 
 
-def _any_moves(members: IndexArray, seen: IndexArray, held: BoolArray) -> BoolArray:
+def _has_free_entity(members: IndexArray, seen: IndexArray, held: BoolArray) -> BoolArray:
     """(n,) whether one at least of each member (n,) or (n, p) is observed and not held."""
     listed = members if members.ndim == 2 else members[:, None]
     if not ((listed >= 0) & (listed < len(held))).all():
@@ -243,7 +247,7 @@ def _any_moves(members: IndexArray, seen: IndexArray, held: BoolArray) -> BoolAr
     return np.asarray((observed & ~held)[listed].any(axis=1))
 
 
-def _among(group: Group, members: BoolArray) -> Group:
+def _group_of_members(group: Group, members: BoolArray) -> Group:
     """A group whose other members have no weight."""
     member_weights = group.member_weights.copy()
     member_weights[~members] = 0.0

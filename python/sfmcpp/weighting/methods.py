@@ -1,4 +1,4 @@
-"""The ways to choose a weight, by name: of one pose's constraint, or of a group in a whole problem."""
+"""Methods of weight selection by name, for the constraint of a pose or a group of a problem."""
 
 from __future__ import annotations
 
@@ -48,28 +48,28 @@ class WeightMethod:
     grid: FloatArray | None = None
 
 
-def _last(scores: FloatArray, _: BoolArray) -> int:
-    """Prescribed weights are taken whatever they do to the inliers."""
+def _largest_weight(scores: FloatArray, _: BoolArray) -> int:
+    """Last weight of the grid: prescribed weights are used regardless of the inliers."""
     return len(scores) - 1
 
 
-def _trade_off(name: str, scores: TradeOff) -> WeightMethod:
+def _trade_off_method(name: str, scores: TradeOff) -> WeightMethod:
     return WeightMethod(name, ("pose", "problem"), criteria.lowest_valley, scores)
 
 
 WEIGHT_METHODS: dict[str, WeightMethod] = {
     method.name: method
     for method in (
-        WeightMethod("auto", ("problem",), _last),
-        WeightMethod("variance", ("problem",), _last),
+        WeightMethod("auto", ("problem",), _largest_weight),
+        WeightMethod("variance", ("problem",), _largest_weight),
         WeightMethod("loo", ("pose",), criteria.lowest),
         WeightMethod("loo-approx", ("pose", "problem"), criteria.lowest, refines=True),
         WeightMethod("k-fold", ("problem",), criteria.lowest, refines=True),
-        _trade_off("l-curve", criteria.l_curve_scores),
-        _trade_off("l-curve-scaled", criteria.scaled_l_curve_scores),
-        _trade_off("ltn", criteria.ltn_scores),
-        WeightMethod("fixed:λ", ("pose",), _last),
-        WeightMethod("none", ("pose",), _last, grid=np.zeros(1)),
+        _trade_off_method("l-curve", criteria.l_curve_scores),
+        _trade_off_method("l-curve-scaled", criteria.scaled_l_curve_scores),
+        _trade_off_method("ltn", criteria.ltn_scores),
+        WeightMethod("fixed:λ", ("pose",), _largest_weight),
+        WeightMethod("none", ("pose",), _largest_weight, grid=np.zeros(1)),
     )
 }
 
@@ -116,10 +116,10 @@ def selection_method(text: str, scope: Scope = "pose", argument: str = "method")
         raise InvalidArgument(
             f"{argument} = {text!r}: is for {other}; for {_WHERE[scope]} must be one of {known}"
         )
-    return _fixed(text, argument) if name == "fixed:λ" else method
+    return _prescribed_weight(text, argument) if name == "fixed:λ" else method
 
 
-def _fixed(text: str, argument: str) -> WeightMethod:
+def _prescribed_weight(text: str, argument: str) -> WeightMethod:
     try:
         weight = float(text.removeprefix(_FIXED))
     except ValueError:
@@ -127,4 +127,4 @@ def _fixed(text: str, argument: str) -> WeightMethod:
     if not 0 <= weight <= _LARGEST:
         raise InvalidArgument(f"{argument} = {text!r}: the weight must be a number from 0 to {_LARGEST:g}")
     grid = np.array([0.0, weight]) if weight > 0 else np.zeros(1)
-    return WeightMethod(text, ("pose",), _last, grid=grid)
+    return WeightMethod(text, ("pose",), _largest_weight, grid=grid)

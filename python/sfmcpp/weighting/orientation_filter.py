@@ -19,7 +19,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.sensors import Mounting, orientations, rotation_increment
-from sfmcpp.sensors.imu import rotations_at_samples
+from sfmcpp.sensors.inertial import rotations_at_samples
 
 PREDICTORS = ("images", "sensor")
 # Variance of an orientation of which nothing is known [rad²].
@@ -28,7 +28,7 @@ _UNKNOWN = np.pi**2
 
 @dataclass(frozen=True, eq=False)
 class FilteredOrientations:
-    """What the filter says at each of n times.
+    """Orientations by the filter at each of n times.
 
     Attributes
     ----------
@@ -82,10 +82,10 @@ def filter_orientations(
     turns = shaped_array("turns", turns, (len(measured) - 1, 3, 3))
     noises = _covariances("turn_sigma_rad", turn_sigma_rad, len(turns))
     spreads = _covariances("measured_sigma_rad", measured_sigma_rad, len(measured))
-    return _filtered(turns, measured, noises, spreads)
+    return _fused_orientations(turns, measured, noises, spreads)
 
 
-def _filtered(
+def _fused_orientations(
     turns: FloatArray, measured: FloatArray, noises: FloatArray, spreads: FloatArray
 ) -> FilteredOrientations:
     """Fuse with covariances (…, 3, 3) of turns and orientations."""
@@ -182,11 +182,11 @@ def filter_trajectory(
             f"sensor tells orientations; predict_by is {predict_by!r}, the stream one of {stream.kind!r}"
         )
     if predict_by == "images":
-        turns = _turns_of(trajectory)
+        turns = _relative_rotations(trajectory)
         seen_from_first = orientations(stream, trajectory.t_s)
         measured = trajectory.rotations[0] @ mounting.camera_rotation(seen_from_first)
     else:
-        turns = mounting.camera_rotation(_turns_measured(stream, trajectory.t_s))
+        turns = mounting.camera_rotation(_measured_rotations(stream, trajectory.t_s))
         measured = trajectory.rotations
     spreads = _covariances("orientation_sigma_rad", orientation_sigma_rad, len(measured))
     if heading_sigma_rad is not None:
@@ -195,7 +195,7 @@ def filter_trajectory(
         spreads = spreads + heading[:, :1, :1] * up[:, :, None] * up[:, None, :]
     walked = turn_sigma_rad_sqrt_s * np.sqrt(np.diff(trajectory.t_s))[:, None]
     noises = _covariances("turn_sigma_rad_sqrt_s", walked, len(turns))
-    return with_orientations(trajectory, _filtered(turns, measured, noises, spreads).rotations)
+    return with_orientations(trajectory, _fused_orientations(turns, measured, noises, spreads).rotations)
 
 
 def _up_in_camera(
@@ -212,11 +212,11 @@ def _up_in_camera(
     return np.asarray(up_at_first @ seen_from_first @ mounting.camera_from_body.T)
 
 
-def _turns_of(trajectory: Trajectory) -> FloatArray:
+def _relative_rotations(trajectory: Trajectory) -> FloatArray:
     return np.asarray(np.swapaxes(trajectory.rotations[:-1], 1, 2) @ trajectory.rotations[1:])
 
 
-def _turns_measured(stream: SensorStream, t_s: FloatArray) -> FloatArray:
+def _measured_rotations(stream: SensorStream, t_s: FloatArray) -> FloatArray:
     """Rotation of the body from each time to the next; NaN where the stream does not cover it."""
     unknown = np.full((3, 3), np.nan)
     found = [rotation_increment(stream, *span) for span in pairwise(t_s.tolist())]

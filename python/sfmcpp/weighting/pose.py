@@ -1,4 +1,4 @@
-"""Weights of sensor constraints, chosen from the data of one pose: λ of each."""
+"""Weights λ of sensor constraints, selected from the data of one pose."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, declared_bounds
 from sfmcpp.weighting.conflict import conflict
 from sfmcpp.weighting.criteria import admissible_weights, running_median
 from sfmcpp.weighting.methods import WeightMethod, selection_method
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.sweep import WeightedConstraint, WeightSweep, refine_pose, sweep_weights, weight_grid
 from sfmcpp.weighting.units import sigma_of_weight
 
@@ -100,8 +99,8 @@ def select_weight(
         If the method is unknown or an argument breaks a rule; there must be at least 4 observations.
     """
     require_one_of("bounds", bounds, WEIGHT_BOUNDS)
-    images = _images_of(view, start, bounds, threads)
-    return _select(images, constraint, selection_method(method), weights, held)
+    images = _image_term(view, start, bounds, threads)
+    return _select_one(images, constraint, selection_method(method), weights, held)
 
 
 @checked()
@@ -158,14 +157,14 @@ def select_weights(
     exact = [selection_method(m) for m in methods]
     early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
     rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
-    images = _images_of(view, start, bounds, threads)
+    images = _image_term(view, start, bounds, threads)
     chosen = np.zeros(len(constraints))
     selections: list[WeightSelection] = []
     for parsed in [*rounds, exact]:
         selections = []
         for k, constraint in enumerate(constraints):
             others = [(c, w) for j, (c, w) in enumerate(zip(constraints, chosen, strict=True)) if j != k]
-            selections.append(_select(images, constraint, parsed[k], weights, others))
+            selections.append(_select_one(images, constraint, parsed[k], weights, others))
             chosen[k] = selections[-1].weight
     final = refine_pose(view, list(zip(constraints, chosen, strict=True)), images.pose).pose
     return [replace(selection, pose=final) for selection in selections]
@@ -173,7 +172,7 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """What a camera sees, the pose that the images alone say, their noise there, and how to look at it."""
+    """Observations of a camera, the pose by the images alone, their noise there, and the kind of bounds."""
 
     view: PoseView
     pose: FloatArray
@@ -182,14 +181,14 @@ class _Images:
     threads: int
 
 
-def _images_of(view: PoseView, start: ArrayLike, bounds: str, threads: int) -> _Images:
+def _image_term(view: PoseView, start: ArrayLike, bounds: str, threads: int) -> _Images:
     pose = refine_pose(view, [], start).pose
     # Once more from there, as every sweep begins.
     sigma = view.pixel_sigma(refine_pose(view, [], pose).vision)
     return _Images(view, pose, sigma, bounds, threads)
 
 
-def _select(
+def _select_one(
     images: _Images,
     constraint: PoseConstraint,
     method: WeightMethod,
@@ -215,7 +214,7 @@ def _select(
     admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))
     if within is not None:
         admissible = within.hold(grid)
-    score = _score(method, sweep)
+    score = _scores_of_sweep(method, sweep)
     index = method.choose(score, admissible)
     if not admissible[index] and within is not None:  # nothing to choose by
         index = int(np.flatnonzero(admissible)[0])
@@ -236,7 +235,7 @@ def _select(
     )
 
 
-def _score(method: WeightMethod, sweep: WeightSweep) -> FloatArray:
+def _scores_of_sweep(method: WeightMethod, sweep: WeightSweep) -> FloatArray:
     if method.trade_off is not None:
         rest = sweep.vision + sweep.held
         return running_median(method.trade_off(sweep.weights, rest, sweep.constraint, sweep.constraint_slope))

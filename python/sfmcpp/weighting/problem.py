@@ -1,4 +1,4 @@
-"""Weights of constraint groups, chosen from the data of a whole adjustment: w of each."""
+"""Weights w of constraint groups, selected from the data of a whole adjustment."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import WeightSelection
-from sfmcpp.weighting.agreeing import agreeing_members
-from sfmcpp.weighting.conflict import member_conflict
+from sfmcpp.weighting.conflict import agreeing_members, member_conflict
 from sfmcpp.weighting.fits import WeightFit, WeightFits
 from sfmcpp.weighting.methods import selection_method
 from sfmcpp.weighting.statistics import FitStatistics
@@ -80,13 +79,15 @@ def select_group_weights(
     by_squares = [replace(g, loss=_SQUARED) if k in methods else g for k, g in enumerate(groups)]
     fits = WeightFits(problem, by_squares, options)
     robust = [k for k in methods if groups[k].loss != _SQUARED]
-    chosen = _selected_among(fits, methods, robust, np.array([float(group.weight) for group in groups]))
+    chosen = _select_with_robust_groups(
+        fits, methods, robust, np.array([float(group.weight) for group in groups])
+    )
     for k, found in zip(methods, chosen, strict=True):
         groups[k].weight = found.weight
     return chosen
 
 
-def _selected_among(
+def _select_with_robust_groups(
     fits: WeightFits, methods: Mapping[int, str], robust: Sequence[int], weights: FloatArray
 ) -> list[WeightSelection]:
     """Weights by the squares of all members, and of robust groups of those that agree with the fit.
@@ -184,7 +185,7 @@ class _Selection:
             for k in self._alone:
                 at = self._by_sweep(at, k)
         self.optimum = at.step.problem
-        return [self._described(k, at) for k in self._methods]
+        return [self._selection_result(k, at) for k in self._methods]
 
     def _balanced(self, weights: FloatArray) -> tuple[FloatArray, WeightFit]:
         """Weights at which images and constraints balance, as if the fit used up no redundancy.
@@ -199,7 +200,7 @@ class _Selection:
         return found, fit
 
     def _require_redundancy(self, at: FitStatistics) -> None:
-        """A group that the fit can follow in all it says, at whatever weight, leaves nothing to choose by."""
+        """Refuse a group without redundancy, which the fit follows at any weight."""
         if self._together:
             at.require_small()
         if at.too_large:
@@ -226,7 +227,7 @@ class _Selection:
         weights[k] = found.weights[found.index]
         return FitStatistics(self._fits, found.fits[found.index].problem, weights)
 
-    def _described(self, k: int, at: FitStatistics) -> WeightSelection:
+    def _selection_result(self, k: int, at: FitStatistics) -> WeightSelection:
         fits, trials = self._fits, self._trials[k]
         group, unit, weight = fits.groups[k], fits.units[k], float(at.weights[k])
         return WeightSelection(
@@ -235,7 +236,8 @@ class _Selection:
             weight=weight,
             weights=trials.weights,
             vision=np.array([fit.images for fit in trials.fits]) / fits.alone.problem.num_observations,
-            constraint_error=np.array([fit.errors[k] for fit in trials.fits]) / _total(group.member_weights),
+            constraint_error=np.array([fit.errors[k] for fit in trials.fits])
+            / _total_weight(group.member_weights),
             score=trials.score,
             admissible=trials.admissible,
             sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
@@ -245,6 +247,6 @@ class _Selection:
         )
 
 
-def _total(member_weights: FloatArray) -> float:
+def _total_weight(member_weights: FloatArray) -> float:
     """Sum of the weights (n,) of members, those (n, d) of single numbers counting by their mean."""
     return float(member_weights.sum() / np.prod(member_weights.shape[1:]))

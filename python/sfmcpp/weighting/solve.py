@@ -1,4 +1,4 @@
-"""Bundle adjustment in one call: the weights of constraints are chosen first, where asked for."""
+"""Bundle adjustment in one call, with weight selection first where asked for."""
 
 from __future__ import annotations
 
@@ -120,19 +120,19 @@ def solve(
     """
     if comm is not None:
         ranks = Ranks(comm)
-        groups, settings = ranks.agreed(lambda: _checked(constraints, callback, options))
+        groups, settings = ranks.agreed(lambda: _checked_arguments(constraints, callback, options))
         ranks.agreed(lambda: _refuse_what_one_process_needs(problem))
         kept = checkpoint, resume
         require_alike(ranks, {name: bool(k) for name, k in zip(("checkpoint", "resume"), kept, strict=True)})
         return _solve_on_ranks(problem, groups, weight, settings, ranks, callback, *kept)
-    groups, settings = _checked(constraints, callback, options)
+    groups, settings = _checked_arguments(constraints, callback, options)
     if problem is None:
         raise InvalidArgument("problem = None: must be a Problem")
-    weights = _weigh(problem, groups, weight, settings)
+    weights = _choose_weights(problem, groups, weight, settings)
     return weights.describe(adjust(problem, groups, settings, callback, checkpoint, resume))
 
 
-def _checked(
+def _checked_arguments(
     constraints: Iterable[Group], callback: Callback | None, options: SolveKeywords
 ) -> tuple[list[Group], SolveOptions]:
     settings = SolveOptions(**options)
@@ -149,7 +149,7 @@ def _refuse_what_one_process_needs(problem: Problem | None) -> None:
 
 @dataclass(frozen=True)
 class _Weights:
-    """The weights that groups are solved with, those of them that were chosen, and what is to be said."""
+    """Weights of the groups of a solve, the selections among them, and warnings."""
 
     all: list[float]
     chosen: list[WeightSelection]
@@ -159,7 +159,7 @@ class _Weights:
         return replace(summary, group_weights=self.chosen, warnings=[*summary.warnings, *self.warnings])
 
 
-def _weigh(
+def _choose_weights(
     problem: Problem,
     groups: list[Group],
     weight: str | Mapping[str, str] | None,
@@ -183,7 +183,7 @@ def _solve_on_ranks(
     def weigh(whole: Problem | None) -> _Weights:
         checked = cast(Problem, whole)  # used where there is one
         check(checked)
-        return _weigh(checked, groups, weight, settings)
+        return _choose_weights(checked, groups, weight, settings)
 
     parts: Scattered | OwnParts
     if is_whole_on_root(problem, ranks):

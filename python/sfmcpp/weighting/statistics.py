@@ -1,4 +1,4 @@
-"""What the linear model at an optimum tells of the weights: redundancies, likelihoods, left-out errors.
+"""Statistics of weights from the linear model: redundancies, likelihoods, left-out errors.
 
 With r the residuals of the images and e those of group g, all over their standard deviations, a group's
 redundancy is ``n_g − tr(K_g)``, with the hat matrix ``K_g = w G_g H⁻¹ G_gᵀ``: how many of its numbers are not
@@ -52,7 +52,7 @@ class Redundancy:
 
 
 class FitStatistics:
-    """The linear model at a state near the optimum; what it says is of its own minimum.
+    """Statistics of the linear model at a state near the optimum, taken at the model's own minimum.
 
     Where the cameras have more than `MAX_COLUMNS` free parameters it says no more than what the errors are.
 
@@ -183,10 +183,10 @@ class FitStatistics:
         images = (share * step * (2 / grown + (1 - share) * step / grown**2)) @ squared
         own = _FACTORS * ((1 / grown**2) @ squared)
         score = (images + own) / self.image_sigma**2
-        score += np.log(grown).sum(axis=1) - self._counted(k) * np.log(_FACTORS)
+        score += np.log(grown).sum(axis=1) - self._num_measurements(k) * np.log(_FACTORS)
         return _lowest_factor(score)
 
-    def _counted(self, k: int) -> int:
+    def _num_measurements(self, k: int) -> int:
         return self._fits.measurements(k) - _PRIOR
 
     def likelihood_terms(self, chosen: Sequence[int]) -> tuple[float, float]:
@@ -203,7 +203,7 @@ class FitStatistics:
             The cost, to be divided by the variance of the images, and the rest.
         """
         cost = self.fit.images + float(self.weights @ self.fit.errors)
-        measured = sum(self._counted(k) * math.log(self.weights[k]) for k in chosen)
+        measured = sum(self._num_measurements(k) * math.log(self.weights[k]) for k in chosen)
         return cost, self.linear.log_determinant - measured
 
     def left_out_error(self) -> float:

@@ -1,4 +1,4 @@
-"""One pose fitted again and again: over the weights of a constraint, or at given weights."""
+"""Fits of one pose over a grid of weights, or at given weights."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import require_count
-from sfmcpp.weighting.pose_constraint import PoseConstraint
-from sfmcpp.weighting.pose_view import PoseView
+from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 
 INLIER_PX = 2.0
 FOLD_ITERATIONS = 3

@@ -1,4 +1,4 @@
-"""A whole problem over a grid of weights of one group, and what each method makes of it."""
+"""Fits over a grid of weights of one group, and the scores of each method."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def sweep(fits: WeightFits, k: int, weights: FloatArray, start: WeightFit, metho
     known = dict(zip(trials.weights.tolist(), trials.fits, strict=True))
     for factor in _FINE:
         weight = fits.bounded(k, here * factor)
-        known[weight] = fits.fit(_with(weights, k, weight), trials.fits[trials.index].problem)
+        known[weight] = fits.fit(_with_weight(weights, k, weight), trials.fits[trials.index].problem)
     return _trials(fits, k, weights, known, method)
 
 
@@ -97,7 +97,7 @@ def _fits_outwards(
     for part in (grid[middle:], grid[:middle][::-1]):
         fit = start
         for weight in part:
-            fit = found[float(weight)] = fits.fit(_with(weights, k, weight), fit.problem)
+            fit = found[float(weight)] = fits.fit(_with_weight(weights, k, weight), fit.problem)
     return found
 
 
@@ -106,12 +106,12 @@ def _trials(
 ) -> Trials:
     tried = np.array(sorted(found))
     optima = [found[float(weight)] for weight in tried]
-    score = score_of(method)(fits, k, np.array([_with(weights, k, w) for w in tried]), optima)
+    score = score_of(method)(fits, k, np.array([_with_weight(weights, k, w) for w in tried]), optima)
     allowed = admissible(fits, optima)
     return Trials(tried, optima, score, allowed, method.choose(score, allowed))
 
 
-def _with(weights: FloatArray, k: int, weight: float) -> FloatArray:
+def _with_weight(weights: FloatArray, k: int, weight: float) -> FloatArray:
     changed: FloatArray = weights.copy()
     changed[k] = weight
     return changed
@@ -123,7 +123,7 @@ Scores = Callable[[WeightFits, int, FloatArray, Sequence[WeightFit]], FloatArray
 def score_of(method: WeightMethod) -> Scores:
     """(W,) scores of the weights of group k, given as (W, groups), and their optima."""
     if method.trade_off is None:
-        return {"loo-approx": _left_out, "k-fold": _folds}[method.name]
+        return {"loo-approx": _left_out_losses, "k-fold": _fold_losses}[method.name]
     criterion = method.trade_off
 
     def score(fits: WeightFits, k: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
@@ -138,13 +138,15 @@ def score_of(method: WeightMethod) -> Scores:
     return score
 
 
-def _left_out(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+def _left_out_losses(
+    fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]
+) -> FloatArray:
     return np.array(
         [FitStatistics(fits, fit.problem, w).left_out_error() for w, fit in zip(weights, optima, strict=True)]
     )
 
 
-def _folds(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
+def _fold_losses(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
     """Mean loss of left-out observations: a fold leaves out one of each point with `FOLDS` views or more."""
     fold = fold_of_observation(fits.alone.problem.point_index)
     if (fold < 0).all():

@@ -1,4 +1,4 @@
-"""What the error of each kind of constraint means in the unit of its sensor."""
+"""Units of the errors of constraint kinds, and σ from weights."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def unit_of(kind: str, points: Sequence[FloatArray] = ()) -> ConstraintUnit:
 
 
 def unit_of_group(group: Group, problem: Problem) -> ConstraintUnit:
-    """Unit, spread and freedom of a group's kind; of residuals by a function, whatever these are in."""
+    """Unit, spread and freedom of a group's kind; residuals by a function have the unit of the function."""
     if isinstance(group, ResidualGroup):
         return ConstraintUnit("units of r", 1.0, group.residuals_at(problem).shape[1])
     return unit_of(group.kind, group.points)

@@ -1,4 +1,4 @@
-"""Weights by variance components: what is left of each sensor after the fit, over its redundancy."""
+"""Weights by variance component estimation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RELIEFS = 20
 
 
 class VarianceSearch:
-    """Linear models visited so far, each at the minimum that the one before foretold.
+    """Linear models visited so far, each at the minimum that the previous one predicted.
 
     At each, every weight goes to the maximum of the restricted likelihood, until no weight changes: Helmert's
     simultaneous estimation, a Gauss–Newton step a round. Where a step does not do what its model promised,
@@ -54,17 +54,17 @@ class VarianceSearch:
     def run(self) -> None:
         """Estimate the weights of all chosen groups together."""
         for _ in range(_ROUNDS):
-            proposed = self._proposed()
+            proposed = self._next_weights()
             change = np.abs(np.log(proposed / self.last.weights)).max()
             if change < _SETTLED and self.last.step.decrease < _NEAR * self.last.linear.cost:
                 break
-            self._follow(proposed if change >= _SETTLED else self.last.weights)
+            self._add_iterate(proposed if change >= _SETTLED else self.last.weights)
         for _ in range(_RELIEFS):
             if admissible(self._fits, [self.last.fit])[0]:
                 break
             relieved = self.last.weights.copy()
             relieved[self._chosen] = [self._fits.bounded(k, _RELIEF * relieved[k]) for k in self._chosen]
-            self._follow(relieved)
+            self._add_iterate(relieved)
 
     def trials(self, k: int) -> Trials:
         """The optima in the order of the weights of one chosen group; of equal weights the last."""
@@ -80,7 +80,7 @@ class VarianceSearch:
             index=order.index(len(self._visited) - 1),
         )
 
-    def _follow(self, weights: FloatArray) -> None:
+    def _add_iterate(self, weights: FloatArray) -> None:
         found = FitStatistics(self._fits, self.last.step.problem, weights)
         self._visited.append(self._at_optimum(found))
 
@@ -94,7 +94,7 @@ class VarianceSearch:
         problem = self._fits.fit(at.weights, at.problem, brief=True).problem
         return FitStatistics(self._fits, problem, at.weights, settled=True)
 
-    def _proposed(self) -> FloatArray:
+    def _next_weights(self) -> FloatArray:
         weights: FloatArray = self.last.weights.copy()
         for k in self._chosen:
             weights[k] = self._fits.bounded(k, weights[k] * self.last.best_factor(k))

@@ -20,7 +20,7 @@ import sfmcpp.cli.run
 from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOptions, _core
 from sfmcpp.ba.options import OPTIONS, choices
 from sfmcpp.cli.app import app
-from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.cli.console import ExitCode
 from sfmcpp.model import names
 from sfmcpp.weighting import POSE_METHODS, PROBLEM_METHODS, selection_method
 

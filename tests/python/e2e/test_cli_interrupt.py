@@ -17,7 +17,7 @@ from conftest import REPOSITORY
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
-from sfmcpp.cli.stopping import lost_interrupts_again
+from sfmcpp.cli.interrupts import repeated_lost_interrupts
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
@@ -159,14 +159,14 @@ def lose_an_interrupt() -> None:
 
 
 def test_an_interrupt_that_falls_into_a_callback_comes_again() -> None:
-    with lost_interrupts_again():
+    with repeated_lost_interrupts():
         lose_an_interrupt()
         with pytest.raises(KeyboardInterrupt):
             time.sleep(TIMEOUT_S)
 
 
 def test_an_interrupt_that_was_lost_comes_before_the_command_has_ended() -> None:
-    with pytest.raises(KeyboardInterrupt), lost_interrupts_again():
+    with pytest.raises(KeyboardInterrupt), repeated_lost_interrupts():
         lose_an_interrupt()
     time.sleep(0.05)  # nothing comes any more
 

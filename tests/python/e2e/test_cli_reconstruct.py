@@ -18,8 +18,8 @@ import sfmcpp
 import sfmcpp.cli.reconstruct_run
 from cli_helpers import strict_json
 from sfm_runs import NO_MATCH, finished_run, gps_outcome, run_without_model
+from sfmcpp.cli.console import ExitCode
 from sfmcpp.cli.display import shown_stages
-from sfmcpp.cli.exit_codes import ExitCode
 from sfmcpp.cli.main import main
 from sfmcpp.errors import DatasetError
 from sfmcpp.sensors import geodetic_of

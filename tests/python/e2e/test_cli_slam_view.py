@@ -57,14 +57,14 @@ import os, signal, sys
 from sfmcpp.cli import slam_run
 from sfmcpp.cli.main import main
 
-said = slam_run.tell
+said = slam_run.print_note
 
 def tell(text):
     said(text)
     if text.endswith("until Ctrl-C"):
         os.kill(os.getpid(), signal.SIGINT)
 
-slam_run.tell = tell
+slam_run.print_note = tell
 sys.exit(main())
 """
 

@@ -13,9 +13,9 @@ import sfmcpp
 from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_circle
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Metadata
-from sfmcpp.model.world_origin import WorldOrigin
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.study import covariance_files
-from sfmcpp.study.pages.problem_scene import write_problem_page
+from sfmcpp.study.pages.model_page import write_problem_page
 
 
 def rows_of(path: Path) -> list[dict[str, Any]]:

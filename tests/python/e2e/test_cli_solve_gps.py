@@ -13,7 +13,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.io.position_csv import read_position_csv
-from sfmcpp.sources.synthetic.photos.writing import Told, write_photo
+from sfmcpp.sources.synthetic.photos.photo_files import ExifContent, write_photo
 
 UTM = np.array([691_500.0, 5_334_500.0, 520.0])
 
@@ -151,7 +151,7 @@ def test_positions_of_exif_are_those_of_a_folder_of_photos(tmp_path: Path) -> No
     for name, place in zip(
         sfmcpp.read(source).metadata.image_names or (), geodetic_of(centres - UTM, origin), strict=True
     ):
-        write_photo(tmp_path / "photos" / name, picture, Told(position=tuple(place.tolist())))
+        write_photo(tmp_path / "photos" / name, picture, ExifContent(position=tuple(place.tolist())))
     output = tmp_path / "out.npz"
     assert run_here("solve", source, "--gps", tmp_path / "photos", "-o", output).returncode == 0
     solved = sfmcpp.read(output)

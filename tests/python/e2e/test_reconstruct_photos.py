@@ -19,7 +19,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.synthetic.photos import WORLD_ORIGIN
-from sfmcpp.sources.synthetic.photos.writing import geodetic
+from sfmcpp.sources.synthetic.photos.photo_files import geodetic
 
 FEW = 6
 # Ends as `kill -9` does, in the middle of the stage that is named first.

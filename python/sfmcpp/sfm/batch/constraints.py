@@ -1,4 +1,4 @@
-"""All cameras at once from overlapping blocks: closure constraints (Triggs 1997; Tardif et al. 2007).
+"""Cameras in a common frame from overlapping blocks: closure constraints (Triggs 1997; Tardif et al. 2007).
 
 The cameras of a block span a known space: ``(I − B Bᵀ) D P = 0``, with B (3s, 4) the basis of the block; D
 has the scales of its cameras against those of the whole, and P (3C, 4) are all cameras. Scales come first,
@@ -28,7 +28,7 @@ _MEDIAN_SIGMA = 1.25 * 1.4826
 
 
 @dataclass(frozen=True)
-class _Place:
+class _CameraInBlock:
     """A pair of images within a block."""
 
     block: int
@@ -40,8 +40,8 @@ class _Place:
 class _Equation:
     """``xₐ₁ − xₐ₂ − x_b₁ + x_b₂ = value ± sigma`` of the log scales of a pair of images in two blocks."""
 
-    one: _Place
-    other: _Place
+    one: _CameraInBlock
+    other: _CameraInBlock
     value: float
     sigma: float
 
@@ -52,7 +52,7 @@ def connected_blocks(blocks: list[Block]) -> tuple[list[Block], list[FloatArray]
     With ``λᵢⱼ = αᵢ γⱼ λ*ᵢⱼ`` in every block, ``log λᵢⱼ − log λₖⱼ`` of two blocks differ by the same for all
     tracks: their medians are linear in ``log α``, which robust least squares solve for.
     """
-    equations = _equations(blocks)
+    equations = _closure_equations(blocks)
     chosen = _largest_part(blocks, equations)
     number = {block: place for place, block in enumerate(chosen)}
     kept = [e for e in equations if e.one.block in number]
@@ -69,7 +69,7 @@ def joint_cameras(blocks: list[Block], scales: list[FloatArray], num_images: int
     images = np.unique(np.concatenate([block.images for block in blocks]))
     places = [np.searchsorted(images, block.images) for block in blocks]
     rows = [(3 * place[:, None] + np.arange(3)).ravel() for place in places]
-    across = [_across(block, scale) for block, scale in zip(blocks, scales, strict=True)]
+    across = [_complement_projector(block, scale) for block, scale in zip(blocks, scales, strict=True)]
     prior = np.array([_stiffness(block) for block in blocks])
     weights, cameras = prior, np.empty((0, 4))
     for _ in range(_CAMERA_ROUNDS):
@@ -85,27 +85,27 @@ def joint_cameras(blocks: list[Block], scales: list[FloatArray], num_images: int
     return result
 
 
-def _equations(blocks: list[Block]) -> list[_Equation]:
+def _closure_equations(blocks: list[Block]) -> list[_Equation]:
     """Compare the blocks of every pair of images, in the order of their numbers of tracks.
 
     The first with each of the others, and neighbours with each other.
     """
-    holders: dict[tuple[int, int], list[_Place]] = defaultdict(list)
+    holders: dict[tuple[int, int], list[_CameraInBlock]] = defaultdict(list)
     for number, block in enumerate(blocks):
         for i, first in enumerate(block.images):
             for k, second in enumerate(block.images):
                 if first < second:
-                    holders[first, second].append(_Place(number, i, k))
+                    holders[first, second].append(_CameraInBlock(number, i, k))
     found = []
     for pair in sorted(holders):
         places = sorted(holders[pair], key=lambda place: -len(blocks[place.block].tracks))
         compared = [(places[0], other) for other in places[1:]]
         compared += pairwise(places[1:])
-        found += [_equation(blocks, one, other) for one, other in compared]
+        found += [_closure_equation(blocks, one, other) for one, other in compared]
     return [equation for equation in found if equation is not None]
 
 
-def _equation(blocks: list[Block], one: _Place, other: _Place) -> _Equation | None:
+def _closure_equation(blocks: list[Block], one: _CameraInBlock, other: _CameraInBlock) -> _Equation | None:
     first, second = blocks[one.block], blocks[other.block]
     _, at_1, at_2 = np.intersect1d(first.tracks, second.tracks, assume_unique=True, return_indices=True)
     if len(at_1) < _LEAST_COMMON:
@@ -137,7 +137,7 @@ def _scales(blocks: list[Block], equations: list[_Equation], number: dict[int, i
     from scipy.sparse.linalg import lsqr
 
     start = np.cumsum([0] + [len(block.images) for block in blocks])
-    columns = np.array([_unknowns(equation, start, number) for equation in equations], dtype=np.int64)
+    columns = np.array([_columns_of_block(equation, start, number) for equation in equations], dtype=np.int64)
     columns = columns.reshape(-1, 4)
     values, sigmas = (np.array([getattr(e, name) for e in equations]) for name in ("value", "sigma"))
     signs = np.array([1.0, -1.0, -1.0, 1.0])
@@ -151,13 +151,13 @@ def _scales(blocks: list[Block], equations: list[_Equation], number: dict[int, i
     return [np.exp(logs[a:b] - logs[a:b].mean()) for a, b in pairwise(start)]
 
 
-def _unknowns(equation: _Equation, start: Indices, number: dict[int, int]) -> list[int]:
+def _columns_of_block(equation: _Equation, start: Indices, number: dict[int, int]) -> list[int]:
     one, other = equation.one, equation.other
     at_1, at_2 = start[number[one.block]], start[number[other.block]]
     return [at_1 + one.first, at_1 + one.second, at_2 + other.first, at_2 + other.second]
 
 
-def _across(block: Block, scale: FloatArray) -> FloatArray:
+def _complement_projector(block: Block, scale: FloatArray) -> FloatArray:
     """(3s, 3s) projector on what is not in the block's space, its cameras scaled as those of the whole."""
     basis = np.linalg.qr((block.factors.cameras / scale[:, None, None]).reshape(-1, 4))[0]
     return np.asarray(np.eye(len(basis)) - basis @ basis.T)

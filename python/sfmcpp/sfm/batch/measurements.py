@@ -1,4 +1,4 @@
-"""Tracks with missing data as batch factorisation takes them: normalised, sorted, and what images share."""
+"""Normalised and sorted tracks with missing data, the input of batch factorisation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba.image_frames import image_frames
+from sfmcpp.ba.projective import image_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 
 Indices = NDArray[np.int64]
@@ -74,7 +74,7 @@ class Measurements:
         return np.asarray((seen @ seen.T).todense())
 
 
-def measure(
+def normalised_measurements(
     image_index: IndexArray, track_index: IndexArray, pixels: FloatArray, num_images: int
 ) -> tuple[Measurements, Indices]:
     """Sort the observations; the second result is the row of the input of each."""

@@ -1,4 +1,4 @@
-"""A projective problem seen in a metric frame: poses, points and which observations count."""
+"""A metric model in progress: poses, points, inlier observations; its refinement and merged tracks."""
 
 from __future__ import annotations
 
@@ -32,6 +32,14 @@ _MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2.0)))
 _LEAST_LIMIT_PX = 0.1
 # Errors before the first adjustment that all count the same.
 _FAR_PX = 30.0
+_ROUNDS = 3
+# Tolerances of merging, in multiples of the largest error of an observation: wide at first, as what has
+# drifted lies beside itself, then as narrow as the errors are.
+_TOLERANCES = (1.5, 0.75, 0.4)
+# The last tolerance, in multiples of the error from which on an observation is an outlier.
+_NARROWEST = 2.0
+# Share by which the errors of tracks that were not merged may grow where others are.
+_TOLERATED_GROWTH = 0.25
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,7 @@ class MetricModel:
         self.problem.points[points] = part.points
 
     def normalise(self) -> None:
-        """Put the mean of the centres at the origin, and their root mean squared distance from it at one."""
+        """Move the mean of the centres to the origin, and scale their RMS distance from it to one."""
         centres = self.problem.centres
         mean = centres.mean(axis=0)
         spread = float(np.sqrt(((centres - mean) ** 2).sum(axis=1).mean()))
@@ -177,8 +185,8 @@ class MetricModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """What counts of a model.
+class KeptIndices:
+    """Indices of the images, tracks and observations that a model keeps.
 
     Attributes
     ----------
@@ -194,13 +202,13 @@ class Kept:
     observations: NDArray[np.intp]
 
 
-def kept_of(model: MetricModel, free: tuple[str, ...]) -> Kept:
-    """What counts of a model, the intrinsics `free` free."""
+def kept_indices(model: MetricModel, free: tuple[str, ...]) -> KeptIndices:
+    """Kept part of a model as a problem, with the intrinsics `free` free, and its indices."""
     part, points = model.counting()
     cameras = np.unique(part.camera_index).astype(np.intp)
     result = part.with_cameras(cameras)
     result.set_free_intrinsics(*free)
-    return Kept(result, cameras, points, np.flatnonzero(model.counts))
+    return KeptIndices(result, cameras, points, np.flatnonzero(model.counts))
 
 
 def model_in_frame(
@@ -292,5 +300,74 @@ def share_intrinsics(model: MetricModel) -> None:
 
 
 def _plain_metadata(metadata: Metadata) -> Metadata:
-    """What stays true of the observations and points of the result: names, sizes, colours."""
+    """Metadata without entries per observation and point: names, sizes, colours."""
     return replace(metadata, extra={})
+
+
+def refine(model: MetricModel, plan: AdjustmentPlan) -> None:
+    """Adjust a model and leave out outliers, in turn.
+
+    Parameters
+    ----------
+    model : MetricModel
+        Changed in place; any observation may come back.
+    plan : AdjustmentPlan
+        What is free and what counts.
+    """
+    for _ in range(_ROUNDS):
+        _select_inliers(model, plan)
+        if not model.counts.any():
+            return
+        model.adjust(plan, loss="cauchy")
+    model.leave_out_outliers(plan.max_error_px, plan.min_views)
+
+
+def close_gaps(model: MetricModel, plan: AdjustmentPlan) -> int:
+    """Merge tracks of one point and adjust, in turn; as it was before where this spoils the other tracks.
+
+    Every round starts with the tracks that were given, so that what was merged wrongly with a wide tolerance
+    does not stay.
+
+    Parameters
+    ----------
+    model : MetricModel
+        A refined one, changed in place.
+    plan : AdjustmentPlan
+        What is free and what counts.
+
+    Returns
+    -------
+    int
+        How many points there are fewer.
+    """
+    if not model.counts.any():
+        return 0
+    before, tracks = model.copy(), model.problem.point_index.copy()
+    narrow = _NARROWEST * model.outlier_limit_px(plan.max_error_px)
+    # Two tracks of two views may be one of four.
+    short = replace(plan, min_views=2)
+    wide = [share * plan.max_error_px for share in _TOLERANCES]
+    for tolerance in [*(t for t in wide if t > narrow), narrow]:
+        _select_inliers(model, short)
+        model.merge(tolerance)
+        model.triangulate()
+        model.leave_out_behind(short.min_views)
+        model.adjust(plan, loss="cauchy")
+        model.problem.point_index[:] = tracks
+    _select_inliers(model, short)
+    limit = plan.max_error_px
+    if model.truncated_cost(limit) > (1 + _TOLERATED_GROWTH) * before.truncated_cost(limit) + 1e-12:
+        model.problem, model.counts = before.problem, before.counts
+        return 0
+    fewer = model.merge(narrow)
+    model.triangulate()
+    model.leave_out_outliers(plan.max_error_px, plan.min_views)
+    model.adjust(plan, loss="cauchy")
+    model.leave_out_outliers(plan.max_error_px, plan.min_views)
+    return fewer
+
+
+def _select_inliers(model: MetricModel, plan: AdjustmentPlan) -> None:
+    """Triangulate all points anew and let count what agrees."""
+    model.triangulate_robustly(plan.max_error_px, plan.min_views)
+    model.leave_out_outliers(plan.max_error_px, plan.min_views)

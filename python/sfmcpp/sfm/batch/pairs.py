@@ -1,4 +1,4 @@
-"""Fundamental matrices of pairs of images, and which observations they make plausible."""
+"""Fundamental matrices of pairs of images, and the observations that they support."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CONFIDENCE, _MOST_SAMPLES = 0.99, 4000
 
 @dataclass(frozen=True, eq=False)
 class PairGeometry:
-    """What two images say of each other.
+    """Epipolar geometry of two images.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def pair_geometries(measured: Measurements, threshold_px: float, seed: int) -> l
             seed=seed,
         )
         if estimate.success:
-            matrix = _in_frames(estimate.matrix, *measured.frames[[first, second]])
+            matrix = _matrix_in_frames(estimate.matrix, *measured.frames[[first, second]])
             found.append(PairGeometry(first, second, matrix, rows, estimate.inliers))
     return found
 
@@ -103,7 +103,7 @@ def _in_largest_part(measured: Measurements, linked: Indices) -> BoolArray:
     return np.asarray(part == largest[measured.track])
 
 
-def _in_frames(matrix: FloatArray, frame_1: FloatArray, frame_2: FloatArray) -> FloatArray:
+def _matrix_in_frames(matrix: FloatArray, frame_1: FloatArray, frame_2: FloatArray) -> FloatArray:
     moved = _denormalising(frame_1).T @ matrix @ _denormalising(frame_2)
     return np.asarray(moved / np.linalg.norm(moved))
 

@@ -1,4 +1,4 @@
-"""Metric upgrade of a projective reconstruction, the calibration known or not (thesis algorithm 4)."""
+"""Metric upgrade of a projective reconstruction, calibrated or not (thesis algorithm 4)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from sfmcpp.sfm.batch.metric_model import (
     AdjustmentPlan,
     MetricModel,
     calibration_matrices,
-    kept_of,
+    close_gaps,
+    kept_indices,
     model_in_frame,
+    refine,
     share_intrinsics,
 )
-from sfmcpp.sfm.batch.refining import close_gaps, refine
 from sfmcpp.sfm.batch.verdict import (
     contradiction,
     critical_motion,
     focal_sigmas,
     left_out_warnings,
     misfit_warnings,
-    nothing_found,
+    no_model_message,
 )
 
 # Metric frames that are adjusted at most, and how far the cost of the worst may lie above that of the best.
@@ -47,13 +48,13 @@ _UNTOLD = 0.1
 _ENOUGH_CAMERAS = 5
 
 
-def _none() -> NDArray[np.intp]:
+def _no_indices() -> NDArray[np.intp]:
     return np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class MetricUpgrade:
-    """What became of the upgrade.
+    """Result of the metric upgrade.
 
     Attributes
     ----------
@@ -72,9 +73,9 @@ class MetricUpgrade:
 
     problem: Problem | None
     reason: str = ""
-    cameras: NDArray[np.intp] = field(default_factory=_none)
-    points: NDArray[np.intp] = field(default_factory=_none)
-    observations: NDArray[np.intp] = field(default_factory=_none)
+    cameras: NDArray[np.intp] = field(default_factory=_no_indices)
+    points: NDArray[np.intp] = field(default_factory=_no_indices)
+    observations: NDArray[np.intp] = field(default_factory=_no_indices)
     focal_sigma: float = 0.0
     warnings: list[str] = field(default_factory=list)
 
@@ -149,12 +150,12 @@ def metric_upgrade(
     require_count("min_views", min_views, 2)
     if not 0 <= distortion <= 5:
         raise InvalidArgument(f"distortion = {distortion}: must be from 0 to 5")
-    rows = _assumed(problem.num_cameras, sizes, focal, intrinsics, aspect, principal_point)
+    rows = _assumed_calibrations(problem.num_cameras, sizes, focal, intrinsics, aspect, principal_point)
     names = () if focal == "known" else ("f",)
     plan = AdjustmentPlan(names, max_error_px, min_views, threads)
     last = replace(plan, free=(*names, *(f"k{k + 1}" for k in range(distortion))))
     projections = projection_matrices(problem)
-    good, fewest = _well_seen(problem), 2 if focal == "known" else 3
+    good, fewest = _well_determined_cameras(problem), 2 if focal == "known" else 3
     if len(good) < fewest:
         reason = f"{len(good)} cameras with {LEAST_OBSERVATIONS} observations, must be at least {fewest}"
         return MetricUpgrade(None, reason)
@@ -162,28 +163,28 @@ def metric_upgrade(
         frames = metric_frames(projections[good], calibration_matrices(rows[good]), focal=focal)
     except InvalidArgument:
         return MetricUpgrade(None, "all projection matrices share one centre: depths are undetermined")
-    models = _models(problem, projections, good, frames, rows, focal)
+    models = _candidate_models(problem, projections, good, frames, rows, focal)
     if not models:
-        return MetricUpgrade(None, nothing_found(focal))
+        return MetricUpgrade(None, no_model_message(focal))
     if not adjusted:
-        kept = kept_of(_ranked(models, _FAR_ERRORS * max_error_px)[0], names)
+        kept = kept_indices(_ranked_models(models, _FAR_ERRORS * max_error_px)[0], names)
         return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations)
     for model in models:
         model.adjust(plan, loss="cauchy", max_iterations=40)
-    result = _finished(_ranked(models, max_error_px), last, focal, merge_tracks)
+    result = _adjusted_best_model(_ranked_models(models, max_error_px), last, focal, merge_tracks)
     if result.problem is not None:
         result.warnings.extend(misfit_warnings(problem, result.problem, result.observations, max_error_px))
     return result
 
 
-def _well_seen(problem: Problem) -> NDArray[np.intp]:
+def _well_determined_cameras(problem: Problem) -> NDArray[np.intp]:
     """Cameras whose matrix the observations hold well, or, of too few such, hold at all."""
     seen = np.bincount(problem.camera_index, minlength=problem.num_cameras)
     good = np.flatnonzero(seen >= 2 * LEAST_OBSERVATIONS)
     return good if len(good) >= _ENOUGH_CAMERAS else np.flatnonzero(seen >= LEAST_OBSERVATIONS)
 
 
-def _assumed(
+def _assumed_calibrations(
     count: int,
     sizes: ArrayLike,
     focal: str,
@@ -220,7 +221,7 @@ def _row_per_camera(name: str, value: ArrayLike, count: int, width: int) -> Floa
     return array
 
 
-def _models(
+def _candidate_models(
     problem: Problem,
     projections: FloatArray,
     good: NDArray[np.intp],
@@ -245,17 +246,17 @@ def _models(
     return models
 
 
-def _ranked(models: list[MetricModel], limit_px: float) -> list[MetricModel]:
+def _ranked_models(models: list[MetricModel], limit_px: float) -> list[MetricModel]:
     costs = [model.truncated_cost(limit_px) for model in models]
     return [models[k] for k in np.argsort(costs, kind="stable")]
 
 
-def _finished(
+def _adjusted_best_model(
     models: list[MetricModel], plan: AdjustmentPlan, focal: str, merge_tracks: bool
 ) -> MetricUpgrade:
-    """Adjust the best model without outliers, and tell what is wrong with it."""
+    """Adjust the best model without outliers, with warnings about it."""
     best = models[0]
-    rivals = [m for m in models[1:] if _as_good(m, best, plan.max_error_px)]
+    rivals = [m for m in models[1:] if _is_equally_good(m, best, plan.max_error_px)]
     refine(best, plan)
     if merge_tracks:
         close_gaps(best, plan)
@@ -264,19 +265,19 @@ def _finished(
         return MetricUpgrade(None, contradiction(kept_share, focal))
     best.adjust(plan)
     best.normalise()
-    kept = kept_of(best, plan.free)
+    kept = kept_indices(best, plan.free)
     sigma, cautious = (0.0, 0.0) if focal == "known" else focal_sigmas(kept.problem, plan.threads)
-    if not cautious < _UNTOLD or any(_differ(m, best) for m in rivals):
+    if not cautious < _UNTOLD or any(_have_different_focals(m, best) for m in rivals):
         return MetricUpgrade(None, critical_motion(cautious), focal_sigma=cautious)
     warnings = left_out_warnings(best.problem, kept.cameras)
     return MetricUpgrade(kept.problem, "", kept.cameras, kept.points, kept.observations, sigma, warnings)
 
 
-def _as_good(model: MetricModel, best: MetricModel, limit_px: float) -> bool:
+def _is_equally_good(model: MetricModel, best: MetricModel, limit_px: float) -> bool:
     return model.truncated_cost(limit_px) <= (1 + _AS_GOOD) * best.truncated_cost(limit_px) + 1e-12
 
 
-def _differ(model: MetricModel, best: MetricModel) -> bool:
+def _have_different_focals(model: MetricModel, best: MetricModel) -> bool:
     """Whether two models have other focal lengths."""
     focals = [m.problem.intrinsics[m.problem.intrinsics_index, 0] for m in (model, best)]
     return bool(np.abs(np.log(focals[0] / focals[1])).max() > _UNTOLD)

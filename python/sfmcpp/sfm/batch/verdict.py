@@ -1,4 +1,4 @@
-"""What speaks against a metric model: a focal length that is not seen, errors that others do not have."""
+"""Warnings about a metric model: undetermined focal lengths, critical motion, inconsistent observations."""
 
 from __future__ import annotations
 
@@ -89,10 +89,10 @@ def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
     return relative * noise, relative * max(noise, _LEAST_NOISE)
 
 
-def nothing_found(focal: str) -> str:
-    """Reason where no metric frame has its points in front of its cameras, `focal` as asked for."""
+def no_model_message(focal: str) -> str:
+    """Reason where no metric frame has its points in front of its cameras, for this kind of `focal`."""
     return (
-        f"no calibration with {_words(focal)} places the points in front of the cameras: the "
+        f"no calibration with {_focal_text(focal)} places the points in front of the cameras: the "
         "assumptions on the intrinsics or the projective reconstruction are wrong, or the motion does not "
         "determine the calibration"
     )
@@ -100,9 +100,8 @@ def nothing_found(focal: str) -> str:
 
 def contradiction(kept: float, focal: str) -> str:
     """Reason where only a share `kept` of the observations agrees."""
-    return (
-        f"only {100 * kept:.0f} % of the observations are consistent with a metric model with {_words(focal)}"
-    )
+    share = f"{100 * kept:.0f} %"
+    return f"only {share} of the observations are consistent with a metric model with {_focal_text(focal)}"
 
 
 def critical_motion(sigma: float) -> str:
@@ -113,7 +112,7 @@ def critical_motion(sigma: float) -> str:
     )
 
 
-def _words(focal: str) -> str:
+def _focal_text(focal: str) -> str:
     return {
         "shared": "one focal length for all cameras",
         "varying": "a focal length for each camera",

@@ -76,7 +76,7 @@ def read_alicevision(path: Path) -> Problem:
     return problem_of_views(_views(root), _poses(root), _lenses(root, version), _tracks(root), "alicevision")
 
 
-def _listed(root: Part, name: str) -> list[Part]:
+def _optional_list(root: Part, name: str) -> list[Part]:
     """Entries of a list that is not written where it is empty."""
     found = root.optional(name)
     return [] if found is None or found.value == "" else list(found.items())
@@ -84,7 +84,7 @@ def _listed(root: Part, name: str) -> list[Part]:
 
 def _views(root: Part) -> dict[int, View]:
     views: dict[int, View] = {}
-    for item in _listed(root, "views"):
+    for item in _optional_list(root, "views"):
         key = identifier(item.part("viewId"))
         pose, lens = item.optional("poseId"), item.optional("intrinsicId")
         view = View(
@@ -100,7 +100,7 @@ def _views(root: Part) -> dict[int, View]:
 
 def _poses(root: Part) -> dict[int, FloatArray]:
     poses: dict[int, FloatArray] = {}
-    for item in _listed(root, "poses"):
+    for item in _optional_list(root, "poses"):
         transform = item.part("pose").part("transform")
         pose = pose_of(transform, transform.part("rotation").numbers(9), transform.part("center").numbers(3))
         add_once(poses, identifier(item.part("poseId")), pose, item)
@@ -109,7 +109,7 @@ def _poses(root: Part) -> dict[int, FloatArray]:
 
 def _lenses(root: Part, version: Version) -> dict[int, Lens]:
     lenses: dict[int, Lens] = {}
-    for item in _listed(root, "intrinsics"):
+    for item in _optional_list(root, "intrinsics"):
         add_once(lenses, identifier(item.part("intrinsicId")), _lens(item, version), item)
     return lenses
 
@@ -165,10 +165,10 @@ def _is_locked(item: Part) -> bool:
 
 def _tracks(root: Part) -> Tracks:
     tracks = Tracks()
-    for item in _listed(root, "structure"):
+    for item in _optional_list(root, "structure"):
         tracks.points.append(item.part("X").numbers(3))
         tracks.colors.append(_color(item.part("color")))
-        for seen in _listed(item, "observations"):
+        for seen in _optional_list(item, "observations"):
             pixel = seen.optional("x")
             if pixel is None:
                 raise seen.error("lacks 'x': the file must be exported with its features")
@@ -209,7 +209,7 @@ def write_alicevision(problem: Problem, path: Path) -> None:
 
 
 def _texts(numbers: Iterable[float]) -> list[str]:
-    """As Boost writes numbers, which these programs read and write with: as texts."""
+    """Numbers as texts, as Boost writes them for these programs."""
     return [str(number) for number in numbers]
 
 
@@ -271,7 +271,7 @@ def _landmark(row: int, point: WrittenPoint) -> dict[str, Any]:
     }
 
 
-def _claims(path: Path) -> bool:
+def _is_alicevision(path: Path) -> bool:
     name = path.name.lower()
     return name.endswith(_SUFFIX) or (name.endswith(".json") and begins_with(path, b'"featuresFolders"'))
 
@@ -282,7 +282,7 @@ FORMAT = Format(
     (_SUFFIX,),
     read_alicevision,
     write_alicevision,
-    _claims,
+    _is_alicevision,
     lacks=(
         "origin of the world",
         "keypoints without a point",

@@ -7,7 +7,7 @@ from os import PathLike, fsdecode
 from pathlib import Path
 from typing import cast
 
-from sfmcpp.ba.parts import Part, dealt_part, joined_parts
+from sfmcpp.ba.parts import Part, joined_parts, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import CameraFunction, Problem
@@ -88,9 +88,9 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
     InvalidArgument
         If `format` is not the name of a format.
     """
-    source = _checked(path)
+    source = _checked_path(path)
     with failures_named(source):
-        chosen = _existing(source, format)
+        chosen = _format_of_existing(source, format)
         if chosen.reader is None:
             raise DatasetError(source, f"format {chosen.name} can be written but not read")
         return chosen.reader(source)
@@ -122,7 +122,7 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
     InvalidArgument
         If `format` is not the name of a format.
     """
-    target = _checked(path)
+    target = _checked_path(path)
     with failures_named(target):
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:
@@ -160,14 +160,14 @@ def read_part(path: AnyPath, ranks: Ranks) -> Part:
     DatasetError
         As :func:`read`, on all ranks.
     """
-    source = _checked(path)
-    chosen = ranks.from_root(lambda: _existing(source).name)
+    source = _checked_path(path)
+    chosen = ranks.from_root(lambda: _format_of_existing(source).name)
     format = named_format(chosen)
     if format.part_reader is not None:
         reader = format.part_reader
         return ranks.agreed(lambda: reader(source, ranks))
     part = None if format.share_reader is None else _part_in_shares(source, format.share_reader, ranks)
-    return dealt_part(lambda: read(source), ranks) if part is None else part
+    return part_for_rank(lambda: read(source), ranks) if part is None else part
 
 
 def _part_in_shares(source: Path, reader: Callable[[Path, Ranks], Share | None], ranks: Ranks) -> Part | None:
@@ -205,7 +205,7 @@ def write_part(part: Part, path: AnyPath, ranks: Ranks) -> None:
     DatasetError
         As :func:`write`, on all ranks.
     """
-    target = _checked(path)
+    target = _checked_path(path)
     chosen = ranks.agreed(lambda: format_of(target))
     if chosen.part_writer is not None:
         chosen.part_writer(part, target, ranks)
@@ -240,14 +240,14 @@ def formats() -> tuple[Format, ...]:
     return FORMATS
 
 
-def _existing(source: Path, format: str | None = None) -> Format:
+def _format_of_existing(source: Path, format: str | None = None) -> Format:
     """The format of a file that is there."""
     if not source.exists():
         raise DatasetError(source, "no such file or directory")
     return format_of(source) if format is None else named_format(format)
 
 
-def _checked(path: AnyPath) -> Path:
+def _checked_path(path: AnyPath) -> Path:
     if "\0" in fsdecode(path):
         raise DatasetError(fsdecode(path), "a path cannot hold a NUL")
     return Path(path)

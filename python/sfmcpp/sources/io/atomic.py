@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, several of them together, whatever ends the process.
+"""Atomic writing of one file or several: they appear complete or not at all.
 
 Content goes to temporary files beside the targets and to the disk before it takes their names. A temporary
 file is locked as long as its writer lives: one that is not was left by a process that was killed.
@@ -43,10 +43,10 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
     DatasetError
         If a target is a directory, a device or a pipe, or it, or its folder, cannot be written.
     """
-    resolved = [_replaceable(target) for target in targets]
+    resolved = [_resolved_target(target) for target in targets]
     for folder in {path.parent for path in resolved}:
-        sweep(folder)
-    temporaries = [_beside(path, _TEMPORARY) for path in resolved]
+        remove_leftovers(folder)
+    temporaries = [_temporary_path(path, _TEMPORARY) for path in resolved]
     try:
         with failures_named(targets[0]), ExitStack() as stack:
             files = [
@@ -54,10 +54,10 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
             ]
             yield tuple(files)
             for file in files:
-                _finish(file, durable)
+                _flush_file(file, durable)
             _replace_all(temporaries, resolved)
         if durable:
-            _remember({path.parent for path in resolved})
+            _sync_folders({path.parent for path in resolved})
     finally:
         _remove(temporaries)
 
@@ -84,7 +84,7 @@ def _make_folder(folder: Path) -> bool:
     return True
 
 
-def _replaceable(target: Path) -> Path:
+def _resolved_target(target: Path) -> Path:
     with failures_named(target):
         require_regular_file(target)
         if not target.parent.is_dir():
@@ -92,7 +92,7 @@ def _replaceable(target: Path) -> Path:
         return Path(os.path.realpath(target))
 
 
-def _beside(target: Path, prefix: str) -> Path:
+def _temporary_path(target: Path, prefix: str) -> Path:
     return target.with_name(prefix + secrets.token_hex(8))
 
 
@@ -104,19 +104,19 @@ def _create(temporary: Path, target: Path) -> IO[bytes]:
         return file
 
 
-def _finish(file: IO[bytes], durable: bool) -> None:
+def _flush_file(file: IO[bytes], durable: bool) -> None:
     file.flush()
     if durable:
         os.fsync(file.fileno())
 
 
 def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Give all files their names, or put back what was there. No new one stands beside an old one."""
+    """Rename all files to their targets, or restore the old ones: never new ones beside old ones."""
     if len(targets) == 1:
         temporaries[0].replace(targets[0])
         return
     with ExitStack() as undo:
-        kept = [(path, _beside(path, _BEFORE)) for path in targets if path.exists()]
+        kept = [(path, _temporary_path(path, _BEFORE)) for path in targets if path.exists()]
         for path, before in kept:
             path.replace(before)
             undo.callback(before.replace, path)
@@ -129,14 +129,14 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
 
 
 def _remove(leftovers: Sequence[Path]) -> None:
-    """Remove what has no use any more; what cannot be removed is swept by the next writer."""
+    """Remove temporary files; what cannot be removed is removed by the next writer."""
     for path in leftovers:
         with suppress(OSError):
             path.unlink()
 
 
-def _remember(folders: set[Path]) -> None:
-    """See to it that the names of files are on the disk as well, where the file system can."""
+def _sync_folders(folders: set[Path]) -> None:
+    """Synchronise folders, so that the names of files are on the disk too, where the file system can."""
     for folder in folders:
         with suppress(OSError):
             number = os.open(folder, os.O_RDONLY)
@@ -147,7 +147,7 @@ def _remember(folders: set[Path]) -> None:
 
 
 @cache
-def sweep(folder: Path) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Remove what killed processes have left in a folder; once for each, which may hold many files.
 
     Processes that write to one folder together do so before any of them writes: what one has just made and
@@ -155,11 +155,11 @@ def sweep(folder: Path) -> None:
     """
     with suppress(OSError):
         for path in folder.iterdir():
-            if path.name.startswith((_TEMPORARY, _BEFORE)) and _is_left(path):
+            if path.name.startswith((_TEMPORARY, _BEFORE)) and _is_leftover(path):
                 path.unlink()
 
 
-def _is_left(path: Path) -> bool:
+def _is_leftover(path: Path) -> bool:
     with path.open("rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_angle_axis
+from sfmcpp.geometry.so3 import angle_axis_from_rotation, rotation_from_angle_axis
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
@@ -83,7 +83,7 @@ def read_bal_share(path: Path, ranks: Ranks) -> Share | None:
     point, points = numbers.rows(behind + _CAMERA * counts.cameras, counts.points, _POINT)
     if _first_no_index(observed, row, counts) is not None:  # before they become integers
         return None
-    own = _problem(NumberStream(path), counts, cameras, points, *_columns(observed))
+    own = _problem(NumberStream(path), counts, cameras, points, *_observation_columns(observed))
     return Share.of(own, counts.points, point, row)
 
 
@@ -106,7 +106,7 @@ def write_bal(problem: Problem, path: Path) -> None:
 
 @dataclass(frozen=True)
 class _Counts:
-    """What the header says."""
+    """Counts in the header."""
 
     cameras: int
     points: int
@@ -183,7 +183,7 @@ def _require_no_duplicates(numbers: NumberStream, duplicate: tuple[int, int] | N
     )
 
 
-def _columns(observed: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+def _observation_columns(observed: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
     """Camera, point and pixel of observations, whose indices are in range."""
     cameras, points = observed[:, :2].astype(np.int32).T
     return cameras, points, turned_pixels(observed[:, 2:])

@@ -101,7 +101,7 @@ def write_bundler(problem: Problem, path: Path) -> None:
     """
     require_valid(problem, path)
     intrinsics, pixels = as_bal(problem, "a Bundler file", path)
-    registered = _registered(problem, path)
+    registered = _registered_cameras(problem, path)
     with atomic_files(path) as (stream,):
         stream.write(MAGIC + f"\n{len(registered)} {problem.num_points}\n".encode("ascii"))
         stream.writelines(_camera_chunks(problem, intrinsics, registered))
@@ -192,15 +192,15 @@ def _require_finite(text: NumberText, poses: FloatArray) -> FloatArray:
     return poses
 
 
-def _registered(problem: Problem, path: Path) -> BoolArray:
+def _registered_cameras(problem: Problem, path: Path) -> BoolArray:
     """Which cameras of the file are those of the problem."""
     registered = problem.metadata.extra.get(REGISTERED)
     if registered is None:
         return np.ones(problem.num_cameras, dtype=np.bool_)
     mask = np.asarray(registered, dtype=np.bool_)
     if np.count_nonzero(mask) != problem.num_cameras:
-        told = f"metadata {REGISTERED} tells of {np.count_nonzero(mask)} cameras"
-        raise DatasetError(path, f"{told}: must be {problem.num_cameras}")
+        fault = f"metadata {REGISTERED} tells of {np.count_nonzero(mask)} cameras"
+        raise DatasetError(path, f"{fault}: must be {problem.num_cameras}")
     return mask
 
 

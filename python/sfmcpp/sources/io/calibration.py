@@ -1,4 +1,4 @@
-"""Cameras as programs that calibrate them write them: OpenCV (and ROS), Kalibr, EuRoC.
+"""Calibration files of OpenCV (and ROS), Kalibr and EuRoC.
 
 All mean ``u = fu x + cu``, ``v = fv y + cv`` after the distortion ``k1, k2, p1, p2[, k3]`` of OpenCV ("plumb
 bob", "radtan", "radial-tangential"), which the camera model ``"perspective"`` holds without loss. Other
@@ -49,7 +49,7 @@ class Calibration:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Width and height [px] of the images that it is for, where the file tells.
+        """Width and height [px] of its images, if the file has them.
 
         Raises
         ------
@@ -85,7 +85,7 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
         If the file cannot be read, holds no such camera, or one with another lens.
     """
     root = read_document(path)
-    chosen = _chosen(root, camera)
+    chosen = _chosen_camera(root, camera)
     matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
     return Calibration(_intrinsics(matrix, distortion, lens), chosen)
 
@@ -98,7 +98,7 @@ class _Values:
     numbers: list[float]
 
 
-def _chosen(root: Node, camera: str) -> Node:
+def _chosen_camera(root: Node, camera: str) -> Node:
     """The camera of that name, or the only one."""
     parts = root.value if isinstance(root.value, dict) else {}
     several = {name: part for name, part in parts.items() if part.part("intrinsics")}
@@ -121,7 +121,7 @@ def _opencv(camera: Node) -> tuple[_Values, _Values, str]:
     if len(numbers) != 9:
         raise node.error(f"holds {len(numbers)} numbers: must be 9, a calibration matrix")
     lens = camera.part("distortion_model")
-    return _Values(node, numbers), _distortion(camera, _OPENCV_DISTORTION), _text(lens, "plumb_bob")
+    return _Values(node, numbers), _distortion(camera, _OPENCV_DISTORTION), _text_of(lens, "plumb_bob")
 
 
 def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:
@@ -138,7 +138,7 @@ def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:
     return (
         _Values(node, matrix),
         _distortion(camera, _COEFFICIENTS),
-        _text(camera.part("distortion_model"), ""),
+        _text_of(camera.part("distortion_model"), ""),
     )
 
 
@@ -147,7 +147,7 @@ def _distortion(camera: Node, names: tuple[str, ...]) -> _Values:
     return _Values(camera, []) if node is None else _Values(node, node.numbers())
 
 
-def _text(node: Node | None, default: str) -> str:
+def _text_of(node: Node | None, default: str) -> str:
     return node.value if node is not None and isinstance(node.value, str) else default
 
 

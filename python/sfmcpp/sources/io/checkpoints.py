@@ -1,4 +1,4 @@
-"""Checkpoints of long runs: two files in turn, each complete and checked, or not there.
+"""Checkpoint files of long runs: two checksummed files in turn.
 
 A file is an NPZ archive, without pickle: arrays, and ``metadata.npy``, UTF-8 JSON as bytes. The archive's
 comment, its last bytes, holds the version of the format and the SHA-256 of all that precedes.

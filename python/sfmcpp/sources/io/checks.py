@@ -1,4 +1,4 @@
-"""What every problem that is read or written must fulfil."""
+"""Validation of problems that are read or written."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ def first_duplicate(
     camera_index: NDArray[Any], point_index: NDArray[Any], num_cameras: int
 ) -> tuple[int, int] | None:
     """Two observations of the same point by the same camera, the earlier first, or None."""
-    if _increases(point_index, camera_index) or _increases(camera_index, point_index):
+    if _is_strictly_increasing(point_index, camera_index) or _is_strictly_increasing(
+        camera_index, point_index
+    ):
         return None
     keys = point_index.astype(np.int64)
     keys *= num_cameras
@@ -38,7 +40,7 @@ def first_duplicate(
     return int(order[worst]), int(order[worst + 1])
 
 
-def _increases(first: NDArray[Any], second: NDArray[Any]) -> bool:
+def _is_strictly_increasing(first: NDArray[Any], second: NDArray[Any]) -> bool:
     """Whether each pair (first[i], second[i]) comes after the one before it, as words in a dictionary do."""
     for begin in range(0, len(first) - 1, _ROWS_AT_ONCE):
         rows = slice(begin, begin + _ROWS_AT_ONCE + 1)
@@ -106,13 +108,13 @@ def point_colors(problem: Problem, default: tuple[int, int, int], path: Path) ->
     return colors
 
 
-def _within(array: NDArray[Any], lowest: float, highest: float) -> bool:
+def _all_within(array: NDArray[Any], lowest: float, highest: float) -> bool:
     """Whether all numbers are from `lowest` to `highest`, and none is not a number; takes no memory."""
     return not array.size or bool(array.min() >= lowest and array.max() <= highest)
 
 
 def _require_finite(name: str, array: NDArray[np.float64], path: Path) -> None:
-    if not _within(array, -LARGEST_MAGNITUDE, LARGEST_MAGNITUDE):
+    if not _all_within(array, -LARGEST_MAGNITUDE, LARGEST_MAGNITUDE):
         good = np.abs(array) <= LARGEST_MAGNITUDE
         where = np.argwhere(~good)[0].tolist()
         rule = f"must be finite, at most {LARGEST_MAGNITUDE:g} in magnitude"
@@ -120,7 +122,7 @@ def _require_finite(name: str, array: NDArray[np.float64], path: Path) -> None:
 
 
 def _require_in_range(name: str, index: IndexArray, size: int, path: Path) -> None:
-    if not _within(index, 0, size - 1):
+    if not _all_within(index, 0, size - 1):
         worst = int(np.argmin((index >= 0) & (index < size)))
         raise DatasetError(path, f"{name}[{worst}] is {index[worst]}: must be from 0 to {size - 1}")
 
@@ -138,7 +140,7 @@ def _require_positive_sigma(problem: Problem, path: Path) -> None:
     if problem.sigma_px is None:
         return
     lowest, highest = 1 / LARGEST_MAGNITUDE, LARGEST_MAGNITUDE
-    if not _within(problem.sigma_px, lowest, highest):
+    if not _all_within(problem.sigma_px, lowest, highest):
         worst = int(np.argmin((problem.sigma_px >= lowest) & (problem.sigma_px <= highest)))
         rule = f"must be positive, from {lowest:g} to {highest:g}"
         raise DatasetError(path, f"sigma_px[{worst}] is {problem.sigma_px[worst]}: {rule}")

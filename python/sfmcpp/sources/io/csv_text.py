@@ -1,4 +1,4 @@
-"""CSV files: their lines with numbers for error messages, separators, and the numbers in their cells."""
+"""CSV files: numbered lines, separators, numbers in cells, and units in headers such as ``[km/h]``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,31 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_bytes
 
+# The foot of 1959; maps of the United States may be in feet of their survey, which differ by 4 m in 2,000 km.
+LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "us-ft": 1200 / 3937}
+DEGREES = {"deg": 1.0, "rad": 180 / math.pi}
+
+_ALIASES = {"°": "deg", "degree": "deg", "degrees": "deg", "decimaldegrees": "deg", "radians": "rad"}
+_ALIASES |= dict.fromkeys(("metre", "metres", "meter", "meters"), "m")
+_ALIASES |= {"foot": "ft", "feet": "ft", "usft": "us-ft", "ftus": "us-ft", "us-feet": "us-ft"}
 _SEPARATORS = "\t;"
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+
+
+def unit_factor(header: str, unit: str, units: dict[str, float]) -> float:
+    """Look up the factor of `unit`, which stands in the header of a column.
+
+    Raises
+    ------
+    ValueError
+        If it is unknown or empty; the message lists the known ones.
+    """
+    normal = unit.replace(" s^-1", "/s").replace("°/", "deg/").replace(" ", "")
+    normal = _ALIASES.get(normal.lower(), normal)
+    if normal not in units:
+        what = f"has the unknown unit {unit!r}" if unit else "names no unit"
+        raise ValueError(f"column {header!r} {what}: must be one of {', '.join(f'[{u}]' for u in units)}")
+    return units[normal]
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -50,7 +73,7 @@ def finite_number(path: Path, line: int, column: str, cell: str, factor: float =
 
 
 def separator_of(header: str) -> str:
-    """What separates the cells below a header: tabs or semicolons if it has any, else commas."""
+    """Separator of the cells below a header: tabs or semicolons if it has any, else commas."""
     return next((separator for separator in _SEPARATORS if separator in header), ",")
 
 
@@ -64,12 +87,12 @@ def with_decimal_points(
     DatasetError
         If commas may as well separate thousands; it names the line.
     """
-    told = [(number, cells[place]) for number, cells in rows for place in places]
-    commas = [(number, cell) for number, cell in told if "," in cell]
+    numbered = [(number, cells[place]) for number, cells in rows for place in places]
+    commas = [(number, cell) for number, cell in numbered if "," in cell]
     if not commas:
         return rows
     line, cell = commas[0]
-    if any("." in cell for _, cell in told) or all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
+    if any("." in cell for _, cell in numbered) or all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
         raise DatasetError(path, f"the comma in {cell!r} may be decimal or of thousands: write points", line)
     numeric = set(places)
     return [

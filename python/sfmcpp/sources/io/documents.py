@@ -1,4 +1,4 @@
-"""Nested documents, YAML or XML, with the line of every part at hand for error messages."""
+"""YAML and XML documents, with line numbers for error messages."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _read_yaml(path: Path, data: bytes) -> Node:
                 reason = f"alias {event.anchor!r}: must be written out"
                 raise DatasetError(path, reason, event.start_mark.line + 1)
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-        return _of_yaml(path, yaml, root)
+        return _node_of_yaml(path, yaml, root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise DatasetError(path, f"is no YAML: {error.problem}", mark.line + 1 if mark else None) from None
@@ -115,15 +115,15 @@ def _load_yaml(path: Path) -> ModuleType:
     return module
 
 
-def _of_yaml(path: Path, yaml: ModuleType, node: Any) -> Node:
+def _node_of_yaml(path: Path, yaml: ModuleType, node: Any) -> Node:
     if node is None:
         return Node(path, 1, "")
     line = node.start_mark.line + 1
     if isinstance(node, yaml.ScalarNode):
         return Node(path, line, node.value)
     if isinstance(node, yaml.SequenceNode):
-        return Node(path, line, [_of_yaml(path, yaml, item) for item in node.value])
-    return Node(path, line, {str(key.value): _of_yaml(path, yaml, value) for key, value in node.value})
+        return Node(path, line, [_node_of_yaml(path, yaml, item) for item in node.value])
+    return Node(path, line, {str(key.value): _node_of_yaml(path, yaml, value) for key, value in node.value})
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Whole files: plain or compressed, as the suffix says.
+"""Reading and writing of whole files, plain or compressed, with limits of memory.
 
 Whatever goes wrong with a file becomes a DatasetError.
 """
@@ -10,6 +10,7 @@ import codecs
 import gzip
 import io
 import lzma
+import os
 import stat
 import zlib
 from collections.abc import Callable, Iterator
@@ -17,8 +18,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from pathlib import Path
 from typing import IO, Protocol, cast
 
-from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
+from sfmcpp.errors import DatasetError, InvalidArgument
 
 COMPRESSED_SUFFIXES = (".bz2", ".gz", ".xz")
 
@@ -27,6 +27,12 @@ BLANKS = b" \t\n\r\v\f"
 _PIECE_BYTES, _CHUNK_BYTES, _COMPRESSED_BYTES = 16 << 20, 1 << 20, 4096
 _GZIP_HEADER = 16 + zlib.MAX_WBITS
 _XZ_MEMORY_BYTES = 256 << 20
+MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
+# Tracks of a drive, mostly "not seen", shrink to an 86th; text shrinks to a tenth at best.
+_EXPANSION = 100
+_ALWAYS_READABLE_BYTES, _MOST_EXPANDED_BYTES = 64 << 20, 2 << 30
+_MOST_DIGITS = 18
+_MOST_PIXELS = 160_000_000  # the largest sensors have 150 million
 
 
 class _Decompressor(Protocol):
@@ -71,7 +77,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """What :func:`read_bytes` gives of a text, without the mark that some editors put before UTF-8.
+    """Content of a text file as of :func:`read_bytes`, without a byte order mark.
 
     Lines that end with CR alone end with LF: all would be one line, which a comment makes an empty text.
 
@@ -80,18 +86,18 @@ def read_text_bytes(path: Path) -> bytes:
     DatasetError
         As :func:`read_bytes`, and for UTF-16.
     """
-    data = _without_mark(path, read_bytes(path))
+    data = _without_byte_order_mark(path, read_bytes(path))
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
-def _without_mark(path: Path, data: bytes) -> bytes:
+def _without_byte_order_mark(path: Path, data: bytes) -> bytes:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise DatasetError(path, "is text in UTF-16: must be UTF-8")
     return data.removeprefix(codecs.BOM_UTF8)
 
 
 def read_pieces(path: Path) -> Iterator[bytes]:
-    """What :func:`read_text_bytes` gives in pieces of some megabytes, each but the last ending with a blank.
+    """Content as of :func:`read_text_bytes` in pieces of some megabytes, all but the last end with a blank.
 
     Raises
     ------
@@ -100,7 +106,7 @@ def read_pieces(path: Path) -> Iterator[bytes]:
     """
     is_empty, waiting, size = True, [], 0
     for chunk in _content(path):
-        waiting.append(_without_mark(path, chunk) if is_empty else chunk)
+        waiting.append(_without_byte_order_mark(path, chunk) if is_empty else chunk)
         size += len(chunk)
         is_empty = is_empty and not chunk
         if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
@@ -117,13 +123,13 @@ def read_own_bytes(path: Path, rank: int, ranks: int) -> bytes:
         require_regular_file(path)
         size = path.stat().st_size
         with path.open("rb") as file:
-            begin, end = (_cut(file, size, size * r // ranks) for r in (rank, rank + 1))
+            begin, end = (_next_boundary(file, size, size * r // ranks) for r in (rank, rank + 1))
             file.seek(begin)
             share = file.read(end - begin)
-    return share if begin else _without_mark(path, share)
+    return share if begin else _without_byte_order_mark(path, share)
 
 
-def _cut(file: IO[bytes], size: int, place: int) -> int:
+def _next_boundary(file: IO[bytes], size: int, place: int) -> int:
     """The first place from `place` on that is behind white space, or either end."""
     if place == 0:
         return 0
@@ -137,7 +143,7 @@ def _cut(file: IO[bytes], size: int, place: int) -> int:
 
 @contextmanager
 def open_content(path: Path) -> Iterator[IO[bytes]]:
-    """What :func:`read_bytes` gives, to be read at any place; a plain file is not read before."""
+    """Content as of :func:`read_bytes`, as a seekable stream; a plain file is not read in advance."""
     with failures_named(path), ExitStack() as stack:
         require_regular_file(path)
         is_plain = path.suffix.lower() not in _DECOMPRESSORS and path.stat().st_size
@@ -222,3 +228,40 @@ def _next_piece(path: Path, stream: _Decompressor, piece: bytes, begin: int) -> 
         else:
             reason = f"not valid {kind} data ({error})"
         raise DatasetError(path, reason) from error
+
+
+def largest_expansion(size: int) -> int:
+    """Bytes that `size` compressed bytes may expand to.
+
+    They are 100 times as many, but 64 MB at least and 2 GB at most; or what `MAX_EXPANDED` says, in MB.
+
+    Raises
+    ------
+    InvalidArgument
+        If the variable is no positive whole number.
+    """
+    asked = _limit_from_environment(MAX_EXPANDED)
+    if asked is not None:
+        return asked << 20
+    return min(_MOST_EXPANDED_BYTES, max(_ALWAYS_READABLE_BYTES, _EXPANSION * size))
+
+
+def expands_too_far(limit: int) -> str:
+    """Why compressed data are refused."""
+    return f"expands to more than {limit} bytes: refused; {MAX_EXPANDED} allows more"
+
+
+def largest_image() -> int:
+    """Pixels that an image may have: 160 million, or what `MAX_IMAGE` says, in millions."""
+    asked = _limit_from_environment(MAX_IMAGE)
+    return _MOST_PIXELS if asked is None else asked * 1_000_000
+
+
+def _limit_from_environment(variable: str) -> int | None:
+    text = os.environ.get(variable, "")
+    if not text:
+        return None
+    if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
+        shown = text if len(text) <= _MOST_DIGITS else f"{text[:_MOST_DIGITS]}…"
+        raise InvalidArgument(f"{variable} = {shown!r}: must be a positive whole number")
+    return int(text)

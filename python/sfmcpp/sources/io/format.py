@@ -1,4 +1,4 @@
-"""What a file format is to the rest of the package."""
+"""The description of a file format: its name, suffixes, functions and limits."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Format:
     undistorts : bool
         Whether pixels are written as cameras without distortion would have seen them.
     lacks : tuple of str
-        What of a problem its files do not have, by the names of :mod:`sfmcpp.sources.io.left_out`.
+        What of a problem its files do not have, by the names of :mod:`sfmcpp.sources.io.conversion_notes`.
     """
 
     name: str

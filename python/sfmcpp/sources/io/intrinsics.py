@@ -22,7 +22,7 @@ _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 
 
 def matrix_fault(matrix: FloatArray) -> str | None:
-    """What keeps a matrix (3, 3) from being the calibration matrix of a camera, or None."""
+    """Reason why a matrix (3, 3) is no calibration matrix of a camera, or None."""
     (fu, _, _), (zero, fv, _), last = matrix
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         aspect = np.float64(fv) / np.float64(fu)

@@ -1,4 +1,4 @@
-"""JSON documents, with the place of every part at hand for error messages."""
+"""JSON documents, with the path of every element for error messages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Part:
 
     @property
     def place(self) -> str:
-        """Where it is in the document: ``views[3].width``; no text for the whole."""
+        """Path in the document: ``views[3].width``; empty for the whole."""
         before = self._whole.place if self._whole is not None else ""
         if isinstance(self._key, int):
             return f"{before}[{self._key}]"
@@ -102,7 +102,7 @@ class Part:
         return found
 
     def _numbers(self) -> list[float]:
-        return [number for item in self.items() for number in _flat(item)]
+        return [number for item in self.items() for number in _numbers_of(item)]
 
     def error(self, reason: str) -> DatasetError:
         """Make a DatasetError that names the place."""
@@ -178,7 +178,7 @@ def _are_numbers(value: Any) -> bool:
     )
 
 
-def _flat(item: Part) -> list[float]:
+def _numbers_of(item: Part) -> list[float]:
     return [entry.number() for entry in item.items()] if isinstance(item.value, list) else [item.number()]
 
 

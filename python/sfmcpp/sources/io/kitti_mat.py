@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry.quaternions import rotation_from_angle_axis
-from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.geometry.so3 import nearest_rotation, rotation_from_angle_axis
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
-from sfmcpp.sources.io.mat import mat_variables, number_array, require_finite
+from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 
 NOT_SEEN = -1.0
 
@@ -131,8 +130,8 @@ def read_kitti_mat(path: Path) -> KittiDrive:
             float(variables["b"][0, 0]),
             rotation,
             lever_arm,
-            SensorStream(stamps, _timed(variables, "v_vk_vk_i"), "velocity", "velocity"),
-            SensorStream(stamps, _timed(variables, "w_vk_vk_i"), "angular_rate", "gyro"),
+            SensorStream(stamps, _rows_with_times(variables, "v_vk_vk_i"), "velocity", "velocity"),
+            SensorStream(stamps, _rows_with_times(variables, "w_vk_vk_i"), "angular_rate", "gyro"),
             Trajectory(stamps, _camera_poses(variables, rotation, lever_arm)),
         )
     except InvalidArgument as error:
@@ -153,16 +152,18 @@ def _variables(path: Path) -> dict[str, FloatArray]:
 
 def _variable(path: Path, name: str, value: NDArray[Any], lengths: dict[str, int]) -> FloatArray:
     shape = _SHAPES[name]
-    array = number_array(path, name, value, len(shape), _shown(shape))
+    array = number_array(path, name, value, len(shape), _shape_text(shape))
     for wanted, found in zip(shape, value.shape, strict=True):
         known = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, found)
         if found != known:
-            raise DatasetError(path, f"{name} has shape {value.shape}: must be {_shown(shape)}, {lengths}")
+            raise DatasetError(
+                path, f"{name} has shape {value.shape}: must be {_shape_text(shape)}, {lengths}"
+            )
     require_finite(path, name, array)
     return array
 
 
-def _shown(shape: tuple[int | str, ...]) -> str:
+def _shape_text(shape: tuple[int | str, ...]) -> str:
     return f"({', '.join(map(str, shape))})"
 
 
@@ -170,7 +171,7 @@ def _numbers(variables: dict[str, FloatArray], *names: str) -> FloatArray:
     return np.array([variables[name][0, 0] for name in names])
 
 
-def _timed(variables: dict[str, FloatArray], name: str) -> FloatArray:
+def _rows_with_times(variables: dict[str, FloatArray], name: str) -> FloatArray:
     return np.ascontiguousarray(variables[name].T[: variables["t"].shape[1]])
 
 
@@ -183,6 +184,6 @@ def _rotation(path: Path, matrix: FloatArray) -> FloatArray:
 def _camera_poses(
     variables: dict[str, FloatArray], camera_from_body: FloatArray, lever_arm: FloatArray
 ) -> FloatArray:
-    world_from_body = rotation_from_angle_axis(_timed(variables, "theta_vk_i"))
-    centres = _timed(variables, "r_i_vk_i") + world_from_body @ lever_arm
+    world_from_body = rotation_from_angle_axis(_rows_with_times(variables, "theta_vk_i"))
+    centres = _rows_with_times(variables, "r_i_vk_i") + world_from_body @ lever_arm
     return np.concatenate([world_from_body @ camera_from_body.T, centres[:, :, None]], axis=2)

@@ -26,9 +26,8 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem, Rigs
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_metadata_length, require_valid
-from sfmcpp.sources.io.files import open_content
+from sfmcpp.sources.io.files import expands_too_far, largest_expansion, open_content
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.limits import expands_too_far, largest_expansion
 from sfmcpp.sources.io.shares import Share
 
 VERSION = 1
@@ -87,7 +86,7 @@ def read_npz_share(path: Path, ranks: Ranks) -> Share | None:
         begins = [ranks.turn(stored[name].shape[0])[0] for name in ("points", "pixels")]
         for name, rows in stored.items():
             members[name] = rows.read(file, *ranks.turn(rows.shape[0]))
-    return Share.of(_unchecked(path, members), count, *begins)
+    return Share.of(_problem_of_arrays(path, members), count, *begins)
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,12 @@ class _StoredRows:
 
 def problem_of_members(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     """The problem that :func:`members_of_problem` has made arrays of, or a DatasetError that names `path`."""
-    problem = _unchecked(path, members)
+    problem = _problem_of_arrays(path, members)
     _require_consistent(problem, path)
     return problem
 
 
-def _unchecked(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
+def _problem_of_arrays(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     missing = [name for name in (*_ARRAYS, METADATA) if name not in members and name not in _OPTIONAL]
     if missing:
         raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")

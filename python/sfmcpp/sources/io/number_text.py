@@ -1,4 +1,4 @@
-"""Numbers of a text, read by the core, with the line of each one at hand for error messages.
+"""Numbers of a text, read by the core, with line numbers for error messages.
 
 :class:`NumberText` is a whole text, :class:`NumberStream` the numbers of a file of any size in order.
 """
@@ -74,7 +74,7 @@ class NumberText:
 
     @cached_property
     def lines(self) -> Lines:
-        """Where the numbers stand, line by line; lines without numbers are left out."""
+        """Positions of the numbers, line by line; lines without numbers are left out."""
         first, count, number = _core.number_lines(self._data, self._comments)
         return Lines(first, count, number + self._before)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, undistorted_pixels
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
@@ -132,7 +132,7 @@ def _points(text: NumberText, cameras: int) -> tuple[NDArray[np.int64], NDArray[
     own = slice(row + 1, row + 1 + points)
     if len(lines.first) < own.stop:
         raise text.error(f"truncated: {points} points are wanted", len(text.values))
-    _require_last(text, own.stop)
+    _require_end(text, own.stop)
     good = np.ones(len(lines.count), dtype=np.bool_)
     good[own] = lines.count[own] >= _POINT
     text.require_line_counts(good, f"{_POINT} and 4 for each measurement")
@@ -143,7 +143,7 @@ def _points(text: NumberText, cameras: int) -> tuple[NDArray[np.int64], NDArray[
     return heads, counts, tokens_of_items(heads + _POINT, counts, _VIEW)
 
 
-def _require_last(text: NumberText, row: int) -> None:
+def _require_end(text: NumberText, row: int) -> None:
     """Refuse what follows a model unless it is the 0 that ends them."""
     if len(text.lines.first) > row and text.values[text.lines.first[row]] != 0:
         raise text.error("another model begins here: a file must have one", int(text.lines.first[row]))

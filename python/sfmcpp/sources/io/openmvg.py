@@ -78,7 +78,7 @@ def read_openmvg(path: Path) -> Problem:
 def _views(listed: Part) -> dict[int, View]:
     views: dict[int, View] = {}
     for item in listed.items():
-        data = _data(item)
+        data = _fields_behind_pointer(item)
         folder, name = (data.part(part).text() for part in ("local_path", "filename"))
         pose, lens = (identifier(data.part(part)) for part in ("id_pose", "id_intrinsic"))
         full = f"{folder.rstrip('/')}/{name}" if folder else name
@@ -108,7 +108,7 @@ def _lenses(listed: Part) -> dict[int, Lens]:
             names[number % _FIRST] = named.text()
         if number % _FIRST not in names:
             raise value.error(f"polymorphic_id {number} is of no class that was named before")
-        lens = _lens(_data(item), names[number % _FIRST])
+        lens = _lens(_fields_behind_pointer(item), names[number % _FIRST])
         add_once(lenses, identifier(item.part("key")), lens, item)
     return lenses
 
@@ -134,7 +134,7 @@ def _tracks(listed: Part) -> Tracks:
     return tracks
 
 
-def _data(item: Part) -> Part:
+def _fields_behind_pointer(item: Part) -> Part:
     """Fields of an object behind a pointer, those of its base class among them."""
     data = item.part("value").part("ptr_wrapper").part("data")
     base = data.optional("value0")
@@ -171,7 +171,7 @@ def _entry(key: int, value: dict[str, Any]) -> dict[str, Any]:
     return {"key": key, "value": value}
 
 
-def _packed(number: int, data: dict[str, Any]) -> dict[str, Any]:
+def _pointer_object(number: int, data: dict[str, Any]) -> dict[str, Any]:
     """An object behind a pointer; all are numbered from 1."""
     return {"ptr_wrapper": {"id": _FIRST + number, "data": data}}
 
@@ -180,7 +180,7 @@ def _view_entries(views: WrittenViews) -> Iterator[dict[str, Any]]:
     for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
         data = {"local_path": "", "filename": name, **_size(views.lenses[lens])}
         data |= {"id_view": row, "id_intrinsic": lens, "id_pose": row}
-        yield _entry(row, {"polymorphic_id": _SAME_CLASS, **_packed(1 + row, data)})
+        yield _entry(row, {"polymorphic_id": _SAME_CLASS, **_pointer_object(1 + row, data)})
 
 
 def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[dict[str, Any]]:
@@ -195,7 +195,7 @@ def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[di
         number = classes.setdefault(lens.model, len(classes) + 1)
         named = {} if known else {"polymorphic_name": lens.model}
         class_id = {"polymorphic_id": number if known else _FIRST + number}
-        yield _entry(row, {**class_id, **named, **_packed(1 + objects_before + row, data)})
+        yield _entry(row, {**class_id, **named, **_pointer_object(1 + objects_before + row, data)})
 
 
 def _size(lens: WrittenLens) -> dict[str, Any]:
@@ -213,7 +213,7 @@ def _landmark(point: WrittenPoint) -> dict[str, Any]:
     return {"X": point.position, "observations": seen}
 
 
-def _claims(path: Path) -> bool:
+def _is_openmvg(path: Path) -> bool:
     name = path.name.lower()
     return name.endswith(_SUFFIX) or (name.endswith(".json") and begins_with(path, VERSION.encode()))
 
@@ -224,7 +224,7 @@ FORMAT = Format(
     (_SUFFIX,),
     read_openmvg,
     write_openmvg,
-    _claims,
+    _is_openmvg,
     lacks=(
         "origin of the world",
         "keypoints without a point",

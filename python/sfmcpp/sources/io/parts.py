@@ -25,7 +25,7 @@ from sfmcpp.ba.parts import Part, Rows, cameras_alone, joined_rows, part_from_ro
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.sources.io.atomic import atomic_files, sweep
+from sfmcpp.sources.io.atomic import atomic_files, remove_leftovers
 from sfmcpp.sources.io.checks import require_valid
 from sfmcpp.sources.io.files import failures_named, read_bytes
 from sfmcpp.sources.io.format import Format
@@ -86,7 +86,7 @@ class PartsFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        listed = _listed(path / LIST)
+        listed = _read_list(path / LIST)
         try:
             self._cameras = Entry(**listed["cameras"])
             self.entries = [Entry(**entry) for entry in listed["parts"]]
@@ -177,11 +177,11 @@ def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> 
     """
     if count > _MOST_PARTS:
         raise InvalidArgument(f"parts = {count}: must be at most {_MOST_PARTS}")
-    _make(folder)
+    _make_folder(folder)
     require_valid(problem, folder)
     parts = partition_points(problem, count)
     entries = [_write(part_of(problem, np.flatnonzero(parts == k)), folder, k) for k in range(count)]
-    _complete(folder, problem, entries)
+    _write_cameras_and_list(folder, problem, entries)
 
 
 def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
@@ -192,13 +192,13 @@ def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
     DatasetError
         As :func:`write_parts`, on all ranks.
     """
-    ranks.from_root(lambda: _make(folder))
-    ranks.agreed(lambda: sweep(Path(os.path.realpath(folder))))
+    ranks.from_root(lambda: _make_folder(folder))
+    ranks.agreed(lambda: remove_leftovers(Path(os.path.realpath(folder))))
     entries = ranks.everyones(ranks.agreed(lambda: _write(part, folder, ranks.rank)))
-    ranks.from_root(lambda: _complete(folder, part.problem, entries))
+    ranks.from_root(lambda: _write_cameras_and_list(folder, part.problem, entries))
 
 
-def _make(folder: Path) -> None:
+def _make_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise DatasetError(folder, "is a file, a folder is wanted for parts")
     with failures_named(folder):
@@ -207,13 +207,13 @@ def _make(folder: Path) -> None:
 
 def _write(part: Part, folder: Path, number: int) -> Entry:
     members = _members(part.rows_of_points, _POINT) | _members(part.rows_of_observations, _OBSERVATION)
-    entry = _written(folder, f"{_PART}-{number:04d}", members)
+    entry = _write_part_file(folder, f"{_PART}-{number:04d}", members)
     return replace(entry, points=part.problem.num_points, observations=part.problem.num_observations)
 
 
-def _complete(folder: Path, problem: Problem, entries: list[Entry]) -> None:
+def _write_cameras_and_list(folder: Path, problem: Problem, entries: list[Entry]) -> None:
     """Write the cameras and the list, which makes it this problem; what else was there is removed."""
-    cameras = _written(folder, _CAMERAS, members_of_problem(cameras_alone(problem), folder))
+    cameras = _write_part_file(folder, _CAMERAS, members_of_problem(cameras_alone(problem), folder))
     content = {
         _VERSION_KEY: VERSION,
         "points": sum(entry.points for entry in entries),
@@ -231,7 +231,7 @@ def _complete(folder: Path, problem: Problem, entries: list[Entry]) -> None:
                 path.unlink()
 
 
-def _written(folder: Path, stem: str, members: dict[str, NDArray[Any]]) -> Entry:
+def _write_part_file(folder: Path, stem: str, members: dict[str, NDArray[Any]]) -> Entry:
     sha256 = digest(members)
     path = folder / f"{stem}-{sha256[:8]}.npz"
     write_members(members, path)
@@ -246,7 +246,7 @@ def _rows(members: dict[str, NDArray[Any]], prefix: str) -> Rows:
     return {n.removeprefix(prefix): array for n, array in members.items() if n.startswith(prefix)}
 
 
-def _listed(path: Path) -> dict[str, Any]:
+def _read_list(path: Path) -> dict[str, Any]:
     if not path.exists():
         raise DatasetError(path.parent, f"is no complete folder of parts: it has no {LIST}")
     try:
@@ -259,7 +259,7 @@ def _listed(path: Path) -> dict[str, Any]:
     return dict(listed)
 
 
-def _claims(path: Path) -> bool:
+def _is_parts_list(path: Path) -> bool:
     return path.name.lower() == "parts" or path.suffix.lower() == ".parts" or (path / LIST).is_file()
 
 
@@ -269,7 +269,7 @@ FORMAT = Format(
     (),
     read_parts,
     write_parts,
-    _claims,
+    _is_parts_list,
     part_reader=read_own_part,
     part_writer=write_own_part,
     holds_every_model=True,

@@ -1,4 +1,4 @@
-"""Camera poses between this package's convention and those of files, in one place, both ways.
+"""Conversion of camera poses between this package's convention and those of files.
 
 Inside, ``cameras[i] = [R | c]``: rotation world_from_camera and centre in the world, z forward, y down.
 Files hold camera_from_world: ``x_cam = R X + t``. The cameras of BAL and of Bundler also look along -z

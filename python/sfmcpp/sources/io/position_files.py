@@ -70,7 +70,7 @@ Facts = dict[str, dict[str, float | bool | None]]
 
 
 def _facts(named: NamedPositions, given: GivenPositions | None) -> Facts:
-    """What is known of each position, by its name and then by the name of the fact."""
+    """Facts of each position, by its name and then by the name of the fact."""
     facts: Facts = {name: {} for name in named.positions}
     axes = "enu" if named.geodetic else "xyz"
     sigmas = named.sigmas or {}

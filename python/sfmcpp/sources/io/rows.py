@@ -1,4 +1,4 @@
-"""Rows of text from columns of numbers, formatted by the core, and their order."""
+"""Rows of text formatted by the core from columns of numbers, and the order of observations in files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Rows:
         """Columns of some rows, each with the text before it, and the text after the last one."""
         *fields, after = _FIELD.split(self.template)
         pairs = zip(fields[::2], fields[1::2], self.columns, strict=True)
-        return [(before, _converted(kind, column, some)) for before, kind, column in pairs], after
+        return [(before, _converted_column(kind, column, some)) for before, kind, column in pairs], after
 
 
 def format_rows(template: str, *columns: Column) -> Iterator[bytes]:
@@ -130,7 +130,7 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     """
     extra = problem.metadata.extra
     require_entries(extra)
-    loose = _loose_images(problem)
+    loose = _images_of_loose_keypoints(problem)
     ranks = index_array(f"metadata {KEYPOINTS}", extra.get(KEYPOINTS, keypoint_ranks(problem)))
     if len(ranks) != problem.num_observations:
         raise InvalidArgument(
@@ -141,14 +141,14 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
     index = np.concatenate([ranks, index_array(f"metadata {name}", extra.get(name, ()))])
     counts = np.bincount(image, minlength=problem.num_cameras)
     place = exclusive_sums(counts)[image] + index
-    if ((index < 0) | (index >= counts[image])).any() or not _each_once(place):
+    if ((index < 0) | (index >= counts[image])).any() or not _is_permutation(place):
         raise InvalidArgument(f"metadata {KEYPOINTS} does not number each image's keypoints once")
     pixels = np.empty((len(place), 2))
     pixels[place] = np.concatenate([problem.pixels, extra.get(of_pixels, np.empty((0, 2)))])
     return counts, pixels, place[: problem.num_observations]
 
 
-def _loose_images(problem: Problem) -> IndexArray:
+def _images_of_loose_keypoints(problem: Problem) -> IndexArray:
     """The image of each keypoint that sees no point; room is made for every image that is named."""
     name = LOOSE[0]
     loose = index_array(f"metadata {name}", problem.metadata.extra.get(name, ()))
@@ -157,7 +157,7 @@ def _loose_images(problem: Problem) -> IndexArray:
     return loose
 
 
-def _each_once(places: NDArray[np.int64]) -> bool:
+def _is_permutation(places: NDArray[np.int64]) -> bool:
     """Whether all of the numbers 0, 1, … occur, given that none is larger than they are many."""
     found = np.zeros(len(places), dtype=np.bool_)
     found[places] = True
@@ -167,7 +167,7 @@ def _each_once(places: NDArray[np.int64]) -> bool:
 _DTYPES = {"d": np.int64, "r": np.float64}
 
 
-def _converted(kind: str, column: Column, some: Some) -> NDArray[Any]:
+def _converted_column(kind: str, column: Column, some: Some) -> NDArray[Any]:
     if kind == "s":
         return np.array([text.encode("utf-8") for text in np.asarray(column, dtype=object)[some]], dtype="S")
     return np.ascontiguousarray(np.asarray(column)[some], dtype=_DTYPES[kind])

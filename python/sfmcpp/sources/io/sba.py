@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
@@ -199,18 +199,18 @@ def _view_counts(text: NumberText) -> tuple[NDArray[np.int64], int]:
     text.require_line_counts(lines.count >= _POINT_NUMBERS, "at least 4 (X Y Z and the number of frames)")
     counts = text.integers(lines.first + 3, "number of frames", 0, LARGEST_COUNT)
     fits = {width: lines.count == _POINT_NUMBERS + width * counts for width in _VIEW_WIDTHS}
-    width = max(_VIEW_WIDTHS, key=lambda w: _leading(fits[w]))
+    width = max(_VIEW_WIDTHS, key=lambda w: _count_leading(fits[w]))
     text.require_line_counts(fits[width], f"4 + {width} for each of the frames announced by the fourth")
     return counts, width
 
 
-def _leading(good: BoolArray) -> int:
+def _count_leading(good: BoolArray) -> int:
     """How many are true before the first that is false."""
     return len(good) if good.all() else int(np.argmin(good))
 
 
 def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Uncertainty:
-    """What the covariances of observations say; three numbers are the upper triangle."""
+    """Uncertainties from the covariances of observations; three numbers are the upper triangle."""
     places = [3, 4, 4, 5] if width == _VIEW_WIDTHS[1] else [3, 4, 5, 6]
     covariances = text.values[views[:, None] + np.array(places)].reshape(-1, 2, 2)
     bad = first_bad_covariance(covariances)
@@ -220,14 +220,14 @@ def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Unce
     return Uncertainty.of_covariances(covariances)
 
 
-def _read_beside(cameras: Path) -> Problem:
+def _read_with_points_beside(cameras: Path) -> Problem:
     points = points_path(cameras)
     if cameras.is_file() and not points.exists():
         raise DatasetError(cameras, f"the points file {points.name!r} is not beside it")
     return read_sba(cameras, points)
 
 
-def _claims(path: Path) -> bool:
+def _is_sba(path: Path) -> bool:
     return is_cameras_name(path) and not _starts_like_bal(path)
 
 
@@ -327,8 +327,8 @@ FORMAT = Format(
     "sba",
     "sba's demonstration format: …cams….txt with …pts.txt and calib.txt beside it",
     ("cams*.txt",),
-    _read_beside,
+    _read_with_points_beside,
     write_sba,
-    _claims,
+    _is_sba,
     lacks=(*GEOMETRY_ALONE, "shared intrinsics"),
 )

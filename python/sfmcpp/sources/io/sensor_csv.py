@@ -22,12 +22,19 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry.quaternions import angle_axis_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import angle_axis_from_rotation, rotation_from_quaternion
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
-from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, separator_of, with_decimal_points
-from sfmcpp.sources.io.units import DEGREES, LENGTH, unit_factor
+from sfmcpp.sources.io.csv_text import (
+    DEGREES,
+    LENGTH,
+    finite_number,
+    numbered_lines,
+    separator_of,
+    unit_factor,
+    with_decimal_points,
+)
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 

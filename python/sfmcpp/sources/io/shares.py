@@ -1,4 +1,4 @@
-"""A file read by several ranks: each reads some rows, and then gets those of its own points."""
+"""Reading of one file by several ranks: each reads some rows and receives those of its points."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROWS_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True)
 class Share:
-    """What one rank has read: all cameras, and some rows that follow one another in the whole.
+    """Share of a file that one rank has read: all cameras, and consecutive rows.
 
     Attributes
     ----------
@@ -80,20 +80,22 @@ def part_of_share(share: Share, ranks: Ranks) -> Part:
     """
     starts = share.num_points * np.arange(ranks.size + 1) // ranks.size
     home, first = starts[1:-1], int(starts[ranks.rank])
-    points = _sent(share.points, _place_in(home, share.points[NUMBER]), ranks)
-    observations = _sent(share.observations, _place_in(home, share.observations["point_index"]), ranks)
+    points = _exchanged_rows(share.points, _index_in_ranges(home, share.points[NUMBER]), ranks)
+    observations = _exchanged_rows(
+        share.observations, _index_in_ranges(home, share.observations["point_index"]), ranks
+    )
     owner = _owners(share, observations, first, int(starts[ranks.rank + 1]) - first, ranks)
-    observations = _sent(observations, owner[observations["point_index"] - first], ranks)
-    points = _sent(points, owner[points[NUMBER] - first], ranks)
+    observations = _exchanged_rows(observations, owner[observations["point_index"] - first], ranks)
+    points = _exchanged_rows(points, owner[points[NUMBER] - first], ranks)
     return part_from_rows(share.cameras, points, observations)
 
 
-def _place_in(starts: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _index_in_ranges(starts: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.searchsorted(starts, numbers, side="right")
 
 
-def _sent(rows: Rows, destination: NDArray[np.integer], ranks: Ranks) -> Rows:
-    """The rows that each rank has for this one, for those that this one has for each, which are let go."""
+def _exchanged_rows(rows: Rows, destination: NDArray[np.integer], ranks: Ranks) -> Rows:
+    """Exchange rows: each rank receives those that the others have for it; those sent are freed."""
     received: list[Rows] = []
     for begin in range(0, max(ranks.everyones(len(destination))), _ROWS_AT_ONCE):
         own = destination[begin : begin + _ROWS_AT_ONCE]

@@ -47,7 +47,7 @@ _NO_ROW = re.compile(rb"^(?![ \t]*(?:#.*)?\r?$)(?!(?:" + _ROW + rb")\r?$).+$", r
 
 @dataclass(frozen=True, eq=False)
 class CameraTracks:
-    """What one calibrated camera saw over n frames: M observations of tracks.
+    """Observations of one calibrated camera over n frames: M observations of tracks.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def read_tracks(path: str | PathLike[str]) -> CameraTracks:
     wrong = _NO_ROW.search(data)
     if wrong is not None:
         rule = f"the line is neither {_COLUMNS} nor t_s,frame,,, for a frame that sees nothing"
-        raise DatasetError(source, rule, _line_at(data, wrong.start()))
+        raise DatasetError(source, rule, _line_of_byte(data, wrong.start()))
     return _Rows(NumberText(source, data.replace(b",", b" "), comments=True)).tracks(intrinsics)
 
 
@@ -143,7 +143,7 @@ def _intrinsics(path: Path, data: bytes) -> FloatArray:
     if found is None:
         reason = "lacks the line '# intrinsics: f=… aspect=… cx=… cy=… skew=…' of a tracks file"
         raise DatasetError(path, reason, 1)
-    line = _line_at(data, found.start())
+    line = _line_of_byte(data, found.start())
     if _INTRINSICS.search(data, found.end()) is not None:
         raise DatasetError(path, "the intrinsics are given twice", line)
     values = dict(_DEFAULTS)
@@ -180,7 +180,7 @@ def _without_column_names(path: Path, data: bytes) -> bytes:
     return data[:begin] + b" " * (end - begin) + data[end:]
 
 
-def _line_at(data: bytes, byte: int) -> int:
+def _line_of_byte(data: bytes, byte: int) -> int:
     return data.count(b"\n", 0, byte) + 1
 
 

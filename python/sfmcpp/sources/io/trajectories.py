@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
-from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.geometry.so3 import nearest_rotation, quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of

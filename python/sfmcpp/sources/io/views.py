@@ -1,4 +1,4 @@
-"""Models of photos as several programs write them: views, poses, intrinsics, and points with observations.
+"""Views, poses, intrinsics and points of photo models: the structure that several JSON formats share.
 
 Each has identifiers of its own; a view says which pose and intrinsics are its. Here they become a problem,
 and a problem what writers need.
@@ -203,7 +203,7 @@ class WrittenPoint:
 
 
 class WrittenViews:
-    """What files of views say of a problem, each thing numbered by its row.
+    """Contents of files of views for a problem, each numbered by its row.
 
     Parameters
     ----------

@@ -6,16 +6,16 @@ A new one is a module with a function, and a line here.
 from collections.abc import Callable
 
 from sfmcpp.model import Problem
-from sfmcpp.sources.synthetic.around import circle_scene, sphere_scene
 from sfmcpp.sources.synthetic.body_motion import BodySensors, SyntheticDrive
-from sfmcpp.sources.synthetic.city_blocks import city_blocks_scene
-from sfmcpp.sources.synthetic.corridor import corridor_scene
-from sfmcpp.sources.synthetic.drive_with_loops import drive_with_loops_scene
-from sfmcpp.sources.synthetic.missing import hide_observations
-from sfmcpp.sources.synthetic.noise import add_outliers, perturb
+from sfmcpp.sources.synthetic.circle_and_sphere import circle_scene, sphere_scene
+from sfmcpp.sources.synthetic.corridor import corridor_scene, rig_walk_scene
+from sfmcpp.sources.synthetic.disturbances import add_outliers, hide_observations, perturb
 from sfmcpp.sources.synthetic.photo_collection import photo_collection_scene
-from sfmcpp.sources.synthetic.rig_walk import rig_walk_scene
-from sfmcpp.sources.synthetic.street_loop import street_loop_scene
+from sfmcpp.sources.synthetic.street_scenes import (
+    city_blocks_scene,
+    drive_with_loops_scene,
+    street_loop_scene,
+)
 from sfmcpp.sources.synthetic.table_walk import table_walk
 from sfmcpp.sources.synthetic.tracker import Tracker
 from sfmcpp.sources.synthetic.vehicle_drive import vehicle_drive

@@ -1,4 +1,4 @@
-"""The camera that takes the images of a scene, and where it looks.
+"""Intrinsics, distortion and image size of a synthetic camera.
 
 Its radial distortion has two coefficients: ``r ↦ r (1 + k1 r² + k2 r⁴)``, where that can be undone.
 """
@@ -177,7 +177,7 @@ def undistorted_radius(radius: float, distortion: Distortion) -> float:
     above = radius
     while above < fold and _distorted(above, distortion) < radius:
         above *= 2
-    return _bisected(radius, min(above, fold), distortion)
+    return _radius_by_bisection(radius, min(above, fold), distortion)
 
 
 # Whose square is a number.
@@ -199,7 +199,7 @@ def _fold_radius(distortion: Distortion) -> float:
     return math.sqrt(2 / denominator) if denominator > 0 else math.inf
 
 
-def _bisected(radius: float, above: float, distortion: Distortion) -> float:
+def _radius_by_bisection(radius: float, above: float, distortion: Distortion) -> float:
     below = 0.0
     while below < (middle := (below + above) / 2) < above:
         if _distorted(middle, distortion) < radius:

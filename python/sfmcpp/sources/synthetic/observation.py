@@ -53,7 +53,7 @@ def observe(
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What cameras see of points, without noise: M camera and point indices, (M, 2) pixels."""
+    """Observations of points without noise: M camera and point indices, (M, 2) pixels."""
 
     camera_index: IndexArray
     point_index: IndexArray

@@ -1,4 +1,4 @@
-"""Photos of the sights of a town by its visitors: clusters of cameras around landmarks, hardly linked."""
+"""A photo collection of a town's landmarks: dense clusters of cameras, weakly linked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
 from sfmcpp.sources.synthetic.observation import Views, keep_points_seen_twice, problem_of_views
-from sfmcpp.sources.synthetic.street_drive import track_lengths
+from sfmcpp.sources.synthetic.streets import track_lengths
 
 _POINTS_PER_CAMERA = 100
 # A landmark is the southern half of a round tower; photos show it from so far, and at least so far apart.
@@ -193,27 +193,27 @@ def _views_of_landmarks(
     first = np.cumsum(counts) - counts
     for landmark, count in enumerate(counts):
         visitors = town.visitors(landmark)
-        tried = _tried(photos, zoom, visitors, town.places[landmark], int(count), rng)
+        tried = _recognised_points(photos, zoom, visitors, town.places[landmark], int(count), rng)
         point = first[landmark] + tried.point
-        yield _seen(geometry, photos, zoom, points, facing, tried.camera, point)
+        yield _visible_pairs(geometry, photos, zoom, points, facing, tried.camera, point)
 
 
 @dataclass(frozen=True, eq=False)
-class _Tried:
+class _Recognitions:
     """Pairs of a camera and a point of a landmark that are seen if the image shows them."""
 
     camera: NDArray[np.intp]
     point: NDArray[np.intp]
 
 
-def _tried(
+def _recognised_points(
     photos: FloatArray,
     zoom: FloatArray,
     visitors: NDArray[np.intp],
     foot: FloatArray,
     count: int,
     rng: np.random.Generator,
-) -> _Tried:
+) -> _Recognitions:
     """Each point is recognised in a run of the visitors, ordered by direction, by size or by light."""
     offset = photos[visitors, :, 3] - foot
     size = zoom[visitors] / np.linalg.norm(offset, axis=1)
@@ -227,10 +227,10 @@ def _tried(
     step = np.arange(len(point)) - np.repeat(np.cumsum(length) - length, length)
     matched = rng.uniform(size=len(point)) < _MATCHED
     camera = orders[order[point], start[point] + step]
-    return _Tried(camera[matched], point[matched])
+    return _Recognitions(camera[matched], point[matched])
 
 
-def _seen(
+def _visible_pairs(
     geometry: ImageGeometry,
     photos: FloatArray,
     zoom: FloatArray,

@@ -1,4 +1,4 @@
-"""How far the cameras of a scene see, and what stands in their way."""
+"""Visibility: how far the cameras of a scene see, and occlusion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Hides = Callable[[FloatArray, FloatArray], BoolArray]
 
 @dataclass(frozen=True)
 class Sight:
-    """What limits the views of cameras besides their images.
+    """Limits of the views of cameras besides their images.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Tracks as a tracker of corners makes them: they begin at one, drift from it, end, and some slide off."""
+"""Simulated corner tracks, with drift, limited lengths and wrong tracks."""
 
 from __future__ import annotations
 

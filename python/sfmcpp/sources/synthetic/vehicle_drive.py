@@ -98,7 +98,7 @@ def vehicle_drive(
     t_s = stamps(vehicle.seconds, frame_hz)
     cameras = _MOUNTING.camera_poses(vehicle.poses(t_s))
     grid = StreetGrid((path.along_m, _ACROSS_M), _STREET_M)
-    points = _town(grid, path, max_depth_m, scene_rng)
+    points = _points_of_town(grid, path, max_depth_m, scene_rng)
     tracks = track(
         geometry,
         cameras,
@@ -186,16 +186,16 @@ class _Vehicle:
         return np.concatenate([rotations, centres[:, :, None]], axis=2)
 
 
-def _town(grid: StreetGrid, path: _Path, reach_m: float, rng: np.random.Generator) -> FloatArray:
+def _points_of_town(grid: StreetGrid, path: _Path, reach_m: float, rng: np.random.Generator) -> FloatArray:
     """(N, 3) points of the fronts and cars within reach of the path."""
-    blocks = [_block(grid, np.array(corner), rng) for corner in product(range(-2, 3), repeat=2)]
+    blocks = [_points_of_block(grid, np.array(corner), rng) for corner in product(range(-2, 3), repeat=2)]
     points = np.concatenate(blocks)
     way = path.places(np.linspace(0, path.length_m, int(path.length_m) + 1))
     nearest_m = np.min(np.linalg.norm(points[:, None, :2] - way, axis=2), axis=1)
     return np.asarray(points[nearest_m <= reach_m])
 
 
-def _block(grid: StreetGrid, corner: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _points_of_block(grid: StreetGrid, corner: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Points on the four fronts of a block, and on the cars before them."""
     pitch = np.array(grid.pitch_m)
     middle, size = (corner + 0.5) * pitch, pitch - grid.street_m

@@ -1,6 +1,6 @@
-"""What a photo's EXIF block tells: camera, focal length, place and time (CIPA DC-008, "Exif 2.32").
+"""EXIF facts of a photo: camera, focal length, position and time (CIPA DC-008, "Exif 2.32").
 
-A value that is missing, damaged or out of its range counts as not told.
+A value that is missing, damaged or out of its range counts as missing.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _WHEN = re.compile(r"\s*(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 
 @dataclass(frozen=True)
 class ExifFacts:
-    """What a file tells; see :class:`~sfmcpp.model.photos.Photo` for units and meaning."""
+    """EXIF facts of a file; see :class:`~sfmcpp.model.photos.Photo` for units and meaning."""
 
     focal_px: float | None = None
     camera: str = ""
@@ -47,7 +47,7 @@ class ExifFacts:
 
 
 def exif_facts(image: Any) -> ExifFacts:
-    """What the EXIF block of an image that Pillow has opened tells; nothing is decoded for it."""
+    """EXIF facts of an image that Pillow has opened, without decoding it."""
     main, exif, gps = _blocks(image)
     width, height = image.size
     return ExifFacts(
@@ -117,7 +117,7 @@ def _position(gps: Tags) -> tuple[float, float, float] | None:
 
 
 def _height(gps: Tags) -> float:
-    """Metres; not a number where it is not told."""
+    """Height [m]; not a number where it is missing."""
     height = _number(gps.get(_ALTITUDE))
     below = gps.get(_ALTITUDE - 1) in (1, b"\x01", "1")
     return math.nan if height is None else -abs(height) if below else height

@@ -1,4 +1,4 @@
-"""What is detected in a photo, and how it looks: SIFT, or corners in buckets (thesis §3.1.1).
+"""Features of a photo: keypoints, descriptors and colours (thesis §3.1.1).
 
 Descriptors are compared by the Hellinger distance, which is the Euclidean one of their roots (Arandjelović
 and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012).
@@ -16,18 +16,17 @@ from numpy.typing import NDArray
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_one_of
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.sources.vision.corners import find_corners
+from sfmcpp.sources.vision.detectors import find_blobs, find_corners
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.keypoints import SearchImage
 from sfmcpp.sources.vision.photos import read_color, read_mask
-from sfmcpp.sources.vision.sift import find_blobs
 
 FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """What decides about features.
+    """Settings of feature detection.
 
     Attributes
     ----------
@@ -119,7 +118,7 @@ def detect_in(
     step = np.array(color.shape[1::-1]) / image.gray.shape[::-1]
     pixels = (found.pixels + 0.5) * step
     scales = found.scales * math.sqrt(step.prod())
-    return Features(pixels, scales, found.angles, _colors(color, pixels), _rooted(found.descriptors))
+    return Features(pixels, scales, found.angles, _colors(color, pixels), _root_normalised(found.descriptors))
 
 
 def _search_image(
@@ -142,7 +141,7 @@ def _colors(color: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.uint8]:
     return np.asarray(color[rows.clip(0, height - 1), columns.clip(0, width - 1)])
 
 
-def _rooted(descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _root_normalised(descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     total = descriptors.sum(axis=1, keepdims=True, dtype=np.float32)
     roots = np.sqrt(descriptors / np.maximum(total, 1))
     return np.asarray(np.minimum(np.rint(512 * roots), 255), dtype=np.uint8)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.model.natural_order import natural_order
+from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.vision.images import (
     GreyImage,
     is_picture,

@@ -1,4 +1,4 @@
-"""What all readers of images share: the doors to OpenCV and Pillow, which files are images, their order."""
+"""Access to OpenCV and Pillow, image file types, and limits of image sizes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.limits import MAX_IMAGE, largest_image
+from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
 
 GreyImage = NDArray[np.uint8]
 
@@ -28,7 +28,7 @@ _OPENING = Lock()
 
 
 def load_cv2() -> ModuleType:
-    """OpenCV, with its own messages off: what goes wrong is told by this package's exceptions."""
+    """OpenCV, with its own messages off: errors are raised as this package's exceptions."""
     # Read by OpenCV's decoder of videos when it first runs; -8 is FFmpeg's "quiet".
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
@@ -124,5 +124,5 @@ def _has_picture(folder: Path) -> bool:
 
 
 def unreadable(path: Path, error: OSError) -> DatasetError:
-    """What the operating system says of a file, as an error that names it."""
+    """Error of the operating system for a file, as an error that names it."""
     return DatasetError(path, (error.strerror or str(error)).lower())

@@ -1,4 +1,4 @@
-"""What detectors take and give: an image to search, and keypoints as columns of numbers."""
+"""Types that detectors share: the search image, keypoints as columns, grid cells that spread them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sources.vision.buckets import cells_of, rank_within
 from sfmcpp.sources.vision.images import GreyImage
 
+# Harris and Stephens' k in det − k tr².
+HARRIS_K = 0.04
 # Features that are spread over cells, by cells.
 _PER_CELL = 8
+
+
+def cells_of(pixels: NDArray[Any], shape: tuple[int, int], columns: int, rows: int) -> NDArray[np.int64]:
+    """Number of the cell, counted row by row, of each of `pixels` (n, 2) in an image (height, width)."""
+    height, width = shape
+    column = np.minimum(pixels[:, 0] * columns / width, columns - 1).astype(np.int64)
+    row = np.minimum(pixels[:, 1] * rows / height, rows - 1).astype(np.int64)
+    return np.asarray(row * columns + column)
+
+
+def rank_within(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of the same group come before each."""
+    order = np.argsort(groups, kind="stable")
+    ordered = groups[order]
+    ranks = np.empty(len(groups), dtype=np.int64)
+    ranks[order] = np.arange(len(groups)) - np.searchsorted(ordered, ordered)
+    return ranks
 
 
 @dataclass(frozen=True, eq=False)

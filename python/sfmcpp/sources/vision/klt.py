@@ -1,4 +1,4 @@
-"""Tracks of corners through images.
+"""KLT tracking of corners through images.
 
 Corners are those whose structure tensor has a large smaller eigenvalue (Shi and Tomasi, "Good features to
 track", CVPR 1994), or a large determinant beside its trace (Harris and Stephens, "A combined corner and edge
@@ -22,8 +22,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.frames import View
-from sfmcpp.sources.vision.buckets import HARRIS_K, cells_of, rank_within
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
+from sfmcpp.sources.vision.keypoints import HARRIS_K, cells_of, rank_within
 
 Corners = NDArray[np.float32]
 
@@ -33,7 +33,7 @@ CORNERS = ("shi-tomasi", "harris")
 
 @dataclass(frozen=True)
 class KltSettings:
-    """What decides about corners and how they are followed.
+    """Settings of corner detection and tracking.
 
     Attributes
     ----------
@@ -126,13 +126,13 @@ class _Tracker:
     def look_at(self, image: GreyImage) -> View:
         """Follow the corners into `image`, and fill up its cells."""
         if self.image is not None and len(self.corners):
-            moved, good = self._followed(self.image, image)
+            moved, good = self._tracked(self.image, image)
             self.corners, self.tracks = moved[good], self.tracks[good]
         self.image = image
         self._add(self._new_corners(image))
         return View(self.tracks, self.corners.astype(np.float64))
 
-    def _followed(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
+    def _tracked(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
         moved, found, residual = self._flow(before, image, self.corners)
         back, found_back, _ = self._flow(image, before, moved)
         distance = np.linalg.norm(back - self.corners, axis=1)
@@ -185,7 +185,7 @@ class _Tracker:
         return corners[rank_within(cells) < wanted[cells]]
 
     def _free_pixels(self) -> GreyImage:
-        """Where a new corner may be: away from the border and from the corners there are."""
+        """Mask of pixels for new corners: away from the border and from existing corners."""
         free = np.zeros(self.shape, np.uint8)
         edge = self._border_px
         free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255

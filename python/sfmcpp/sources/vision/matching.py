@@ -1,4 +1,4 @@
-"""Features of two images that look alike.
+"""Matching of the features of two images.
 
 A feature matches its nearest neighbour in the other image if that is much nearer than the second nearest
 (Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004), and if each of the two
@@ -52,7 +52,10 @@ def match(
     InvalidArgument
         For arrays that are not of bytes or do not go together, and a ratio that is not within 0 and 1.
     """
-    first, second = _checked("descriptors_1", descriptors_1), _checked("descriptors_2", descriptors_2)
+    first, second = (
+        _checked_descriptors("descriptors_1", descriptors_1),
+        _checked_descriptors("descriptors_2", descriptors_2),
+    )
     if first.shape[1] != second.shape[1]:
         raise InvalidArgument(
             f"descriptors_2: has {second.shape[1]} columns, must have {first.shape[1]} as descriptors_1"
@@ -63,22 +66,22 @@ def match(
         return np.zeros((0, 2), np.int32)
     if not mutual:
         forward = _core.nearest_of_first(first, second, threads)
-        kept = _clear(forward, ratio)
+        kept = _passes_ratio_test(forward, ratio)
     else:
         forward, backward = _core.nearest_both_ways(first, second, threads)
-        kept = _clear(forward, ratio) & _clear(backward, ratio)[forward[0]]
+        kept = _passes_ratio_test(forward, ratio) & _passes_ratio_test(backward, ratio)[forward[0]]
         kept &= backward[0][forward[0]] == np.arange(len(first))
     numbers = np.flatnonzero(kept)
     return np.column_stack([numbers, forward[0][numbers]]).astype(np.int32)
 
 
-def _clear(nearest: Nearest, ratio: float) -> BoolArray:
+def _passes_ratio_test(nearest: Nearest, ratio: float) -> BoolArray:
     """Which neighbours pass the ratio test."""
     _, squared, second = nearest
     return np.asarray((squared < ratio**2 * second) | (ratio >= 1.0))
 
 
-def _checked(name: str, descriptors: Descriptors) -> Descriptors:
+def _checked_descriptors(name: str, descriptors: Descriptors) -> Descriptors:
     array = np.asarray(descriptors)
     if array.ndim != 2 or array.dtype != np.uint8:
         raise InvalidArgument(

@@ -1,4 +1,4 @@
-"""Which pairs of photos to match."""
+"""Choice of the pairs of photos to match."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.checks import looked_up, require_count, require_seed
-from sfmcpp.model.natural_order import natural_order, words_and_numbers
-from sfmcpp.model.photos import Features, Photo
+from sfmcpp.model.photos import Features, Photo, natural_order, words_and_numbers
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.vision.retrieval import IndexPair, alike_pairs
 
@@ -34,7 +33,7 @@ _COUNTING_UP, _EVEN_STEP = 0.8, 1.5
 
 @dataclass(frozen=True)
 class _Choice:
-    """What a way to choose pairs is given."""
+    """Input of the ways to choose pairs."""
 
     photos: Sequence[Photo]
     features: Sequence[Features]
@@ -119,9 +118,9 @@ def _exhaustive(choice: _Choice) -> set[IndexPair]:
 
 
 def _sequential(choice: _Choice) -> set[IndexPair]:
-    order = _in_order(choice.photos)
+    order = _photo_order(choice.photos)
     steps = {*range(1, choice.overlap + 1), *(2**k for k in range(choice.overlap))}
-    pairs = _apart(order, steps)
+    pairs = _pairs_at_steps(order, steps)
     return pairs | choice.alike(order[::_LOOPS_EVERY], pairs)
 
 
@@ -132,7 +131,7 @@ def _spatial(choice: _Choice) -> set[IndexPair]:
             f"matcher = 'spatial': {len(lost)} of {len(choice.photos)} photos lack a position, "
             "at least two must have one"
         )
-    return _near(choice) | (choice.alike(lost) if lost else set())
+    return _nearby_pairs(choice) | (choice.alike(lost) if lost else set())
 
 
 def _retrieval(choice: _Choice) -> set[IndexPair]:
@@ -142,9 +141,9 @@ def _retrieval(choice: _Choice) -> set[IndexPair]:
 def _auto(choice: _Choice) -> set[IndexPair]:
     if _seconds_for_all(choice.features) <= _SECONDS_WORTH_ALL_PAIRS:
         return _exhaustive(choice)
-    pairs = choice.alike() | _near(choice)
+    pairs = choice.alike() | _nearby_pairs(choice)
     if _is_sequence(choice.photos):
-        pairs |= _apart(_in_order(choice.photos), range(1, choice.overlap + 1))
+        pairs |= _pairs_at_steps(_photo_order(choice.photos), range(1, choice.overlap + 1))
     return pairs
 
 
@@ -165,12 +164,12 @@ def _seconds_for_all(features: Sequence[Features]) -> float:
     return float(pairs * _SECONDS_OF_GEOMETRY + products * _SECONDS_OF_MATCH)
 
 
-def _apart(order: Sequence[int], steps: set[int] | range) -> set[IndexPair]:
+def _pairs_at_steps(order: Sequence[int], steps: set[int] | range) -> set[IndexPair]:
     """Pairs of images so many places apart in `order`."""
     return {(min(i, j), max(i, j)) for step in steps for i, j in zip(order, order[step:], strict=False)}
 
 
-def _in_order(photos: Sequence[Photo]) -> list[int]:
+def _photo_order(photos: Sequence[Photo]) -> list[int]:
     """Numbers of the photos by time where all have one, and by name."""
     timed = all(photo.taken_s is not None for photo in photos)
     return sorted(
@@ -183,14 +182,14 @@ def _is_sequence(photos: Sequence[Photo]) -> bool:
     """Whether all photos have a time, or names count up evenly."""
     if all(photo.taken_s is not None for photo in photos):
         return True
-    names = [words_and_numbers(photos[k].name.rpartition(".")[0]) for k in _in_order(photos)]
-    steps = np.array([_step(first, second) for first, second in pairwise(names)])
+    names = [words_and_numbers(photos[k].name.rpartition(".")[0]) for k in _photo_order(photos)]
+    steps = np.array([_counting_step(first, second) for first, second in pairwise(names)])
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     even = (steps > 0) & (steps <= _EVEN_STEP * usual)
     return bool(even.sum() >= _COUNTING_UP * len(steps))
 
 
-def _step(first: _Words, second: _Words) -> int:
+def _counting_step(first: _Words, second: _Words) -> int:
     """By how much the last number counts up if all else is equal; else 0."""
     last = max((k for k, (_, text) in enumerate(second) if not text), default=-1)
     if last < 0 or len(first) != len(second):
@@ -199,7 +198,7 @@ def _step(first: _Words, second: _Words) -> int:
     return max(step, 0) if [*first[:last], second[last], *first[last + 1 :]] == second else 0
 
 
-def _near(choice: _Choice) -> set[IndexPair]:
+def _nearby_pairs(choice: _Choice) -> set[IndexPair]:
     """Pairs of photos near each other by their positions, as far as they have any; heights do not count."""
     from scipy.spatial import cKDTree
 

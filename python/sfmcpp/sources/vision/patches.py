@@ -22,7 +22,7 @@ _LEAST_SIDE_PX = 32
 
 @dataclass(frozen=True, eq=False)
 class PatchAlignment:
-    """Where an image looks like templates.
+    """Result of aligning templates to an image.
 
     Attributes
     ----------
@@ -94,13 +94,13 @@ def sample_patches(pyramid: Pyramid, pixels: FloatArray, steps: FloatArray, radi
         If a shape or the radius breaks a rule.
     """
     level = _levels_for(pyramid, steps)
-    return _core.sample_patches(pyramid, _packed(pixels), _packed(steps), level, radius)
+    return _core.sample_patches(pyramid, _contiguous(pixels), _contiguous(steps), level, radius)
 
 
 def align_patches(
     pyramid: Pyramid, templates: Samples, which: IndexArray, pixels: FloatArray, steps: FloatArray
 ) -> PatchAlignment:
-    """Look for the places where an image looks like templates, whatever their brightness and contrast.
+    """Align templates to an image, independently of brightness and contrast.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def align_patches(
     """
     level = _levels_for(pyramid, steps)
     which = np.ascontiguousarray(which, dtype=np.int32)
-    found = _core.align_patches(pyramid, templates, which, _packed(pixels), _packed(steps), level)
+    found = _core.align_patches(pyramid, templates, which, _contiguous(pixels), _contiguous(steps), level)
     return PatchAlignment(*found)
 
 
@@ -139,5 +139,5 @@ def _levels_for(pyramid: Pyramid, steps: FloatArray) -> IndexArray:
     return np.asarray(level.clip(0, len(pyramid) - 1), dtype=np.int32)
 
 
-def _packed(array: FloatArray) -> FloatArray:
+def _contiguous(array: FloatArray) -> FloatArray:
     return np.ascontiguousarray(array, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The photos of a folder: what their files tell without being decoded, and their pixels when asked for."""
+"""Photos of a folder: facts without decoding, and pixels on request."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.checks import require_count
-from sfmcpp.model.natural_order import natural_order
-from sfmcpp.model.photos import Photo
+from sfmcpp.model.photos import Photo, natural_order
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
@@ -97,18 +96,18 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
     path, masks_path = Path(folder), None if masks is None else Path(masks)
     for place in (path, masks_path):
         _require_folder(place)
-    files = _files(path, masks_path)
+    files = _images_and_videos(path, masks_path)
     images = [one for one in files if is_picture(one[1])]
     if not images:
         raise DatasetError(path, f"holds no image: {where_images_are(path)}")
     found = PhotoFolder(path, [], videos=[name for name, file in files if is_video(file)])
     for name, file in images:
         try:
-            photo = _opened(name, file)
+            photo = _opened_photo(name, file)
         except DatasetError as error:
             found.unreadable[name] = error.reason
             continue
-        found.photos.append(photo if masks_path is None else _masked(photo, masks_path))
+        found.photos.append(photo if masks_path is None else _with_mask(photo, masks_path))
     _require_some(found, masks_path)
     return found
 
@@ -190,7 +189,7 @@ def read_color(photo: Photo) -> ColorImage:
 
 
 def read_mask(photo: Photo) -> NDArray[np.bool_] | None:
-    """Where something may be detected in a photo.
+    """Mask of the pixels of a photo in which features may be detected.
 
     Parameters
     ----------
@@ -253,22 +252,22 @@ def _require_folder(path: Path | None) -> None:
         raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
 
 
-def _files(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
+def _images_and_videos(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
     """Name and path of each image and video below `folder`, except masks, in order."""
     found = []
     for place, folders, files in os.walk(folder):
         here = Path(place)
-        folders[:] = [f for f in folders if not f.startswith(".") and not _is_same(here / f, masks)]
+        folders[:] = [f for f in folders if not f.startswith(".") and not _is_same_folder(here / f, masks)]
         found += [file for name in files if is_picture(file := here / name) or is_video(file)]
     named = [(file.relative_to(folder).as_posix(), file) for file in found]
     return sorted(named, key=lambda one: natural_order(one[0]))
 
 
-def _is_same(folder: Path, other: Path | None) -> bool:
+def _is_same_folder(folder: Path, other: Path | None) -> bool:
     return other is not None and folder.samefile(other)
 
 
-def _opened(name: str, file: Path) -> Photo:
+def _opened_photo(name: str, file: Path) -> Photo:
     if (fault := fault_of_image_name(name)) is not None:
         raise DatasetError(file, f"the name of an image {fault}")
     data = _bytes_of(file)
@@ -288,7 +287,7 @@ def _opened(name: str, file: Path) -> Photo:
     )
 
 
-def _masked(photo: Photo, masks: Path) -> Photo:
+def _with_mask(photo: Photo, masks: Path) -> Photo:
     names = (photo.name + ".png", str(Path(photo.name).with_suffix(".png")))
     mask = next((file for name in names if (file := masks / name).is_file()), None)
     if mask is None:
@@ -334,7 +333,7 @@ def _bytes_of(file: Path) -> bytes:
 
 @contextmanager
 def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
-    """Pillow's image of a file's bytes, its header read; whatever goes wrong with it names the file."""
+    """Pillow's image of a file's bytes, its header read; errors name the file."""
     try:
         image = open_image(file, data)
     except load_pillow().UnidentifiedImageError:
@@ -342,7 +341,7 @@ def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
     except DatasetError:
         raise
     except Exception as error:  # its parsers raise whatever they stumble over
-        raise DatasetError(file, f"cannot be decoded: {_told(error)}") from error
+        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
     with image:
         yield image
 
@@ -355,8 +354,8 @@ def _as_rgb(file: Path, image: Any) -> ColorImage:
             return np.repeat(grey[:, :, None], 3, axis=2)
         return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
     except Exception as error:  # its decoders raise whatever they stumble over
-        raise DatasetError(file, f"cannot be decoded: {_told(error)}") from error
+        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
 
 
-def _told(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Which images of a set look alike, without comparing all of them and without a vocabulary from elsewhere.
+"""Image retrieval with a vocabulary trained on the same images.
 
 Descriptors are assigned to the nearest of a vocabulary of words, which the set itself teaches, and images are
 compared by the words they hold (Sivic and Zisserman, "Video Google: a text retrieval approach to object
@@ -22,8 +22,8 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_count, require_seed
-from sfmcpp.model.on_threads import on_threads
 from sfmcpp.model.photos import Features
+from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.vision.matching import Descriptors, match
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def alike_pairs(
     require_count("neighbours", neighbours, 0)
     words = bags_of_words(features, seed=seed, threads=threads)
     asked = range(len(features)) if queries is None else queries
-    ranked = _ranked(words, asked, _CANDIDATES * neighbours, known)
+    ranked = _ranked_images(words, asked, _CANDIDATES * neighbours, known)
     tried = sorted({_pair(image, other) for image, others in ranked.items() for other in others})
     alike = dict(zip(tried, _common_matches(features, tried, threads), strict=True))
     found: set[IndexPair] = set()
@@ -195,7 +195,7 @@ def _vocabulary_of(features: Sequence[Features], seed: int, threads: int) -> Des
     rng = np.random.default_rng(seed)
     teachers = []
     for of_image in described:
-        largest = _largest(of_image, _FEATURES_IN_WORDS)
+        largest = _descriptors_of_largest(of_image, _FEATURES_IN_WORDS)
         teachers.append(largest[rng.permutation(len(largest))[: int(np.ceil(share * len(largest)))]])
     return train_vocabulary(np.concatenate(teachers), words, seed=seed, threads=threads)
 
@@ -206,7 +206,7 @@ def _words_in(
     """Numbers of the words in an image, ascending, and how often each is there."""
     if not features.descriptors.size:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    largest = _largest(features, _FEATURES_IN_WORDS)
+    largest = _descriptors_of_largest(features, _FEATURES_IN_WORDS)
     return np.unique(_core.nearest_of_first(largest, vocabulary, threads)[0], return_counts=True)
 
 
@@ -216,7 +216,7 @@ def _of_unit_rows(weights: csr_matrix) -> csr_matrix:
     return weights
 
 
-def _largest(features: Features, count: int) -> Descriptors:
+def _descriptors_of_largest(features: Features, count: int) -> Descriptors:
     """Descriptors of the largest features, in the order they came."""
     # Of equal and of unknown size the first, which are the strongest.
     size = np.nan_to_num(features.scales, nan=0.0)
@@ -224,7 +224,7 @@ def _largest(features: Features, count: int) -> Descriptors:
     return np.ascontiguousarray(features.descriptors[largest])
 
 
-def _ranked(
+def _ranked_images(
     words: Any, queries: Sequence[int], count: int, known: Collection[IndexPair]
 ) -> dict[int, list[int]]:
     """For each query the images with the most in common, best first."""
@@ -247,7 +247,7 @@ def _ranked(
 def _common_matches(features: Sequence[Features], pairs: list[IndexPair], threads: int) -> list[int]:
     """Matches of the largest features for each of the pairs."""
     wanted = sorted({image for pair in pairs for image in pair})
-    largest = {image: _largest(features[image], _FEATURES_TRIED) for image in wanted}
+    largest = {image: _descriptors_of_largest(features[image], _FEATURES_TRIED) for image in wanted}
 
     def count(pair: IndexPair) -> int:
         return len(match(largest[pair[0]], largest[pair[1]], threads=1))

@@ -4,9 +4,16 @@ from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, align
 from sfmcpp.study.evaluation.associate import Matched, associate
 from sfmcpp.study.evaluation.evaluate import Evaluation, evaluate
 from sfmcpp.study.evaluation.image_poses import ImagePoses, read_image_poses
-from sfmcpp.study.evaluation.metrics import Statistics, ape, mean_3d_error, rpe, scale_ratios
+from sfmcpp.study.evaluation.metrics import (
+    Statistics,
+    ape,
+    auc,
+    mean_3d_error,
+    relative_pose_errors_deg,
+    rpe,
+    scale_ratios,
+)
 from sfmcpp.study.evaluation.model import ModelEvaluation, evaluate_model, read_truth
-from sfmcpp.study.evaluation.relative_poses import auc, relative_pose_errors_deg
 
 __all__ = [
     "Alignment",

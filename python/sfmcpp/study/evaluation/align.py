@@ -1,4 +1,4 @@
-"""Bringing an estimated trajectory into the frame of the truth."""
+"""Alignment of an estimated trajectory to the truth."""
 
 from __future__ import annotations
 
@@ -100,16 +100,16 @@ class Alignment:
 
     @property
     def warning(self) -> str:
-        """What makes the alignment doubtful, or nothing."""
+        """Warning if the alignment is doubtful; empty otherwise."""
         if not self.count or self.by == "poses" or self.thinness >= STRAIGHT:
             return ""
         return (
             f"the {self.count} positions aligned run straight to within {100 * self.thinness:.2g} % of their "
-            f"length: the rotation about their line is hardly determined; align by poses{self._or_all}"
+            f"length: the rotation about their line is hardly determined; align by poses{self._hint_all}"
         )
 
     @property
-    def _or_all(self) -> str:
+    def _hint_all(self) -> str:
         return "" if str(self.rule) == "all" else ", or all"
 
     def to_dict(self) -> dict[str, Any]:
@@ -190,17 +190,17 @@ def fit_alignment(
     """
     require_one_of("by", by, ALIGN_BY)
     count = len(source)
-    similarity = _fitted(source, target, with_scale, by) if count else Similarity.identity()
-    thinness = min(_thinness(poses[:, :, 3]) for poses in (source, target)) if count else 0.0
+    similarity = _fitted_alignment(source, target, with_scale, by) if count else Similarity.identity()
+    thinness = min(_extent_ratio(poses[:, :, 3]) for poses in (source, target)) if count else 0.0
     return Alignment(rule, by, with_scale and count > 0, similarity, count, thinness)
 
 
-def _fitted(source: FloatArray, target: FloatArray, with_scale: bool, by: str) -> Similarity:
+def _fitted_alignment(source: FloatArray, target: FloatArray, with_scale: bool, by: str) -> Similarity:
     if by == "poses":
         return fit_pose_similarity(source, target, with_scale=with_scale)
     return fit_similarity(source[:, :, 3], target[:, :, 3], with_scale=with_scale)
 
 
-def _thinness(positions: FloatArray) -> float:
+def _extent_ratio(positions: FloatArray) -> float:
     extents = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
     return float(extents[1] / extents[0]) if len(extents) > 1 and extents[0] > 0 else 0.0

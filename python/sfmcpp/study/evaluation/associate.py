@@ -1,4 +1,4 @@
-"""Which true pose belongs to which estimated one."""
+"""Association of estimated poses with true ones."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ def associate(
     """
     require_one_of("match", match, MATCHES)
     if not (estimate.stamped and truth.stamped):
-        return _by_order(estimate, truth)
+        return _matched_by_order(estimate, truth)
     if match == "interpolate":
-        return _interpolated(estimate, truth, _limit(max_difference_s, INTERPOLATED_WITHIN_S))
-    return _nearest(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
+        return _matched_by_interpolation(estimate, truth, _limit(max_difference_s, INTERPOLATED_WITHIN_S))
+    return _matched_by_time(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
 
 
 def nearest_rows(t_s: FloatArray, times_s: FloatArray) -> Rows:
@@ -102,7 +102,7 @@ def _limit(given: float | None, default: float) -> float:
     return limit
 
 
-def _by_order(estimate: Trajectory, truth: Trajectory) -> Matched:
+def _matched_by_order(estimate: Trajectory, truth: Trajectory) -> Matched:
     if len(estimate) != len(truth):
         raise InvalidArgument(
             f"truth: has {len(truth)} poses and the estimate {len(estimate)}: must be as many, since one of "
@@ -111,7 +111,7 @@ def _by_order(estimate: Trajectory, truth: Trajectory) -> Matched:
     return Matched(estimate, truth)
 
 
-def _nearest(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
+def _matched_by_time(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
     swap = len(estimate) > len(truth)
     short, long = (truth, estimate) if swap else (estimate, truth)
     rows = nearest_rows(long.t_s, short.t_s)
@@ -130,7 +130,7 @@ def _closest_of_each(rows: Rows, difference: FloatArray, limit_s: float) -> Rows
     return np.asarray(chosen[difference[chosen] <= limit_s])
 
 
-def _interpolated(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
+def _matched_by_interpolation(estimate: Trajectory, truth: Trajectory, limit_s: float) -> Matched:
     times = estimate.t_s
     inside = (times >= truth.t_s[0]) & (times <= truth.t_s[-1])
     near = np.abs(truth.t_s[nearest_rows(truth.t_s, times)] - times) <= limit_s

@@ -1,4 +1,4 @@
-"""All that is measured of a trajectory, in one go."""
+"""Evaluation of a trajectory: all measures at once."""
 
 from __future__ import annotations
 

@@ -1,27 +1,43 @@
-"""Poses of images by name: of a model that is to be measured, or of its truth, wherever they come from."""
+"""Poses of images by name, of a model or of its truth, and their association."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map import Map
-from sfmcpp.model import Problem
+from sfmcpp.model import Problem, Trajectory
 from sfmcpp.model.arguments import check_fields, checked
 from sfmcpp.model.arrays import FloatArray, shaped_array
 from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 
 # Formats without names of images; their .txt is a trajectory's too.
 _NAMELESS = ("bal", "sba")
 # What `sfmcpp reconstruct` writes into its folder.
 _MODEL, _REPORT = "model", "report.json"
+# What numbers in names of images count: seconds, or the ns, µs and ms of data sets. Whole ones that all stay
+# below a million are frame numbers.
+_UNITS_S = (1.0, 1e-9, 1e-6, 1e-3)
+_FRAMES = 1e6
+_SHOWN = 3
+Rows = NDArray[np.int64]
+_KEYS: dict[str, Callable[[str], str]] = {
+    "name": str,
+    "file name": lambda name: PurePosixPath(name).name,
+    "stem": lambda name: PurePosixPath(name).stem.lower(),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +117,7 @@ def is_problem_file(path: Path) -> bool:
 
 
 def model_path(path: Path) -> Path:
-    """Where the model is: `path` itself, or the folder ``model`` in what ``sfmcpp reconstruct`` wrote."""
+    """Path of the model: `path` itself, or the folder ``model`` in the results of ``sfmcpp reconstruct``."""
     inside = path / _MODEL
     return inside if not _has_model(path) and _has_model(inside) else path
 
@@ -136,8 +152,8 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
         raise DatasetError(found, str(error)) from error
 
 
-def images_asked_for(path: Path) -> list[str] | None:
-    """Names of all images that ``sfmcpp reconstruct`` was given, as its report in `path` tells; else None."""
+def images_of_model_path(path: Path) -> list[str] | None:
+    """Names of all images given to ``sfmcpp reconstruct``, from its report in `path`; else None."""
     report = path / _REPORT
     if not report.is_file():
         return None
@@ -161,3 +177,152 @@ def _no_model(path: Path) -> str:
         "is a folder without a model: must hold cameras, images and points3D (.bin or .txt), a folder "
         f"{_MODEL!r} with them, or Strecha's IMAGE.camera{hint}"
     )
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedImages:
+    """Images of the truth, and those of them that the model has.
+
+    Attributes
+    ----------
+    truth : ImagePoses
+        All images of the truth.
+    model_rows, truth_rows : (n,) int64
+        Image i of both is row ``model_rows[i]`` of the model and row ``truth_rows[i]`` of the truth.
+    matched_by : str
+        ``"name"``, ``"file name"``, ``"stem"``, ``"time"``, ``"frame number"`` or ``"order"``.
+    note : str
+        What limits the comparison; empty if nothing does.
+    """
+
+    truth: ImagePoses
+    model_rows: Rows
+    truth_rows: Rows
+    matched_by: str
+    note: str = ""
+
+
+def match_by_name(model: ImagePoses, truth: ImagePoses) -> MatchedImages:
+    """Pair images of the same name: the whole one, else that of the file, else that without its suffix.
+
+    Of the three the one that pairs most images is taken, the stricter one where they pair as many. A rule
+    counts only if it leaves all names of either side different.
+
+    Raises
+    ------
+    InvalidArgument
+        If no image is in both; the message shows some of either side.
+    """
+    best = MatchedImages(truth, np.empty(0, np.int64), np.empty(0, np.int64), "name")
+    for rule, key in _KEYS.items():
+        ours, true = ([key(name) for name in side.names] for side in (model, truth))
+        if len(set(ours)) < len(ours) or len(set(true)) < len(true):
+            continue
+        rows = {name: row for row, name in enumerate(ours)}
+        pairs = [(rows[name], row) for row, name in enumerate(true) if name in rows]
+        if len(pairs) > len(best.model_rows):
+            first, second = np.array(pairs, dtype=np.int64).T
+            best = MatchedImages(truth, first, second, rule)
+    if not len(best.model_rows):
+        raise InvalidArgument(
+            f"truth: no image of the model is in it: the model has {_some(model.names)}, the truth "
+            f"{_some(truth.names)}"
+        )
+    return best
+
+
+def match_with_trajectory(
+    model: ImagePoses,
+    truth: Trajectory,
+    images: Sequence[str] | None = None,
+    max_difference_s: float = NEAREST_WITHIN_S,
+) -> MatchedImages:
+    """Pair images with the poses of a trajectory.
+
+    With times: the stem of an image's name is its time, in s, ms, µs or ns, whichever fits most images, and
+    the pose nearest in time is its own; whole numbers that stay below a million are no times. Else, and
+    without times: by the order of the names if there are as many images as poses; by the number that is the
+    whole stem of the name, counted from 0.
+
+    Parameters
+    ----------
+    model : ImagePoses
+        Registered images.
+    truth : Trajectory
+        True poses.
+    images : sequence of str, optional
+        Names of all images that could have been registered. Poses of no such image are no part of the truth.
+        Default: those of the model; of a truth without times all poses count.
+    max_difference_s : float
+        How far in time the pose of an image may be [s].
+
+    Returns
+    -------
+    MatchedImages
+
+    Raises
+    ------
+    InvalidArgument
+        If nothing matches.
+    """
+    # Sorted: names that only `images` has may not change the rows of the others.
+    names = sorted({*model.names, *(images or ())}, key=natural_order)
+    stems = [PurePosixPath(name).stem for name in names]
+    rows, matched_by = _rows_by_time(stems, truth, max_difference_s) if truth.stamped else None, "time"
+    if rows is None:
+        rows, matched_by = _rows_by_number(stems, truth)
+    labelled = {int(row): name for row, name in zip(rows, names, strict=True) if row >= 0}
+    note = ""
+    if images is None and matched_by == "time" and len(labelled) < len(truth):
+        note = "poses of the truth that no image of the model belongs to are left out: they may be no images"
+    if images is None and matched_by == "frame number":
+        labelled = {row: labelled.get(row, f"pose {row}") for row in range(len(truth))}
+    kept = sorted(labelled)
+    true = ImagePoses(tuple(labelled[row] for row in kept), truth.poses[kept])
+    found = match_by_name(model, true)
+    return MatchedImages(true, found.model_rows, found.truth_rows, matched_by, note)
+
+
+def _rows_by_time(stems: list[str], truth: Trajectory, limit_s: float) -> Rows | None:
+    """Row of the truth of each image, -1 for none; None if no name is the time of a pose."""
+    try:
+        numbers = np.array([float(stem) for stem in stems])
+    except ValueError:
+        return None
+    if all(stem.isdigit() for stem in stems) and numbers.max() < _FRAMES:
+        return None
+    best: Rows = np.full(len(stems), -1)
+    for unit in _UNITS_S:
+        rows = _rows_near(numbers * unit, truth.t_s, limit_s)
+        if np.count_nonzero(rows >= 0) > np.count_nonzero(best >= 0):
+            best = rows
+    return best if (best >= 0).any() else None
+
+
+def _rows_near(times_s: FloatArray, t_s: FloatArray, limit_s: float) -> Rows:
+    """Row of the nearest stamp within the limit, each for the nearest of its images, else -1."""
+    rows = nearest_rows(t_s, times_s)
+    apart = np.abs(t_s[rows] - times_s)
+    order = np.lexsort((apart, rows))
+    repeated = np.concatenate([[False], np.diff(rows[order]) == 0])
+    rows[order[repeated]] = -1
+    rows[apart > limit_s] = -1
+    return rows
+
+
+def _rows_by_number(stems: list[str], truth: Trajectory) -> tuple[Rows, str]:
+    if len(stems) == len(truth):
+        return np.arange(len(truth)), "order"
+    if all(re.fullmatch(r"[0-9]{1,18}", stem) for stem in stems):
+        rows = np.array([int(stem) for stem in stems])
+        if rows.max() < len(truth) and len(set(rows.tolist())) == len(rows):
+            return rows, "frame number"
+    raise InvalidArgument(
+        f"truth: its {len(truth)} poses cannot be told to belong to {len(stems)} images such as "
+        f"{_some(stems)}: names must be times or frame numbers, or images and poses as many"
+    )
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(map(repr, sorted(names)[:_SHOWN])) + more

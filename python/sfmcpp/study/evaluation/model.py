@@ -1,4 +1,4 @@
-"""A model measured against the truth, image by image and pair by pair."""
+"""Evaluation of a model against the truth, image by image and pair by pair."""
 
 from __future__ import annotations
 
@@ -22,18 +22,15 @@ from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, fit_alignmen
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S
 from sfmcpp.study.evaluation.image_poses import (
     ImagePoses,
-    images_asked_for,
-    is_problem_file,
-    read_image_poses,
-)
-from sfmcpp.study.evaluation.match_images import (
     MatchedImages,
     Rows,
+    images_of_model_path,
+    is_problem_file,
     match_by_name,
     match_with_trajectory,
+    read_image_poses,
 )
-from sfmcpp.study.evaluation.metrics import Statistics
-from sfmcpp.study.evaluation.relative_poses import auc, relative_pose_errors_deg
+from sfmcpp.study.evaluation.metrics import Statistics, auc, relative_pose_errors_deg
 
 AUC_THRESHOLDS_DEG = (1.0, 3.0, 5.0, 10.0)
 MODEL_ALIGNMENTS = ("all", "robust", "none")
@@ -187,7 +184,7 @@ def evaluate_model(
     require_one_of("align_to", align_to, MODEL_ALIGNMENTS)
     require_not_negative("max_difference_s", max_difference_s)
     if images is None and isinstance(model, str | PathLike):
-        images = images_asked_for(Path(model))
+        images = images_of_model_path(Path(model))
     ours = read_image_poses(model) if isinstance(model, str | PathLike) else ImagePoses.of(model)
     true = read_truth(truth) if isinstance(truth, str | PathLike) else truth
     if isinstance(true, Trajectory):
@@ -252,8 +249,8 @@ def _measured(
         tuple(true.names[row] for row in rows),
         aligned,
         truth,
-        _others(true.names, rows),
-        _others(model.names, matched.model_rows),
+        _names_without(true.names, rows),
+        _names_without(model.names, matched.model_rows),
         matched.matched_by,
         alignment,
         used,
@@ -262,6 +259,6 @@ def _measured(
     )
 
 
-def _others(names: Sequence[str], rows: Rows) -> tuple[str, ...]:
+def _names_without(names: Sequence[str], rows: Rows) -> tuple[str, ...]:
     """Names of all rows but some, in their order."""
     return tuple(np.delete(np.array(names, dtype=object), rows).tolist())

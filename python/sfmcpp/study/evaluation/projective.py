@@ -48,10 +48,12 @@ def projective_errors_px(estimate: Problem, truth: Problem, trusted: ArrayLike |
     world = _Whitened(projection_matrices(truth), truth.points)
     other = _Whitened(projection_matrices(estimate), estimate.points)
     cameras, points = world.cameras[truth.camera_index], other.points[truth.point_index]
-    wanted = _projected(cameras, world.points[truth.point_index])
+    wanted = _homogeneous_projections(cameras, world.points[truth.point_index])
     start = _linear_homography(other, world)
-    homography = _refined(start, cameras[used], points[used], wanted[used])
-    return np.asarray(np.linalg.norm(_projected(cameras, points @ homography.T) - wanted, axis=1))
+    homography = _refined_homography(start, cameras[used], points[used], wanted[used])
+    return np.asarray(
+        np.linalg.norm(_homogeneous_projections(cameras, points @ homography.T) - wanted, axis=1)
+    )
 
 
 class _Whitened:
@@ -75,26 +77,30 @@ def _linear_homography(one: _Whitened, other: _Whitened) -> FloatArray:
     of_points = np.einsum("ik,nl->nikl", np.eye(4), one.points).reshape(-1, 4, 16)
     of_cameras = np.einsum("cik,jl->cijkl", other.cameras, np.eye(4)).reshape(-1, 12, 16)
     flat = one.cameras.reshape(-1, 12)
-    normal = _across(of_points, other.points) / len(of_points) + _across(of_cameras, flat) / len(of_cameras)
+    normal = _orthogonal_equations(of_points, other.points) / len(of_points) + _orthogonal_equations(
+        of_cameras, flat
+    ) / len(of_cameras)
     return np.asarray(np.linalg.eigh(normal)[1][:, 0].reshape(4, 4))
 
 
-def _across(design: FloatArray, directions: FloatArray) -> FloatArray:
+def _orthogonal_equations(design: FloatArray, directions: FloatArray) -> FloatArray:
     """(16, 16) squares of what of ``design h`` is across the unit `directions`."""
     off = design - directions[:, :, None] * np.einsum("ni,nik->nk", directions, design)[:, None]
     return np.asarray(np.einsum("nik,nil->kl", off, off))
 
 
-def _refined(start: FloatArray, cameras: FloatArray, points: FloatArray, wanted: FloatArray) -> FloatArray:
+def _refined_homography(
+    start: FloatArray, cameras: FloatArray, points: FloatArray, wanted: FloatArray
+) -> FloatArray:
     """Minimise the sum of the lengths of the errors by steps of weighted least squares."""
     homography, damping = start, 1e-4
-    cost = np.linalg.norm(_projected(cameras, points @ homography.T) - wanted, axis=1).sum()
+    cost = np.linalg.norm(_homogeneous_projections(cameras, points @ homography.T) - wanted, axis=1).sum()
     for _ in range(_STEPS):
         normal, gradient = _normal_equations(homography, cameras, points, wanted)
         scaled = normal + damping * np.diag(np.diag(normal)) + 1e-14 * np.trace(normal) * np.eye(16)
         step = np.linalg.solve(scaled, -gradient).reshape(4, 4)
         moved = (homography + step) / np.linalg.norm(homography + step)
-        new = np.linalg.norm(_projected(cameras, points @ moved.T) - wanted, axis=1).sum()
+        new = np.linalg.norm(_homogeneous_projections(cameras, points @ moved.T) - wanted, axis=1).sum()
         if new < cost:
             settled = cost - new < _SETTLED * cost
             homography, cost, damping = moved, new, damping / 10
@@ -109,7 +115,7 @@ def _normal_equations(
     homography: FloatArray, cameras: FloatArray, points: FloatArray, wanted: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     seen = np.einsum("mij,mj->mi", cameras, points @ homography.T)
-    depth = _safe(seen[:, 2:])
+    depth = _nonzero_depth(seen[:, 2:])
     position = seen[:, :2] / depth
     # (M, 2, 4): change of the position with the transferred point.
     slope = (cameras[:, :2] - position[:, :, None] * cameras[:, 2:]) / depth[:, :, None]
@@ -120,11 +126,11 @@ def _normal_equations(
     return weighted.T @ jacobian.reshape(-1, 16), weighted.T @ off.ravel()
 
 
-def _projected(cameras: FloatArray, points: FloatArray) -> FloatArray:
+def _homogeneous_projections(cameras: FloatArray, points: FloatArray) -> FloatArray:
     seen = np.einsum("mij,mj->mi", cameras, points)
-    return np.asarray(seen[:, :2] / _safe(seen[:, 2:]))
+    return np.asarray(seen[:, :2] / _nonzero_depth(seen[:, 2:]))
 
 
-def _safe(depth: FloatArray) -> FloatArray:
+def _nonzero_depth(depth: FloatArray) -> FloatArray:
     small: BoolArray = np.abs(depth) < _LEAST_DEPTH
     return np.where(small, _LEAST_DEPTH, depth)

@@ -1,4 +1,4 @@
-"""Charts as SVG text, for pages: they grow with the window, and take their colours from the page's style."""
+"""Charts for pages, as SVG text or pictures of pixels, in the colours of the page's style."""
 
 from __future__ import annotations
 
@@ -9,12 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.study.pages.viewpoint import bounding_sphere
 from sfmcpp.study.sfm_measures import ResidualMap
 
 _WIDTH, _HEIGHT = 480, 200
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 10, 34
 # Arrows of residuals: the longest that is not cut, in cells.
 _LONGEST_ARROW = 1.0
+_CAMERA = (213, 94, 0, 255)
+# Steps from few to many inliers, even in lightness.
+_RAMP = np.array(
+    [[222, 235, 247], [158, 202, 225], [66, 146, 198], [8, 81, 156], [8, 48, 107]], dtype=np.float64
+)
+_MOST_CELLS = 500
+Pixels = NDArray[np.uint8]
 
 
 def nice_ticks(highest: float, count: int = 4) -> list[float]:
@@ -94,8 +102,8 @@ def arrows(residuals: ResidualMap) -> tuple[str, float]:
     rows, columns = residuals.counts.shape
     cell = _WIDTH / columns
     lengths = np.linalg.norm(residuals.means, axis=2)
-    told = np.isfinite(lengths)
-    scale = float(nice_ticks(float(np.quantile(lengths[told], 0.95)), 1)[-1]) if told.any() else 1.0
+    is_known = np.isfinite(lengths)
+    scale = float(nice_ticks(float(np.quantile(lengths[is_known], 0.95)), 1)[-1]) if is_known.any() else 1.0
     darkest = max(int(residuals.counts.max()), 1)
     parts = []
     for row, column in np.ndindex(rows, columns):
@@ -103,12 +111,12 @@ def arrows(residuals: ResidualMap) -> tuple[str, float]:
         share = residuals.counts[row, column] / darkest
         size = f'x="{x:.2f}" y="{y:.2f}" width="{cell:.2f}" height="{cell:.2f}"'
         title = f"{residuals.counts[row, column]:,} observations"
-        if told[row, column]:
+        if is_known[row, column]:
             dx, dy = residuals.means[row, column]
             title += f", mean ({dx:+.3f}, {dy:+.3f}) px"
         look = f'class="cell" fill-opacity="{0.5 * share:.3f}"'
         parts.append(f"<rect {look} {size}><title>{title}</title></rect>")
-        if told[row, column]:
+        if is_known[row, column]:
             parts.append(_arrow(x + cell / 2, y + cell / 2, dx, dy, cell / scale, cell * _LONGEST_ARROW))
     frame = f'<rect class="frame" x="0.5" y="0.5" width="{_WIDTH - 1}" height="{rows * cell - 1:.2f}"/>'
     return _svg(_WIDTH, round(rows * cell, 2), "".join(parts) + frame, "mean residuals"), scale
@@ -177,3 +185,88 @@ def _axis_labels(x_label: str, y_label: str) -> str:
 def _svg(width: float, height: float, body: str, name: str) -> str:
     title = html.escape(name, quote=True)
     return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">{body}</svg>'
+
+
+def top_view(
+    points: FloatArray, colors: NDArray[np.uint8], centres: FloatArray, size: tuple[int, int] = (640, 400)
+) -> Pixels:
+    """Draw a model as from above, what is higher over what is lower; transparent where there is nothing.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        x right, y ahead, z up.
+    colors : (N, 3) uint8
+        Their colours.
+    centres : (K, 3) float64
+        Centres of the cameras, drawn as dots.
+    size : (int, int)
+        Width and height of the picture [px].
+    """
+    width, height = size
+    picture: Pixels = np.zeros((height, width, 4), dtype=np.uint8)
+    middle, _ = bounding_sphere(points, centres)
+    spans = _displayed_ranges(points, centres)
+    scale = min((width - 24) / max(spans[0], 1e-12), (height - 24) / max(spans[1], 1e-12))
+    order = np.argsort(points[:, 2], kind="stable")
+    at = _pixels(points[order], middle, scale, size)
+    rgba = np.concatenate([colors[order], np.full((len(points), 1), 255, dtype=np.uint8)], axis=1)
+    for dx, dy in np.ndindex(2, 2):
+        _draw_dot(picture, at + np.array([dx, dy]), rgba)
+    marks = _pixels(centres, middle, scale, size)
+    for dx in range(-3, 4):
+        for dy in range(-3, 4):
+            if dx * dx + dy * dy <= 10:
+                _draw_dot(picture, marks + np.array([dx, dy]), np.array(_CAMERA, dtype=np.uint8))
+    return picture
+
+
+def _displayed_ranges(points: FloatArray, centres: FloatArray) -> FloatArray:
+    ends = [centres] if len(centres) else []
+    if len(points):
+        ends.append(np.quantile(points, [0.05, 0.95], axis=0))
+    return np.asarray(np.ptp(np.concatenate(ends), axis=0)) if ends else np.ones(3)
+
+
+def _pixels(places: FloatArray, middle: FloatArray, scale: float, size: tuple[int, int]) -> NDArray[np.int64]:
+    flat = (places[:, :2] - middle[:2]) * (scale, -scale) + (size[0] / 2, size[1] / 2)
+    # Far outside is as good as just outside.
+    return np.asarray(np.floor(np.clip(flat, -100, 100_000)), dtype=np.int64)
+
+
+def _draw_dot(picture: Pixels, at: NDArray[np.int64], rgba: Pixels) -> None:
+    inside = ((at >= 0) & (at < (picture.shape[1], picture.shape[0]))).all(axis=1)
+    x, y = at[inside].T
+    picture[y, x] = rgba[inside] if rgba.ndim == 2 else rgba
+
+
+def match_matrix(
+    count: int, firsts: NDArray[np.intp], seconds: NDArray[np.intp], inliers: NDArray[np.intp]
+) -> Pixels:
+    """Draw which of `count` images match: a cell for each two, or for each two groups of many images.
+
+    Parameters
+    ----------
+    count : int
+        Images.
+    firsts, seconds, inliers : (p,) int
+        Images of each pair, and how many matches agree; 0 for a pair that was tried and does not match.
+    """
+    cells = max(1, min(count, _MOST_CELLS))
+    group = -(-max(count, 1) // cells)
+    cells = -(-max(count, 1) // group)
+    most = np.zeros((cells, cells))
+    tried = np.zeros((cells, cells), dtype=np.bool_)
+    for a, b in ((firsts, seconds), (seconds, firsts)):
+        np.maximum.at(most, (a // group, b // group), inliers)
+        tried[a // group, b // group] = True
+    picture: Pixels = np.full((cells, cells, 4), (0, 0, 0, 0), dtype=np.uint8)
+    picture[tried] = (128, 128, 128, 40)
+    share = np.sqrt(most / max(float(most.max(initial=0)), 1.0)) * (len(_RAMP) - 1)
+    shown = most > 0
+    steps = np.arange(len(_RAMP))
+    rgb = np.stack([np.interp(share[shown], steps, channel) for channel in _RAMP.T], axis=1)
+    picture[shown] = np.concatenate([rgb, np.full((len(rgb), 1), 255)], axis=1).astype(np.uint8)
+    picture[np.arange(cells), np.arange(cells)] = (128, 128, 128, 160)
+    zoom = max(1, 480 // cells)
+    return np.repeat(np.repeat(picture, zoom, axis=0), zoom, axis=1)

@@ -1,30 +1,37 @@
-"""A page of a model in three dimensions: coloured points, cameras, and the photo of a camera on a click."""
+"""A page of a model in three dimensions: points, cameras, and photos on a click."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.ba import residuals_px
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.sources.io.checks import image_names, point_colors, require_valid
+from sfmcpp.sources.io.intrinsics import lenses_from_corner, perspective_columns
 from sfmcpp.study.pages.parts import data_uri, filled_page, packed, save_page
-from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
+from sfmcpp.study.pages.viewpoint import bounding_sphere, camera_size, turn_upright
 
 _TEMPLATE = "model_page.html"
 # A page with more would take long to open.
 MOST_POINTS = 1_000_000
 # Where nothing is known of the colour.
 _PALE = (190, 205, 215)
+_BLACK = (0, 0, 0)  # the page shows points without any colour in a pale one
 
 
 @dataclass(frozen=True, eq=False)
 class ModelScene:
-    """What the page shows.
+    """Contents of the page.
 
     Attributes
     ----------
@@ -127,7 +134,7 @@ def corners_at_distance_one(
 def _data(scene: ModelScene) -> dict[str, Any]:
     turn = np.eye(3) if scene.east_north_up else turn_upright(scene.cameras)
     points, centres = scene.points @ turn.T, scene.cameras[:, :, 3] @ turn.T
-    origin, radius = framed(points, centres)
+    origin, radius = bounding_sphere(points, centres)
     stride = max(1, -(-len(points) // MOST_POINTS))
     axes = turn @ scene.cameras[:, :, :3]
     poses = np.concatenate([axes, (centres - origin)[:, :, None]], axis=2)
@@ -147,3 +154,73 @@ def _data(scene: ModelScene) -> dict[str, Any]:
         "facts": list(scene.facts.items()),
         "omitted": stride,
     }
+
+
+def write_problem_page(problem: Problem, path: Path, title: str) -> None:
+    """Write a page of a problem in three dimensions: points that are seen, cameras and their mean errors.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its images are as large as its metadata say, or else as its observations ask for. Metres and north
+        are shown where positions have told its world.
+    path : Path
+        Where to.
+    title : str
+        Heading of the page.
+
+    Raises
+    ------
+    DatasetError
+        If the cameras are projective, metadata do not fit the problem, or the file cannot be written.
+    """
+    save_model_page(_scene(problem, path, title), path)
+
+
+def require_world(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError if a problem has projective cameras, whose world is no place to show."""
+    if not problem.is_metric:
+        raise DatasetError(path, f"{problem.camera_model} cameras have no world to show")
+
+
+def _scene(problem: Problem, path: Path, title: str) -> ModelScene:
+    require_world(problem, path)
+    require_valid(problem, path)
+    errors = np.linalg.norm(residuals_px(problem), axis=1)
+    seen = np.bincount(problem.point_index, minlength=problem.num_points) > 0
+    origin = WorldOrigin.of(problem.metadata)
+    facts = {
+        "cameras": f"{problem.num_cameras:,}",
+        "points": f"{np.count_nonzero(seen):,}",
+        "mean error": f"{errors.mean():.3g} px" if len(errors) else "no observations",
+    }
+    return ModelScene(
+        title,
+        problem.points[seen],
+        point_colors(problem, _BLACK, path)[seen],
+        problem.cameras,
+        _corners(problem, path),
+        image_names(problem, path),
+        _notes(problem, errors),
+        [None] * problem.num_cameras,
+        facts,
+        "" if origin is None else "m",
+        origin is not None and origin.geodetic,
+    )
+
+
+def _corners(problem: Problem, path: Path) -> FloatArray:
+    """(C, 4) left, top, right and bottom of images at distance 1 from their cameras, without distortion."""
+    lenses = lenses_from_corner(problem, path)
+    f, aspect, cx, cy = lenses.values[:, perspective_columns("f", "aspect", "cx", "cy")].T
+    width, height = np.asarray(lenses.sizes, dtype=np.float64).T
+    return corners_at_distance_one(f, aspect, cx, cy, width, height)[problem.intrinsics_index]
+
+
+def _notes(problem: Problem, errors: FloatArray) -> list[str]:
+    counts = np.bincount(problem.camera_index, minlength=problem.num_cameras)
+    sums = np.bincount(problem.camera_index, errors, minlength=problem.num_cameras)
+    return [
+        f"{count:,} observations" + (f", mean error {total / count:.3g} px" if count else "")
+        for count, total in zip(counts.tolist(), sums.tolist(), strict=True)
+    ]

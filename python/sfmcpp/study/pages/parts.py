@@ -1,4 +1,4 @@
-"""What pages are put together from: templates and scripts of this folder, arrays, pictures."""
+"""Building blocks of pages: templates and scripts of this folder, packed arrays, pictures."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def save_page(text: str, path: str | PathLike[str]) -> None:
 
 
 def script(data: Any) -> str:
-    """JSON that may stand inside a script element, whatever names it holds."""
+    """JSON that is safe inside a script element."""
     return json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
 
 
@@ -57,7 +57,7 @@ def packed(array: NDArray[Any], dtype: DTypeLike = "<f4") -> str:
 
 
 def data_uri(kind: str, content: bytes) -> str:
-    """Address that holds the file itself: `kind` is ``image/jpeg``, say."""
+    """Data URI of a file: `kind` is its MIME type, as ``image/jpeg``."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 

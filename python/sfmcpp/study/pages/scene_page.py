@@ -1,4 +1,4 @@
-"""A page of points, cameras and a path that opens in any browser, without a network."""
+"""A page of points, cameras and a path, without a network."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.study.pages.parts import filled_page, packed, save_page
-from sfmcpp.study.pages.placing import view_from_world
+from sfmcpp.study.pages.viewpoint import view_from_world
 
 _TEMPLATE = "scene_page.html"
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a page shows; all in one world.
+    """Contents of a page; all in one world.
 
     Attributes
     ----------
@@ -107,10 +107,10 @@ def _data(scene: Scene) -> dict[str, Any]:
     origin = (turned.min(axis=0) + turned.max(axis=0)) / 2
     moved = np.column_stack([turn, -origin])
     return {
-        "points": packed(_moved(scene.points, moved)),
-        "path": packed(_moved(scene.path, moved)),
-        "truth": packed(_moved(scene.truth, moved)),
-        "cameras": packed(_moved_cameras(scene.cameras, moved)),
+        "points": packed(_transformed_points(scene.points, moved)),
+        "path": packed(_transformed_points(scene.path, moved)),
+        "truth": packed(_transformed_points(scene.truth, moved)),
+        "cameras": packed(_transformed_cameras(scene.cameras, moved)),
         "truthName": scene.truth_name,
         "unit": scene.unit,
         "north": turn[:, 1].tolist() if scene.east_north_up else None,
@@ -120,10 +120,10 @@ def _data(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _moved(points: FloatArray, move: FloatArray) -> FloatArray:
+def _transformed_points(points: FloatArray, move: FloatArray) -> FloatArray:
     return np.asarray(points @ move[:, :3].T + move[:, 3])
 
 
-def _moved_cameras(cameras: FloatArray, move: FloatArray) -> FloatArray:
-    centres = _moved(cameras[:, :, 3], move)
+def _transformed_cameras(cameras: FloatArray, move: FloatArray) -> FloatArray:
+    centres = _transformed_points(cameras[:, :, 3], move)
     return np.concatenate([move[:, :3] @ cameras[:, :, :3], centres[:, :, None]], axis=2)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfmcpp.study.pages.charts import top_view
 from sfmcpp.study.pages.parts import data_uri, png_bytes, template
-from sfmcpp.study.pages.placing import turn_upright
-from sfmcpp.study.pages.rasters import top_view
-from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, how, images, matches, section
+from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, images, matches, section, settings_section
+from sfmcpp.study.pages.viewpoint import turn_upright
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_report import SfmReport
@@ -42,7 +42,7 @@ def sfm_page(report: SfmReport, thumbnails: Mapping[str, bytes] | None = None) -
     body += section("gps", "GPS", gps(report))
     body += section("matches", "Matching pairs", matches(report))
     body += section("images", "Images", images(report, thumbnails or {}))
-    body += section("how", "Input and options", how(report))
+    body += section("how", "Input and options", settings_section(report))
     page = template("sfm_page.html").replace("{{title}}", html.escape(title))
     return page.replace("{{body}}", "\n".join(body))
 
@@ -56,22 +56,22 @@ def _head(report: SfmReport, title: str) -> str:
     parts += [f'<p class="warning">{html.escape(warning)}</p>' for warning in run.warnings]
     tiles = "".join(
         f'<div class="tile"><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>'
-        for name, value in _tiles(report)
+        for name, value in _summary_tiles(report)
     )
-    parts.append(f'<div class="top"><div class="tiles">{tiles}</div>{_plan(report)}</div>')
+    parts.append(f'<div class="top"><div class="tiles">{tiles}</div>{_top_view(report)}</div>')
     return "\n".join(parts)
 
 
 def _verdict(report: SfmReport, complete: bool) -> str:
     run = report.run
     if run.model is None:
-        told = f"No model: none of {len(run.images):,} images could be registered."
+        sentence = f"No model: none of {len(run.images):,} images could be registered."
     elif complete:
-        told = f"All {len(run.images):,} images are in one model."
+        sentence = f"All {len(run.images):,} images are in one model."
     else:
-        told = f"{run.num_registered:,} of {len(run.images):,} images are in the model."
+        sentence = f"{run.num_registered:,} of {len(run.images):,} images are in the model."
     kind = "good" if complete else "bad"
-    parts = [f'<p class="verdict {kind}">{told}</p>']
+    parts = [f'<p class="verdict {kind}">{sentence}</p>']
     reasons = list(report.left_out().items())
     for reason, names in reasons[:_MOST_LEFT_OUT_ON_TOP]:
         count = names[0] if len(names) == 1 else f"{len(names):,} images"
@@ -81,7 +81,7 @@ def _verdict(report: SfmReport, complete: bool) -> str:
     return "".join(parts)
 
 
-def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
+def _summary_tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
     run = report.run
     yield "images registered", f"{run.num_registered:,} / {len(run.images):,}"
     if report.measures:
@@ -103,7 +103,7 @@ def _tiles(report: SfmReport) -> Iterator[tuple[str, str]]:
     yield "matching pairs", f"{matched:,} / {len(run.graph.pairs):,}"
 
 
-def _plan(report: SfmReport) -> str:
+def _top_view(report: SfmReport) -> str:
     """Picture of the model from above, which leads to its page."""
     world = report.run.model
     if world is None:

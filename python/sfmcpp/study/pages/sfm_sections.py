@@ -1,4 +1,4 @@
-"""The sections of a reconstruction's page, each as HTML, or nothing where there is nothing to tell."""
+"""Sections of a reconstruction's report page, as HTML."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfmcpp.study.gps_rows import told_origin
-from sfmcpp.study.pages.charts import arrows, bars, histogram, match_squares, nice_ticks
+from sfmcpp.study.pages.charts import arrows, bars, histogram, match_matrix, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
-from sfmcpp.study.pages.rasters import match_matrix
-from sfmcpp.study.reasons import by_reason
+from sfmcpp.study.report_table import grouped_by_reason, origin_text
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
@@ -57,7 +55,7 @@ def errors(report: SfmReport) -> str:
     usual = float(np.median(means))
     marked = (means > max(usual + 4 * spread, _FAR_ABOVE * usual)).tolist()
     worst = ", ".join(html.escape(name) for name, is_marked in zip(names, marked, strict=True) if is_marked)
-    told = f'<p class="soft">Far above the other images: {worst}</p>' if 0 < sum(marked) <= 8 else ""
+    note = f'<p class="soft">Far above the other images: {worst}</p>' if 0 < sum(marked) <= 8 else ""
     words = "image, sorted by name"
     of_images = bars(means.tolist(), titles, x_label=words, y_label="mean error [px]", marked=marked)
     end = nice_ticks(float(np.quantile(measures.errors_px, 0.995)))[-1]
@@ -66,7 +64,7 @@ def errors(report: SfmReport) -> str:
     )
     return (
         '<div class="pair">'
-        + _figure("Mean reprojection error of each image", of_images + told)
+        + _figure("Mean reprojection error of each image", of_images + note)
         + _figure("Reprojection errors of all observations", of_errors)
         + _figure("Track lengths: number of images that see a point", _tracks(measures))
         + "</div>"
@@ -155,7 +153,7 @@ def gps(report: SfmReport) -> str:
         values, titles, x_label="image", y_label="distance [m]", marked=[name in lies for name in names]
     )
     first, second, height = np.asarray(found.origin).tolist()
-    frame = f"those of the positions, with the origin at {told_origin(found)}"
+    frame = f"those of the positions, with the origin at {origin_text(found)}"
     if found.geodetic:
         frame = f"east, north, up, with the origin at {first:.7f}°, {second:.7f}°, {height:.2f} m (WGS84)"
     facts = [
@@ -163,13 +161,13 @@ def gps(report: SfmReport) -> str:
         f"the model: {found.accuracy_m:.3g} m (1 σ).",
         f"Axes: {frame}.",
     ]
-    told = "".join(f"<p>{fact}</p>" for fact in facts)
+    paragraphs = "".join(f"<p>{fact}</p>" for fact in facts)
     liars = [
         [html.escape(name), f"{found.residuals_m[name]:.2f}" if name in found.residuals_m else "–"]
         for name in found.outliers
     ]
     listed = "<h3>Excluded positions</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
-    return told + _figure("Distance of each image from its GPS position", chart) + listed
+    return paragraphs + _figure("Distance of each image from its GPS position", chart) + listed
 
 
 def matches(report: SfmReport) -> str:
@@ -202,7 +200,7 @@ def _left_out(report: SfmReport) -> str:
     poor = [pair for pair in report.run.graph.pairs if pair.geometry.kind != "general"]
     if not poor:
         return ""
-    reasons = by_reason((pair.geometry.message, pair) for pair in poor)
+    reasons = grouped_by_reason((pair.geometry.message, pair) for pair in poor)
     summed = [
         [html.escape(reason), f"{len(found):,}"] for reason, found in list(reasons.items())[:_MOST_REASONS]
     ]
@@ -258,11 +256,11 @@ def _image_row(name: str, facts: dict[str, Any], picture: bytes | None, with_gps
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def how(report: SfmReport) -> str:
+def settings_section(report: SfmReport) -> str:
     """Input and options."""
     rows = {"input": report.run.source, **report.options()}
-    told = [(html.escape(str(k)), html.escape(str(v))) for k, v in rows.items() if v is not None]
-    listed = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in told)
+    entries = [(html.escape(str(k)), html.escape(str(v))) for k, v in rows.items() if v is not None]
+    listed = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in entries)
     note = "report.json has all of this in machine-readable form; timings.json has the run times."
     return f'<dl>{listed}</dl><p class="soft">{note}</p>'
 

@@ -1,7 +1,7 @@
 """Figures: every function returns a Matplotlib figure; nothing is shown and no global state is touched."""
 
 from sfmcpp.study.plotting.convergence import plot_convergence
-from sfmcpp.study.plotting.group_weights import plot_group_weights
 from sfmcpp.study.plotting.style import FIGURE_SUFFIXES, figure_format, save_figure
+from sfmcpp.study.plotting.weights import plot_group_weights
 
 __all__ = ["FIGURE_SUFFIXES", "figure_format", "plot_convergence", "plot_group_weights", "save_figure"]

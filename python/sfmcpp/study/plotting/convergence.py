@@ -79,9 +79,9 @@ def plot_convergence(
         raise InvalidArgument("runs = {}: must hold at least one run")
     costs = [_costs(name, run) for name, run in named.items()]
     best = _lowest(costs) if best_cost is None else best_cost
-    edge = SMALLEST_GAP if best_cost is not None else _edge(costs, best)
+    edge = SMALLEST_GAP if best_cost is not None else _display_minimum(costs, best)
     curves = [
-        _curve(*run, cost, position, _heights(cost, best, edge))
+        _curve(*run, cost, position, _drawn_costs(cost, best, edge))
         for position, (run, cost) in enumerate(zip(named.items(), costs, strict=True))
     ]
     figure = new_figure(10, 4)
@@ -112,13 +112,13 @@ def _lowest(costs: Sequence[NDArray[np.float64]]) -> float | None:
     return lowest if lowest > 0 else None
 
 
-def _edge(costs: Sequence[NDArray[np.float64]], best: float | None) -> float:
-    """Where the lowest cost is drawn."""
+def _display_minimum(costs: Sequence[NDArray[np.float64]], best: float | None) -> float:
+    """Height at which the lowest cost is drawn."""
     gaps = np.concatenate(costs) / (best or 1.0) - 1
     return _BELOW_THE_NEXT * min(gaps[gaps > SMALLEST_GAP].tolist(), default=1.0)
 
 
-def _heights(cost: NDArray[np.float64], best: float | None, edge: float) -> NDArray[np.float64]:
+def _drawn_costs(cost: NDArray[np.float64], best: float | None, edge: float) -> NDArray[np.float64]:
     return cost if best is None else np.maximum(cost / best - 1, edge)
 
 

@@ -11,10 +11,10 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry.quaternions import quaternion_from_rotation
+from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import SlamResult
-from sfmcpp.study.pages.placing import view_from_world
+from sfmcpp.study.pages.viewpoint import view_from_world
 
 UPDATES_PER_SECOND = 10.0
 # Of the run's time that showing it may take.
@@ -59,7 +59,7 @@ def load_viser() -> ModuleType:
 
 
 class LiveView:
-    """A page with points, path, keyframes and the camera of a SLAM run, served while the run goes on.
+    """A page with points, path, keyframes and the camera of a SLAM run, served during the run.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class LiveView:
 
     def __init__(self, title: str, port: int = FIRST_PORT) -> None:
         viser = load_viser()
-        with _without_greeting():
+        with _without_viser_output():
             self._server = viser.ViserServer(host=_HOST, port=port, label=title, verbose=False)
         self._next_s = 0.0
         self._whole = (np.zeros(3), 1.0)
@@ -124,7 +124,7 @@ class LiveView:
 
     def close(self) -> None:
         """Stop serving."""
-        with _without_greeting():
+        with _without_viser_output():
             self._server.stop()
 
     def _add_controls(self, title: str) -> None:
@@ -208,7 +208,7 @@ def _round_length(least: float) -> float:
 
 
 def _legend(cell: float, unit: str) -> str:
-    """What the colours are, and how wide a cell of the grid is."""
+    """Legend: meaning of the colours, and the width of a cell of the grid."""
     ramp = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _RAMP)
     bars = {"path": _PATH, "keyframes": _KEYFRAME, "camera": _CAMERA}
     looks = {name: f"rgb{color}" for name, color in bars.items()}
@@ -220,7 +220,7 @@ def _legend(cell: float, unit: str) -> str:
     return f'<div style="padding:0 12px">{"<br>".join([*rows, f"grid: {cell:g} {unit}".rstrip()])}</div>'
 
 
-def _without_greeting() -> contextlib.AbstractContextManager[object]:
+def _without_viser_output() -> contextlib.AbstractContextManager[object]:
     """Viser prints its address and its good-bye; standard output is for results."""
     return contextlib.redirect_stdout(io.StringIO())
 

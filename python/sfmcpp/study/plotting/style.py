@@ -1,4 +1,4 @@
-"""One look for all figures, set on each figure and never globally, and figures as files."""
+"""Style of all figures, without global state; figures as files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Weights of the sensors over a SLAM run, and the trade-off curves behind them."""
+"""Weights of sensors: over a SLAM run, the trade-off curves of one pose, and those of a solve's groups."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
@@ -43,8 +44,8 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     start = records[0].t_s if records else 0.0
     names = sorted({name for record in records for name in record.weights})
     for name, color in zip(names, COLORS, strict=False):
-        _draw_weights(weights, name, color, _series(records, "weights", name, start))
-        conflicts.plot(*_series(records, "conflicts", name, start), ".-", color=color, linewidth=1.0)
+        _draw_weights(weights, name, color, _weight_series(records, "weights", name, start))
+        conflicts.plot(*_weight_series(records, "conflicts", name, start), ".-", color=color, linewidth=1.0)
     weights.set_title(
         "Weight of each sensor at each keyframe: a larger λ keeps the solution closer to the sensor"
     )
@@ -62,7 +63,9 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     return figure
 
 
-def _series(records: list[KeyframeRecord], field: str, name: str, start_s: float) -> tuple[np.ndarray, ...]:
+def _weight_series(
+    records: list[KeyframeRecord], field: str, name: str, start_s: float
+) -> tuple[np.ndarray, ...]:
     """Seconds and values of the keyframes that have one."""
     rows = [(r.t_s - start_s, getattr(r, field)[name]) for r in records if name in getattr(r, field)]
     seconds, values = np.array(rows, dtype=np.float64).reshape(-1, 2).T
@@ -87,7 +90,7 @@ def _draw_weights(axes: Axes, name: str, color: str, series: tuple[np.ndarray, .
 
 def has_curves(records: Sequence[KeyframeRecord]) -> bool:
     """Whether any weight of a run was chosen from a curve, not prescribed."""
-    return any(True for record in records for _ in _curves(record))
+    return any(True for record in records for _ in _trade_off_curves(record))
 
 
 def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
@@ -108,37 +111,37 @@ def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
         Not shown, not registered with pyplot.
     """
     start = records[0].t_s if records else 0.0
-    names = sorted({selection.name for record in records for selection in _curves(record)})
+    names = sorted({selection.name for record in records for selection in _trade_off_curves(record)})
     figure = new_figure(10, 4 * max(len(names), 1))
     panels = figure.subplots(max(len(names), 1), 2, squeeze=False)
     figure.suptitle(
         "Choice of the sensor weight at some keyframes: one curve per keyframe, a dot at the chosen weight"
     )
     for name, (errors, scores) in zip(names, panels, strict=True):
-        for chosen, color in zip(_spread([*_of_sensor(records, name, start)]), COLORS, strict=False):
+        for chosen, color in zip(_evenly_chosen([*_of_sensor(records, name, start)]), COLORS, strict=False):
             _draw_errors(errors, chosen, color)
             _draw_scores(scores, chosen, color)
-        _finish(errors, scores, name, _first(records, name))
+        _finish(errors, scores, name, _first_record(records, name))
     for axes in panels.flat:
         style_axes(axes)
     return figure
 
 
-def _curves(record: KeyframeRecord) -> Iterator[WeightSelection]:
+def _trade_off_curves(record: KeyframeRecord) -> Iterator[WeightSelection]:
     """Weights that were chosen; prescribed ones have no score that differs."""
     for selection in record.selections:
-        if np.ptp(_finite(selection.score)) > 0:
+        if np.ptp(_finite_scores(selection.score)) > 0:
             yield selection
 
 
 def _of_sensor(records: Sequence[KeyframeRecord], name: str, start_s: float) -> Iterator[Chosen]:
     for record in records:
-        for selection in _curves(record):
+        for selection in _trade_off_curves(record):
             if selection.name == name:
                 yield record.t_s - start_s, selection
 
 
-def _spread(chosen: Sequence[Chosen]) -> list[Chosen]:
+def _evenly_chosen(chosen: Sequence[Chosen]) -> list[Chosen]:
     """At most `SHOWN`, from the first to the last."""
     rows = np.unique(np.linspace(0, len(chosen) - 1, SHOWN).round().astype(int))
     return [chosen[row] for row in rows]
@@ -164,7 +167,7 @@ def _draw_errors(axes: Axes, chosen: Chosen, color: str) -> None:
 
 def _draw_scores(axes: Axes, chosen: Chosen, color: str) -> None:
     _, selection = chosen
-    weights, height = selection.weights, _scaled(selection.score)
+    weights, height = selection.weights, _scaled_scores(selection.score)
     axes.plot(weights[weights > 0], height[weights > 0], color=color, linewidth=1.2)
     at = weights == selection.weight
     if selection.weight > 0:
@@ -173,18 +176,18 @@ def _draw_scores(axes: Axes, chosen: Chosen, color: str) -> None:
         axes.plot(0.01, height[at][0], "x", color=color, markersize=6, transform=axes.get_yaxis_transform())
 
 
-def _finite(score: FloatArray) -> FloatArray:
+def _finite_scores(score: FloatArray) -> FloatArray:
     finite = score[np.isfinite(score)]
     return finite if len(finite) else np.zeros(1)
 
 
-def _scaled(score: FloatArray) -> FloatArray:
+def _scaled_scores(score: FloatArray) -> FloatArray:
     """From 0 to 1; gaps where the criterion may not choose."""
-    low, high = np.min(_finite(score)), np.max(_finite(score))
+    low, high = np.min(_finite_scores(score)), np.max(_finite_scores(score))
     return np.where(np.isfinite(score), (score - low) / (high - low), np.nan)
 
 
-def _first(records: Sequence[KeyframeRecord], name: str) -> WeightSelection:
+def _first_record(records: Sequence[KeyframeRecord], name: str) -> WeightSelection:
     return next(selection for _, selection in _of_sensor(records, name, 0.0))
 
 
@@ -202,3 +205,79 @@ def _finish(errors: Axes, scores: Axes, name: str, example: WeightSelection) -> 
     scores.set_xlabel("weight λ")
     scores.set_ylabel(f"score of {example.method} (scaled to 0…1)")
     errors.legend(fontsize=8, frameon=False)
+
+
+def plot_group_weights(selections: Sequence[WeightSelection]) -> Figure:
+    """Plot what was tried for the weight of each group of a solve, a row each; a dot is the choice.
+
+    Left, the error of the images against that of the group: an L-curve, from a group that is ignored, below
+    right, to one that is obeyed. Right, what the method minimises over the weight; gaps where it may not
+    choose. "variance" tries no grid: drawn are its steps to the choice.
+
+    Parameters
+    ----------
+    selections : sequence of WeightSelection
+        Such as ``summary.group_weights``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not shown, not registered with pyplot.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is none.
+    """
+    if not selections:
+        raise InvalidArgument("selections: there are none; a solve with weight='loo-approx', say, has some")
+    figure = new_figure(10, 4 * len(selections))
+    panels = figure.subplots(len(selections), 2, squeeze=False)
+    for selection, color, (errors, scores) in zip(selections, _colors(len(selections)), panels, strict=True):
+        _draw_group_errors(errors, selection, color)
+        _draw_group_scores(scores, selection, color)
+        for axes in (errors, scores):
+            axes.title.set_fontsize(10)
+            style_axes(axes)
+    return figure
+
+
+def _colors(count: int) -> list[str]:
+    return [COLORS[k % len(COLORS)] for k in range(count)]
+
+
+def _draw_group_errors(axes: Axes, selection: WeightSelection, color: str) -> None:
+    drawn = selection.constraint_error > 0
+    errors, images = np.sqrt(selection.constraint_error[drawn]), np.sqrt(selection.vision[drawn])
+    axes.plot(errors, images, ".-", color=color, linewidth=1.2, markersize=4)
+    at = (selection.weights == selection.weight)[drawn]
+    axes.plot(errors[at], images[at], "o", color=color, markersize=7, clip_on=False)
+    _finish_axes(axes, errors)
+    axes.set_xlabel(f"RMS error of {selection.name} [{selection.unit}]")
+    axes.set_ylabel("RMS error of the images [σ]")
+    axes.set_title(f"{selection.name}: ignored at the right end, obeyed at the left")
+
+
+def _draw_group_scores(axes: Axes, selection: WeightSelection, color: str) -> None:
+    drawn = selection.weights > 0
+    weights, scores = selection.weights[drawn], selection.score[drawn]
+    scores = np.where(np.isfinite(scores), scores, np.nan)
+    axes.plot(weights, scores, ".-", color=color, linewidth=1.2, markersize=4)
+    if selection.weight > 0:
+        axes.axvline(selection.weight, color=MUTED, linewidth=1.0, linestyle="--")
+    at = weights == selection.weight
+    axes.plot(weights[at], scores[at], "o", color=color, markersize=7, clip_on=False)
+    _finish_axes(axes, weights)
+    axes.set_xlabel("weight w")
+    axes.set_ylabel(f"score of {selection.method}: the smaller, the better")
+    amounts = f"σ = {selection.sensor_sigma:.3g} {selection.unit}" if selection.weight > 0 else "left out"
+    axes.set_title(f"chosen: {selection.weight:.3g} ({amounts})")
+
+
+def _finish_axes(axes: Axes, values: FloatArray) -> None:
+    """Logarithmic from a decade on; numbers as they are."""
+    if len(values) and values.max() >= 10 * values.min():
+        axes.set_xscale("log")
+    else:
+        axes.ticklabel_format(axis="x", useOffset=False)
+    axes.ticklabel_format(axis="y", useOffset=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import ConstraintGroup, Problem, add_outliers
-from sfmcpp.sources.synthetic.around import UP, looking_at
+from sfmcpp.sources.synthetic.circle_and_sphere import UP, looking_at
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
 from sfmcpp.sources.synthetic.observation import observe
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp.geometry.two_rays import closest_depths, midpoints
+from sfmcpp.geometry.epipolar import closest_depths, midpoints
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -19,7 +19,7 @@ from sfmcpp.geometry import (
     homography_from_matches,
 )
 from sfmcpp.geometry.epipolar import fundamental_matrix, sampson_errors_px
-from sfmcpp.geometry.homography import homography_errors_px
+from sfmcpp.geometry.two_view_matrices import homography_errors_px
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_PX = 0.5

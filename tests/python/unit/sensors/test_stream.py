@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.sensor_kinds import SENSOR_KINDS
+from sfmcpp.model.sensor_stream import SENSOR_KINDS
 from sfmcpp.sensors import (
     SensorStream,
     describe_coverage,

@@ -6,10 +6,10 @@ import numpy as np
 
 import sfmcpp
 from sfmcpp import Problem
-from sfmcpp.ba.image_frames import matrices_to_frames
+from sfmcpp.ba.projective import matrices_to_frames
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
-from sfmcpp.sfm.batch.measurements import Measurements, measure
+from sfmcpp.sfm.batch.measurements import Measurements, normalised_measurements
 from sfmcpp.sfm.batch.projective import ProjectiveReconstruction
 from sfmcpp.study.evaluation.projective import projective_errors_px
 
@@ -21,7 +21,9 @@ def turntable(num_cameras: int = 12, num_points: int = 150, sigma_px: float = 0.
 
 def measured_of(problem: Problem) -> Measurements:
     """Its observations."""
-    return measure(problem.camera_index, problem.point_index, problem.pixels, problem.num_cameras)[0]
+    return normalised_measurements(
+        problem.camera_index, problem.point_index, problem.pixels, problem.num_cameras
+    )[0]
 
 
 def true_cameras(problem: Problem, measured: Measurements) -> FloatArray:

@@ -8,11 +8,17 @@ from numpy.typing import NDArray
 
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
-from sfmcpp.ba.image_frames import matrices_to_pixels
-from sfmcpp.sfm.batch.blocks import Block, factorised_blocks
+from sfmcpp.ba.projective import matrices_to_pixels
+from sfmcpp.sfm.batch.blocks import (
+    Block,
+    Factors,
+    balanced_depths,
+    chained_depths,
+    depth_ratios,
+    factorise,
+    factorised_blocks,
+)
 from sfmcpp.sfm.batch.constraints import connected_blocks, joint_cameras
-from sfmcpp.sfm.batch.depths import chained_depths, depth_ratios
-from sfmcpp.sfm.batch.factorisation import Factors, balanced, factorise
 from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 from sfmcpp.study.evaluation.projective import projective_errors_px
 
@@ -71,7 +77,9 @@ def test_wrong_depths_settle_at_right_ones() -> None:
 
 def test_balanced_columns_and_images_weigh_the_same() -> None:
     rays, depths, _ = exact_block(5)
-    weights = (rays**2).sum(axis=2) * balanced(rays, depths * np.linspace(1, 50, 5)[:, None], rounds=20) ** 2
+    weights = (rays**2).sum(axis=2) * balanced_depths(
+        rays, depths * np.linspace(1, 50, 5)[:, None], rounds=20
+    ) ** 2
     np.testing.assert_allclose(weights.mean(axis=1), 1.0, rtol=1e-9)
     np.testing.assert_allclose(weights.mean(axis=0), 1.0, rtol=1e-6)
 

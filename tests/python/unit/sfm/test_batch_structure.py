@@ -6,8 +6,12 @@ import numpy as np
 
 import sfmcpp
 from batch_scenes import measured_of, random_homography, true_cameras, turntable
-from sfmcpp.sfm.batch.cameras import resect
-from sfmcpp.sfm.batch.structure import reprojection_errors_px, triangulate, without_worst
+from sfmcpp.sfm.batch.direct_linear import (
+    reprojection_errors_px,
+    resect,
+    triangulate,
+    triangulate_without_outliers,
+)
 
 
 def test_exact_observations_give_exact_points_in_any_frame() -> None:
@@ -33,7 +37,7 @@ def test_wrong_observations_are_left_out_and_right_ones_kept() -> None:
     seen, is_wrong = sfmcpp.add_outliers(scene, 0.05, seed=1)
     measured = measured_of(seen)
     cameras = true_cameras(scene, measured)
-    _, kept = without_worst(measured, cameras, np.ones(len(is_wrong), np.bool_), 3.0, rounds=8)
+    _, kept = triangulate_without_outliers(measured, cameras, np.ones(len(is_wrong), np.bool_), 3.0, rounds=8)
     wrong = is_wrong[np.lexsort((seen.point_index, seen.camera_index))]
     assert kept[~wrong].mean() > 0.98
     assert kept[wrong].mean() < 0.02

@@ -9,8 +9,7 @@ import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.camera_wish import camera_wish
-from sfmcpp.sfm.cameras import PERSPECTIVE, cameras_of, shared_by
+from sfmcpp.sfm.cameras import PERSPECTIVE, cameras_of, parse_camera_argument, shared_by
 
 LARGE, SMALL = (3000, 2000), (1500, 1000)
 
@@ -33,27 +32,27 @@ def test_photos_share_a_camera_as_asked_and_never_across_sizes() -> None:
 def test_a_focal_length_comes_from_the_user_then_from_the_files_then_from_a_usual_lens() -> None:
     told = [Photo("1", size=LARGE, focal_px=2500.0), Photo("2", size=LARGE, focal_px=2700.0)]
     silent = [Photo("1", size=LARGE)]
-    assert camera_wish("auto").cameras(told, sharing="one", model="auto").intrinsics[0, 0] == 2600.0
-    given = camera_wish("2000").cameras(told, sharing="one", model="auto")
+    assert parse_camera_argument("auto").cameras(told, sharing="one", model="auto").intrinsics[0, 0] == 2600.0
+    given = parse_camera_argument("2000").cameras(told, sharing="one", model="auto")
     assert given.intrinsics[0, :4].tolist() == [2000.0, 1.0, 1500.0, 1000.0]
     assert not given.guessed[0]
-    guess = camera_wish("auto").cameras(silent, sharing="one", model="auto")
+    guess = parse_camera_argument("auto").cameras(silent, sharing="one", model="auto")
     assert guess.guessed[0]
     assert guess.intrinsics[0, 0] == 1.2 * 3000
     with pytest.raises(InvalidArgument, match=r"1 images tell no focal length \(1\)"):
-        camera_wish("exif").cameras(silent, sharing="one", model="auto")
+        parse_camera_argument("exif").cameras(silent, sharing="one", model="auto")
 
 
 def test_a_calibration_stays_as_it_is(tmp_path: Path) -> None:
     file = tmp_path / "K.txt"
     file.write_text("2700 0 1510\n0 2710 990\n0 0 1\n")
-    cameras = camera_wish(file).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
+    cameras = parse_camera_argument(file).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
     assert cameras.fixed.all()
     assert cameras.intrinsics[0, :4] == pytest.approx([2700, 2710 / 2700, 1510, 990])
     with pytest.raises(InvalidArgument, match="is the calibration of images of another size"):
-        camera_wish(file).cameras([Photo("1", size=SMALL)], sharing="auto", model="auto")
+        parse_camera_argument(file).cameras([Photo("1", size=SMALL)], sharing="auto", model="auto")
     with pytest.raises(DatasetError, match="there is no such file"):
-        camera_wish(str(tmp_path / "L.txt"))
+        parse_camera_argument(str(tmp_path / "L.txt"))
 
 
 def test_the_model_says_which_intrinsics_are_estimated() -> None:
@@ -71,12 +70,12 @@ def test_the_model_says_which_intrinsics_are_estimated() -> None:
 @pytest.mark.parametrize("wish", ["0", "-5", "nan", "1e9", "10", "some words"])
 def test_no_focal_length_is_refused(wish: str) -> None:
     with pytest.raises(InvalidArgument, match="camera"):
-        camera_wish(wish).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
+        parse_camera_argument(wish).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
 
 
 def test_intrinsics_as_an_array() -> None:
     matrix = np.array([[1000.0, 0.5, 320], [0, 1010, 240], [0, 0, 1]])
-    row = camera_wish(matrix).calibration
+    row = parse_camera_argument(matrix).calibration
     assert row is not None
     assert row[:5] == pytest.approx([1000, 1.01, 320, 240, 0.5])
     assert not row[5:].any()
@@ -85,8 +84,8 @@ def test_intrinsics_as_an_array() -> None:
 def test_a_focal_length_that_stays_must_be_told() -> None:
     told, silent = [Photo("1", size=LARGE, focal_px=2500.0)], [Photo("1", size=LARGE)]
     for wish, photos, focal in (("2000", silent, 2000.0), ("auto", told, 2500.0)):
-        cameras = camera_wish(wish).cameras(photos, sharing="one", model="fixed")
+        cameras = parse_camera_argument(wish).cameras(photos, sharing="one", model="fixed")
         assert cameras.fixed.all()
         assert cameras.intrinsics[0, :4].tolist() == [focal, 1.0, 1500.0, 1000.0]
     with pytest.raises(InvalidArgument, match="camera_model = 'fixed': wants a focal length"):
-        camera_wish("auto").cameras(silent, sharing="one", model="fixed")
+        parse_camera_argument("auto").cameras(silent, sharing="one", model="fixed")

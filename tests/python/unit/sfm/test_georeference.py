@@ -22,8 +22,7 @@ from sfmcpp.sensors.gps import east_north_up, geodetic_of
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.georeference import georeference, georeference_map
 from sfmcpp.sfm.incremental import grow_models
-from sfmcpp.sfm.position_names import named_alike
-from sfmcpp.sfm.positions import Positions, local_positions, positions_of
+from sfmcpp.sfm.positions import Positions, local_positions, match_names, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
@@ -309,21 +308,21 @@ def test_a_far_lie_does_not_put_the_others_on_a_line() -> None:
 def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
     images = ["a/1.JPG", "b/1.JPG", "2.JPG", "3.jpg"]
     told = ["/sd/a/1.jpg", r"C:\dcim\b\1.JPG", "x/2.jpeg", "3.jpg", "y/3.JPG"]
-    assert named_alike(images, told) == {"a/1.JPG": told[0], "b/1.JPG": told[1], "3.jpg": "3.jpg"}
+    assert match_names(images, told) == {"a/1.JPG": told[0], "b/1.JPG": told[1], "3.jpg": "3.jpg"}
     with pytest.raises(InvalidArgument, match=r"position of 1\.jpg may be that of a/1\.JPG or of b/1\.JPG"):
-        named_alike(images, ["1.jpg"])
+        match_names(images, ["1.jpg"])
     with pytest.raises(
         InvalidArgument, match=r"positions of m/2\.jpg and of n/2\.jpg may both be those of 2\.JPG"
     ):
-        named_alike(images, ["n/2.jpg", "m/2.jpg"])
+        match_names(images, ["n/2.jpg", "m/2.jpg"])
 
 
 def test_names_may_lack_their_suffix() -> None:
     images = ["a/1.JPG", "a/2.v2.jpg", "3.JPG", "3.DNG"]
-    assert named_alike(images, ["1", "2.v2"]) == {"a/1.JPG": "1", "a/2.v2.jpg": "2.v2"}
+    assert match_names(images, ["1", "2.v2"]) == {"a/1.JPG": "1", "a/2.v2.jpg": "2.v2"}
     with pytest.raises(InvalidArgument, match=r"position of 3 may be that of 3\.JPG or of 3\.DNG"):
-        named_alike(images, ["3"])
-    assert named_alike(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
+        match_names(images, ["3"])
+    assert match_names(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
 
 
 def test_the_same_bits_for_the_same_seed() -> None:

@@ -12,7 +12,7 @@ from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.sfm import MatchGraph
 from sfmcpp.sfm.cameras import Cameras, cameras_of
-from sfmcpp.sfm.incremental import Grown, grow_models
+from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
@@ -23,7 +23,7 @@ def truth_of(cameras: int = 12, points: int = 400) -> Problem:
     return sfmcpp.circle_scene(cameras, points, pixel_sigma_px=0.0, seed=4)
 
 
-def grown(graph: MatchGraph, cameras: Cameras, **settings: float) -> Grown:
+def grown(graph: MatchGraph, cameras: Cameras, **settings: float) -> GrownModels:
     limits = IncrementalSettings(**settings)  # type: ignore[arg-type]
     return grow_models(Scene.of(graph, cameras), limits, lambda _: False)
 

@@ -14,8 +14,8 @@ from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import subpixel
-from sfmcpp.sfm.adjusting import FINE, adjust_all
-from sfmcpp.sfm.refining import refine_models
+from sfmcpp.sfm.adjustment import FINE, adjust_all
+from sfmcpp.sfm.refinement import refine_models
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.subpixel import SubpixelSettings, refine_tracks
 from textured_planes import NOISE_PX, cameras, images_of, noisy_map, on_planes, write_photos

@@ -12,7 +12,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
-from sfmcpp.slam.registering import Correction, correction
+from sfmcpp.slam.registration import Correction, correction
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat

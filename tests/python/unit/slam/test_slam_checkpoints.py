@@ -15,7 +15,6 @@ import test_restart as restart
 import test_stereo as stereo
 from sfmcpp import CheckpointFolder, DatasetError, InvalidArgument
 from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
-from sfmcpp.model.flattening import flatten, unflatten
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam import (
     Gyroscope,
@@ -27,6 +26,7 @@ from sfmcpp.slam import (
     WorldMap,
     run_slam,
 )
+from sfmcpp.slam.checkpoints import flatten, unflatten
 from slam_helpers import INTRINSICS, sequence_of
 from winding import AT_CAMERA, winding
 

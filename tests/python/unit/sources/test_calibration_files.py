@@ -9,7 +9,7 @@ import pytest
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import to_pixels
-from sfmcpp.sfm.camera_wish import camera_wish
+from sfmcpp.sfm.cameras import parse_camera_argument
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 
 pytest.importorskip("yaml", reason="PyYAML is not installed: pip install 'sfmcpp[vision]'")
@@ -94,7 +94,7 @@ def test_a_lens_without_distortion_is_a_camera_without(tmp_path: Path) -> None:
 
 def test_a_reconstruction_takes_the_same_files(tmp_path: Path) -> None:
     written(tmp_path, "camchain.yaml", KALIBR)
-    np.testing.assert_allclose(camera_wish(f"{tmp_path}/camchain.yaml:cam0").calibration, EXPECTED)
+    np.testing.assert_allclose(parse_camera_argument(f"{tmp_path}/camchain.yaml:cam0").calibration, EXPECTED)
 
 
 def test_the_camera_of_euroc_lies_one_folder_above_its_images(tmp_path: Path) -> None:

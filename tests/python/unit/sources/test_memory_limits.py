@@ -11,7 +11,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp import DatasetError, InvalidArgument
-from sfmcpp.sources.io.limits import MAX_EXPANDED, MAX_IMAGE
+from sfmcpp.sources.io.files import MAX_EXPANDED, MAX_IMAGE
 from sfmcpp.sources.vision import open_frames, open_photos
 
 

@@ -25,10 +25,10 @@ from sfm_runs import (
 from sfmcpp.errors import DatasetError
 from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
-from sfmcpp.sources.io.origin_file import ORIGIN
+from sfmcpp.sources.io.colmap.formats import ORIGIN
 from sfmcpp.study import SfmReport
-from sfmcpp.study.reasons import by_reason
 from sfmcpp.study.report_files import UNFINISHED
+from sfmcpp.study.report_table import grouped_by_reason
 from sfmcpp.study.sfm_measures import ModelMeasures
 
 FILES = ["model", "points.ply", "report.html", "report.json", "timings.json", "transforms.json", "view.html"]
@@ -110,7 +110,7 @@ def test_reasons_that_differ_in_numbers_or_details_are_one_with_what_they_share(
         ("8 inliers: must be at least 15", "f"),
         ("9 inliers: must be at least 16", "g"),
     ]
-    assert by_reason(entries) == {
+    assert grouped_by_reason(entries) == {
         "… matches agree, … are needed": ["a", "c"],
         "it matches no other image": ["d", "e"],
         "… inliers: must be at least …": ["f", "g"],

@@ -38,7 +38,7 @@ _SCALED, _AFFINE = 4, 6
 
 @dataclass(frozen=True, eq=False)
 class ColmapDatabase:
-    """What a database tells of I images, in the order of their names.
+    """Contents of a database for I images, in the order of their names.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class _Reader:
             name = NAME_OF_NUMBER[model]
             numbers = self._array(what, params, 1, len(MODELS[name].params), np.float64)[0]
             focals = numbers[: 2 if MODELS[name].has_aspect else 1]
-            if not (_plausible(numbers).all() and (focals >= _LEAST_FOCAL_PX).all()):
+            if not (_are_plausible(numbers).all() and (focals >= _LEAST_FOCAL_PX).all()):
                 raise self._error(f"{what}: parameters {numbers.tolist()} are impossible")
             row = intrinsics_from_params([name], [numbers.tolist()])[0][0]
             yield camera, ((width, height), row, bool(known))
@@ -169,7 +169,7 @@ class _Reader:
             if columns not in (2, _SCALED, _AFFINE):
                 raise self._error(f"{what} has {columns!r} columns: must be 2, {_SCALED} or {_AFFINE}")
             table = self._array(what, blob, rows, columns, np.float32).astype(np.float64)
-            if not (good := _plausible(table).all(axis=1)).all():
+            if not (good := _are_plausible(table).all(axis=1)).all():
                 worst = int(np.argmin(good))
                 raise self._error(f"{what}: keypoint {worst} is impossible: {table[worst].tolist()}")
             keypoints[number_of[image]] = np.ascontiguousarray(table[:, :2])
@@ -215,7 +215,7 @@ class _Reader:
         return DatasetError(self._path, reason)
 
 
-def _plausible(numbers: NDArray[Any]) -> BoolArray:
+def _are_plausible(numbers: NDArray[Any]) -> BoolArray:
     return np.asarray(np.isfinite(numbers) & (np.abs(numbers) <= LARGEST_COUNT))
 
 

@@ -1,14 +1,16 @@
-"""COLMAP's two formats as the rest of the package sees them: a folder is read and written as one file is."""
+"""COLMAP's text and binary formats, each a folder that is read and written like one file."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.atomic import atomic_folder
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.from_tables import problem_from_tables
@@ -24,8 +26,8 @@ from sfmcpp.sources.io.colmap.rig_files import (
 from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
+from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.origin_file import ORIGIN, origin_files, with_origin
 
 
 def read_colmap_text(folder: Path) -> Problem:
@@ -126,7 +128,7 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
         raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
     _require_no_rigs(folder)
     tables = tables_from_problem(problem, folder)
-    kinds = [kind for kind in _KINDS if kind in wanted or _has_any(folder, kind.names)]
+    kinds = [kind for kind in _KINDS if kind in wanted or _has_any_file(folder, kind.names)]
     contents = list(chain.from_iterable(kind.named_contents(folder, problem, tables) for kind in kinds))
     origin = origin_files(problem)
     contents += origin.items()
@@ -155,12 +157,12 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
         raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{hint}")
 
 
-def _has_any(folder: Path, names: tuple[str, ...]) -> bool:
+def _has_any_file(folder: Path, names: tuple[str, ...]) -> bool:
     return any((folder / name).exists() for name in names)
 
 
 def _claims_text(path: Path) -> bool:
-    return path.is_dir() and _has_any(path, text.FILES) and not _has_any(path, binary.FILES)
+    return path.is_dir() and _has_any_file(path, text.FILES) and not _has_any_file(path, binary.FILES)
 
 
 def _claims_binary(path: Path) -> bool:
@@ -188,3 +190,31 @@ BINARY = Format(
     target_check=_require_no_rigs,
     lacks=_LACKS,
 )
+
+
+ORIGIN = "sfmcpp_origin.json"
+
+
+def origin_files(problem: Problem) -> dict[str, list[bytes]]:
+    """Name and content, in pieces, of the file of the origin, if the metadata have one."""
+    origin = WorldOrigin.of(problem.metadata)
+    return {} if origin is None else {ORIGIN: [json.dumps(origin.to_dict(), indent=1).encode(), b"\n"]}
+
+
+def with_origin(problem: Problem, folder: Path) -> Problem:
+    """Add the origin in a folder, if there is one, to the metadata.
+
+    Raises
+    ------
+    DatasetError
+        If the file is none of an origin.
+    """
+    path = folder / ORIGIN
+    if not path.exists():
+        return problem
+    try:
+        entries = json.loads(read_bytes(path))
+        WorldOrigin.from_dict(entries if isinstance(entries, dict) else {}).put_into(problem.metadata)
+    except (ValueError, InvalidArgument) as error:
+        raise DatasetError(path, str(error)) from error
+    return problem

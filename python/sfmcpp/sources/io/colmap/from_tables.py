@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.geometry.quaternions import rotation_from_quaternion
+from sfmcpp.geometry.so3 import rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.metadata import SECOND_SIGHTINGS, keypoint_entries
@@ -39,7 +39,7 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     intrinsics_index = cameras.rows_of(images.camera_ids)
     images.require(intrinsics_index >= 0, "its camera id is not in the list of cameras")
     point, image, keypoint = _tracks(images, points)
-    first, second = _sightings(point, image, len(images.ids))
+    first, second = _first_and_further_sightings(point, image, len(images.ids))
     intrinsics, fixed = _intrinsics(cameras)
     problem = Problem(
         "perspective",
@@ -95,11 +95,13 @@ def _tracks(images: ImageTable, points: PointTable) -> tuple[Int64Array, Int64Ar
     same = images.keypoint_points[keypoint] == points.ids[point]
     _require_tracks(points, point, same, "its track has a keypoint that the image gives to another point")
     _require_single(points, point, image, keypoint)
-    _require_complete(images, keypoint)
+    _require_all_entries(images, keypoint)
     return point, image, keypoint
 
 
-def _sightings(point: Int64Array, image: Int64Array, num_images: int) -> tuple[Int64Array, Int64Array]:
+def _first_and_further_sightings(
+    point: Int64Array, image: Int64Array, num_images: int
+) -> tuple[Int64Array, Int64Array]:
     """Entries of the tracks by which an image sees a point first, and the others, both in their order."""
     entries = np.arange(len(point))
     if first_duplicate(image, point, num_images) is None:
@@ -121,7 +123,7 @@ def _require_single(points: PointTable, point: Int64Array, image: Int64Array, ke
         raise points.error(int(point[duplicate[1]]), reason)
 
 
-def _require_complete(images: ImageTable, keypoint: Int64Array) -> None:
+def _require_all_entries(images: ImageTable, keypoint: Int64Array) -> None:
     loose = images.keypoint_points == NO_POINT
     loose[keypoint] = True
     if not loose.all():

@@ -1,4 +1,4 @@
-"""pycolmap's reconstructions to problems and back, by way of binary files: one code reads and checks both."""
+"""Conversion between problems and pycolmap's reconstructions, by way of binary files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__
         raise InvalidArgument(f"reconstruction is a {kind}, must be a pycolmap.Reconstruction")
-    with _folder_of("reconstruction") as folder:
+    with _temporary_folder("reconstruction") as folder:
         reconstruction.write_binary(str(folder))
         problem = read_colmap_binary(folder)
     images = reconstruction.images
@@ -72,13 +72,13 @@ def to_pycolmap(problem: Problem) -> Any:
     """
     import pycolmap
 
-    with _folder_of("problem") as folder:
+    with _temporary_folder("problem") as folder:
         write_colmap_binary(problem, folder)
         return pycolmap.Reconstruction(str(folder))
 
 
 @contextmanager
-def _folder_of(argument: str) -> Iterator[Path]:
+def _temporary_folder(argument: str) -> Iterator[Path]:
     """A folder for a while; what is wrong with its files is wrong with the argument."""
     with tempfile.TemporaryDirectory(prefix="sfmcpp-") as name:
         folder = Path(name)

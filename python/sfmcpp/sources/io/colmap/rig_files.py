@@ -1,4 +1,4 @@
-"""Rigs and frames of a COLMAP model as its files have them: one grammar, as text and binary."""
+"""Rigs and frames in COLMAP's files, text and binary."""
 
 from __future__ import annotations
 
@@ -65,18 +65,18 @@ class RigModel:
 def read_text_rigs(folder: Path) -> RigModel | None:
     """Rigs and frames of rigs.txt and frames.txt; None where no rig has several sensors."""
     rigs, frames = (folder / name for name in TEXT_FILES)
-    mounted = _mounted(_lines(rigs, _rig)) if rigs.exists() else ()
+    mounted = _rigs_or_none(_lines(rigs, _rig)) if rigs.exists() else ()
     return RigModel(mounted, tuple(_lines(frames, _frame)), rigs, frames) if mounted else None
 
 
 def read_binary_rigs(folder: Path) -> RigModel | None:
     """Rigs and frames of rigs.bin and frames.bin; None where no rig has several sensors."""
     rigs, frames = (folder / name for name in BINARY_FILES)
-    mounted = _mounted(_records(rigs, _rig)) if rigs.exists() else ()
+    mounted = _rigs_or_none(_records(rigs, _rig)) if rigs.exists() else ()
     return RigModel(mounted, tuple(_records(frames, _frame)), rigs, frames) if mounted else None
 
 
-def _mounted(rigs: Iterable[Rig]) -> tuple[Rig, ...]:
+def _rigs_or_none(rigs: Iterable[Rig]) -> tuple[Rig, ...]:
     """All rigs, or none if every camera moves by itself."""
     found = tuple(rigs)
     return found if any(len(rig.sensors) > 1 for rig in found) else ()

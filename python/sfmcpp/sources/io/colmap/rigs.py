@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.quaternions import quaternion_from_rotation, rotation_from_quaternion
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.metadata import FRAME_IDS, RIG_IDS, SENSOR_ROWS
@@ -34,7 +34,7 @@ def add_rigs(problem: Problem, tables: Tables, model: RigModel) -> None:
         Naming file, rig, frame or image, if they contradict each other, a sensor is no camera or its pose
         is not known.
     """
-    mounted = _Mounted.of(model)
+    mounted = _MountedSensors.of(model)
     frames = _poses([frame.pose for frame in model.frames], model.frames_path, "frame")
     frame_of_image, sensor_of_image = mounted.images(model, tables.images)
     rigs = Rigs(mounted.sensors, frame_of_image.astype(np.int32), sensor_of_image.astype(np.int32))
@@ -49,7 +49,7 @@ def add_rigs(problem: Problem, tables: Tables, model: RigModel) -> None:
 
 
 @dataclass(frozen=True)
-class _Mounted:
+class _MountedSensors:
     """All sensors of all rigs: rig and camera of each, and its pose in the rig."""
 
     rig_ids: Int64Array
@@ -57,7 +57,7 @@ class _Mounted:
     sensors: FloatArray
 
     @classmethod
-    def of(cls, model: RigModel) -> _Mounted:
+    def of(cls, model: RigModel) -> _MountedSensors:
         pairs = [(rig.id, sensor) for rig in model.rigs for sensor in rig.sensors]
         for rig_id, sensor in pairs:
             if sensor.kind != CAMERA:
@@ -134,7 +134,7 @@ def rig_model_of(problem: Problem, rigs: Rigs, tables: Tables, paths: Sequence[P
         sensor: COLMAP's sensor is a camera of one row.
     """
     _require_agreement(tables.images, rigs.rigid(problem.cameras), problem.cameras)
-    rig_of_sensor, rig_ids = _grouped(problem, rigs)
+    rig_of_sensor, rig_ids = _rig_of_sensors(problem, rigs)
     origins = rigs.sensors[np.unique(rig_of_sensor, return_index=True)[1][rig_of_sensor]]
     camera_ids = tables.cameras.ids[_rows_of_sensors(problem, rigs, paths[0])]
     sensors = [
@@ -167,7 +167,7 @@ def _frames(problem: Problem, rigs: Rigs, origins: FloatArray) -> Iterator[tuple
     yield from zip(ids.tolist(), cameras, _file_poses(in_world), strict=True)
 
 
-def _grouped(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
+def _rig_of_sensors(problem: Problem, rigs: Rigs) -> tuple[Int64Array, list[int]]:
     """Rig of each sensor, and the identifiers of rigs: as they were read, or by what frames hold together."""
     known = problem.metadata.extra.get(RIG_IDS)
     if known is not None and len(known) == rigs.num_sensors:

@@ -1,4 +1,4 @@
-"""The three tables of a COLMAP model as arrays, whatever the files look like."""
+"""The three tables of a COLMAP model as arrays, common to text and binary files."""
 
 from __future__ import annotations
 

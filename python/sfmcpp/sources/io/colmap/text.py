@@ -114,7 +114,7 @@ def _read_images(path: Path) -> ImageTable:
 
 
 def _image_rows(lines: list[bytes]) -> list[int]:
-    """Where images start: each takes two lines, the second of which may be empty."""
+    """Lines at which images start: each takes two lines, the second of which may be empty."""
     rows, row = [], 0
     while row < len(lines):
         if is_comment(lines[row]):

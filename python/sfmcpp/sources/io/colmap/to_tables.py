@@ -1,7 +1,13 @@
-"""From a problem to COLMAP's tables; what the metadata knows is kept, the rest gets defaults."""
+"""From a problem to COLMAP's tables, with identifiers and models from the metadata where known.
+
+Points that an image sees by several keypoints: COLMAP's tracks may hold that, observations may not. SIFT
+gives one corner several orientations, and each becomes a keypoint. The first in the track is the
+observation; the others become keypoints without a point, are remembered, and put back on writing.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +16,10 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry import mean_reprojection_errors_px
-from sfmcpp.geometry.quaternions import quaternion_from_rotation
+from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.metadata import KEYPOINTS, LOOSE, SECOND_SIGHTINGS
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
     fault_of_image_name,
@@ -27,7 +34,6 @@ from sfmcpp.sources.io.colmap.camera_models import (
     MODELS,
     params_from_intrinsics,
 )
-from sfmcpp.sources.io.colmap.second_sightings import with_second_sightings
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -37,6 +43,7 @@ from sfmcpp.sources.io.colmap.tables import (
     Int64Array,
     PointTable,
     Tables,
+    rows_of_ids,
 )
 from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,
@@ -65,7 +72,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     require_valid(problem, folder)
     lenses = lenses_from_corner(problem, folder)
     cameras = _cameras(problem, lenses, folder)
-    point_ids = _extra(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
+    point_ids = _metadata_entry(problem, "colmap_point_ids", np.arange(1, problem.num_points + 1), folder)
     problem = with_second_sightings(problem, point_ids)
     images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
@@ -104,7 +111,7 @@ def _finite_keypoints(images: ImageTable) -> BoolArray:
     return np.asarray(np.bincount(bad, minlength=len(images.ids)) == 0)
 
 
-def _extra(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> NDArray[Any]:
+def _metadata_entry(problem: Problem, key: str, default: NDArray[Any], folder: Path) -> NDArray[Any]:
     value = problem.metadata.extra.get(key)
     if value is None:
         return default
@@ -118,7 +125,7 @@ def _cameras(problem: Problem, lenses: CornerLenses, folder: Path) -> CameraTabl
     return CameraTable(
         folder,
         None,
-        _extra(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
+        _metadata_entry(problem, "colmap_camera_ids", np.arange(1, len(values) + 1), folder),
         models=models,
         sizes=lenses.sizes,
         params=[params_from_intrinsics(name, row) for name, row in zip(models, values, strict=True)],
@@ -167,7 +174,7 @@ def _images(
     images = ImageTable(
         folder,
         None,
-        _extra(problem, "colmap_image_ids", np.arange(1, problem.num_cameras + 1), folder),
+        _metadata_entry(problem, "colmap_image_ids", np.arange(1, problem.num_cameras + 1), folder),
         quaternions=quaternion_from_rotation(rotations),
         translations=translations,
         camera_ids=camera_ids[problem.intrinsics_index],
@@ -185,3 +192,37 @@ def _names(problem: Problem, folder: Path) -> list[str]:
         if (fault := fault_of_image_name(name)) is not None:
             raise DatasetError(folder, f"image name {name!r} {fault}")
     return names
+
+
+def with_second_sightings(problem: Problem, point_ids: Int64Array) -> Problem:
+    """The problem as COLMAP has it: every sighting an observation, the second ones last.
+
+    A second sighting goes with the first: where that is no observation any more, or the point or the keypoint
+    is gone, it is left out.
+    """
+    extra = problem.metadata.extra
+    if any(name not in extra for name in (SECOND_SIGHTINGS, KEYPOINTS, *LOOSE)):
+        return problem
+    cameras, numbers, ids = np.asarray(extra[SECOND_SIGHTINGS]).T
+    images, loose_numbers, pixels = (np.asarray(extra[name]) for name in LOOSE)
+    rows = rows_of_ids(_pair_keys(images, loose_numbers), _pair_keys(cameras, numbers))
+    points = rows_of_ids(point_ids, ids)
+    observed = np.isin(_pair_keys(cameras, points), _pair_keys(problem.camera_index, problem.point_index))
+    kept = (rows >= 0) & observed
+    loose = np.delete(np.arange(len(images)), rows[kept])
+    restored = {name: np.asarray(extra[name])[loose] for name in LOOSE}
+    restored[KEYPOINTS] = np.concatenate([extra[KEYPOINTS], numbers[kept]])
+    return replace(
+        problem,
+        camera_index=np.concatenate([problem.camera_index, cameras[kept]]),
+        point_index=np.concatenate([problem.point_index, points[kept]]),
+        pixels=np.concatenate([problem.pixels, pixels[rows[kept]]]),
+        sigma_px=None,
+        covariance_px2=None,
+        metadata=replace(problem.metadata, extra=extra | restored),
+    )
+
+
+def _pair_keys(first: NDArray[Any], second: NDArray[Any]) -> Int64Array:
+    """One number for each pair of numbers; a second of −1 is no other pair's."""
+    return np.asarray(first.astype(np.int64) * (LARGEST_COUNT + 2) + second)

@@ -1,4 +1,4 @@
-"""Photos of textured places by cameras that are known: what structure from motion can be held against."""
+"""Rendered photos of textured scenes with known cameras."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sfmcpp.model.checks import (
     require_seed,
 )
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
+from sfmcpp.sources.synthetic.photos.photo_files import ExifContent, geodetic, write_photo
+from sfmcpp.sources.synthetic.photos.rendering import Eye
 from sfmcpp.sources.synthetic.photos.scenes import PLACES, Place
-from sfmcpp.sources.synthetic.photos.seeing import Eye
-from sfmcpp.sources.synthetic.photos.writing import Told, geodetic, write_photo
 
 __all__ = ["PLACES", "WORLD_ORIGIN", "render_photos"]
 
@@ -106,15 +106,15 @@ def render_photos(
     truth = _truth(place, geometry, [f"{k:04d}{suffix}" for k in range(num_images)])
     positions: list[tuple[float, float, float] | None] = [None] * num_images
     if gps_sigma_m is not None:
-        told = _positions(truth, gps_sigma_m, gps_lies, gps_lie_m, rng)
-        positions = [(float(a), float(b), float(h)) for a, b, h in geodetic(told, WORLD_ORIGIN)]
+        gps_metres = _positions(truth, gps_sigma_m, gps_lies, gps_lie_m, rng)
+        positions = [(float(a), float(b), float(h)) for a, b, h in geodetic(gps_metres, WORLD_ORIGIN)]
     focal = geometry.focal_px if exif_focal else None
     _write(
         place,
         geometry,
         Path(folder),
         truth.metadata.image_names,
-        [Told(focal, p) for p in positions],
+        [ExifContent(focal, p) for p in positions],
         noise,
         rng,
     )
@@ -161,7 +161,7 @@ def _write(
     geometry: ImageGeometry,
     folder: Path,
     names: list[str],
-    told: list[Told],
+    exif: list[ExifContent],
     noise: float,
     rng: np.random.Generator,
 ) -> None:
@@ -171,4 +171,4 @@ def _write(
             exact = eye.picture(place.faces, place.cameras[number])
             noisy = exact + noise * rng.standard_normal(exact.shape, dtype=np.float32)
             picture = np.rint(noisy.clip(0, 255)).astype(np.uint8)
-        write_photo(folder / name, picture, told[number])
+        write_photo(folder / name, picture, exif[number])

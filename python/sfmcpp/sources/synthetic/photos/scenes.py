@@ -1,4 +1,4 @@
-"""Places to take photos of, and where the photos are taken.
+"""Scenes for rendered photos, and the cameras in them.
 
 World: metres, z up. Each function takes the number of photos and a source of randomness.
 """
@@ -12,13 +12,12 @@ import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.synthetic.image_geometry import UP, looking_at
-from sfmcpp.sources.synthetic.photos.faces import Face, Painter
-from sfmcpp.sources.synthetic.photos.textures import plain_texture
+from sfmcpp.sources.synthetic.photos.faces import Face, Painter, plain_texture
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What there is to see, and the cameras that see it.
+    """A scene of textured faces, and its cameras.
 
     Attributes
     ----------

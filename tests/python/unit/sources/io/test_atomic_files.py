@@ -11,7 +11,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp import DatasetError, Problem
-from sfmcpp.sources.io.atomic import atomic_files, sweep
+from sfmcpp.sources.io.atomic import atomic_files, remove_leftovers
 
 
 def model(seed: int) -> Problem:
@@ -84,10 +84,10 @@ def test_what_a_killed_process_leaves_is_swept_and_what_another_writes_is_not(tm
 
     in_a_child(die)
     assert len(list(tmp_path.iterdir())) == 1
-    sweep.cache_clear()
+    remove_leftovers.cache_clear()
     with atomic_files(tmp_path / "b") as (file,):
         file.write(b"whole")
-        sweep.cache_clear()
+        remove_leftovers.cache_clear()
         with atomic_files(tmp_path / "c"):
             pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c"]

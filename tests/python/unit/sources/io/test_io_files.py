@@ -16,7 +16,7 @@ from io_helpers import assert_same_problem, random_problem, refusal
 from sfmcpp import DatasetError, InvalidArgument, Problem
 from sfmcpp.sources.io import convert, formats, read, write
 from sfmcpp.sources.io.atomic import atomic_files, atomic_folder
-from sfmcpp.sources.io.left_out import amounts_in
+from sfmcpp.sources.io.conversion_notes import amounts_in
 
 COMPRESS = {".bz2": bz2.compress, ".gz": gzip.compress, ".xz": lzma.compress}
 CONTENT = b"1 1 1\n0 0 1 2\n" + b"1\n" * 12

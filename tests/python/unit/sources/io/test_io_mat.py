@@ -12,9 +12,8 @@ from scipy.io import savemat
 from scipy.sparse import eye
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.sources.io.limits import MAX_EXPANDED
-from sfmcpp.sources.io.mat import mat_variables
-from sfmcpp.sources.io.mat5 import read_matrices
+from sfmcpp.sources.io.files import MAX_EXPANDED
+from sfmcpp.sources.io.mat_files import mat_variables, read_matrices
 
 TAGS_BYTES = 200  # the header and the tags of the first matrix
 

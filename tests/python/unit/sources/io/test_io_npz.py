@@ -31,7 +31,7 @@ from io_helpers import (
 from sfmcpp import CAMERA_MODELS, DatasetError, Problem, circle_scene, rig_walk_scene
 from sfmcpp.errors import SfmcppError
 from sfmcpp.sources.io import read, write
-from sfmcpp.sources.io.limits import MAX_EXPANDED
+from sfmcpp.sources.io.files import MAX_EXPANDED
 from sfmcpp.sources.io.npz import members_of_problem, write_members
 
 

@@ -9,13 +9,13 @@ import pytest
 
 from io_helpers import ROTATION_ATOL, random_problem, random_rotations
 from sfmcpp import DatasetError
-from sfmcpp.geometry.quaternions import (
+from sfmcpp.geometry.so3 import (
     angle_axis_from_rotation,
+    nearest_rotation,
     quaternion_from_rotation,
     rotation_from_angle_axis,
     rotation_from_quaternion,
 )
-from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.sources.io import write
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sfmcpp import DatasetError, Metadata, Problem
-from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.cli.console import ExitCode
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.transforms import write_transforms
 from sfmcpp.study.evaluation import evaluate_model

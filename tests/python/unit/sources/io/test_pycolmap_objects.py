@@ -11,7 +11,7 @@ import pytest
 
 import sfmcpp
 from io_helpers import assert_same_problem
-from sfmcpp.cli.exit_codes import ExitCode
+from sfmcpp.cli.console import ExitCode
 from sfmcpp.cli.main import main
 from sfmcpp.map.files import read_map
 

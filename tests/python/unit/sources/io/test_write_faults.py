@@ -143,7 +143,7 @@ def test_what_cannot_be_written_leaves_what_was_there(
         if system.failed == "unlink":
             found = {path: data for path, data in found.items() if ".sfmcpp-" not in path}
         assert found == (after if refusal is None else before), system.failed
-        atomic.sweep.cache_clear()
+        atomic.remove_leftovers.cache_clear()
         write(2, folder / name)
         assert content_of(folder) == after
     assert refused >= 4

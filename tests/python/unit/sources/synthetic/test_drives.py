@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import Mounting, orientations, travelled_distance
 from sfmcpp.sources.synthetic import DRIVES, BodySensors, SyntheticDrive, Tracker, table_walk, vehicle_drive
-from sfmcpp.sources.synthetic.boxes import Boxes
+from sfmcpp.sources.synthetic.table_walk import Boxes
 
 Array = NDArray[np.float64]
 EXACT = Tracker(200, sigma_px=0.0, drift_px=0.0, loss=0.0, sliding=0.0)

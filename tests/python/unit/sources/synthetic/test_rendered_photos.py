@@ -12,9 +12,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.synthetic.image_geometry import UP, ImageGeometry, looking_at
 from sfmcpp.sources.synthetic.photos import PLACES, WORLD_ORIGIN, render_photos
-from sfmcpp.sources.synthetic.photos.faces import GREY, Face, Painter
-from sfmcpp.sources.synthetic.photos.seeing import Eye
-from sfmcpp.sources.synthetic.photos.textures import Texture, noise_texture, plain_texture
+from sfmcpp.sources.synthetic.photos.faces import GREY, Face, Painter, Texture, noise_texture, plain_texture
+from sfmcpp.sources.synthetic.photos.rendering import Eye
 from sfmcpp.sources.vision import open_photos, read_color
 
 SIZE = (160, 120)

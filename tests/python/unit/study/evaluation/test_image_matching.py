@@ -9,7 +9,7 @@ from model_helpers import named, true_poses
 from sfmcpp import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.study.evaluation import ImagePoses
-from sfmcpp.study.evaluation.match_images import match_by_name, match_with_trajectory
+from sfmcpp.study.evaluation.image_poses import match_by_name, match_with_trajectory
 
 
 def drive(count: int = 20, stamped: bool = True, start_s: float = 0.0) -> Trajectory:

@@ -18,7 +18,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.synthetic import circle_scene
 from sfmcpp.study.pages.model_page import ModelScene, model_page, save_model_page
-from sfmcpp.study.pages.placing import camera_size, framed, turn_upright
+from sfmcpp.study.pages.viewpoint import bounding_sphere, camera_size, turn_upright
 
 DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 RED = (220, 30, 40)
@@ -102,10 +102,10 @@ def test_up_is_told_by_upright_photos_and_by_drones_that_look_down() -> None:
 def test_far_points_do_not_make_the_rest_small() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-1, 1, (980, 3)), rng.uniform(500, 1000, (20, 3))])
-    middle, radius = framed(points, np.array([[0.0, -3, 0], [0.5, -3, 0]]))
+    middle, radius = bounding_sphere(points, np.array([[0.0, -3, 0], [0.5, -3, 0]]))
     assert radius < 4
     assert np.linalg.norm(middle) < 3
-    assert framed(np.empty((0, 3)), np.empty((0, 3)))[1] == 1.0
+    assert bounding_sphere(np.empty((0, 3)), np.empty((0, 3)))[1] == 1.0
 
 
 def test_cameras_are_drawn_smaller_where_they_are_dense() -> None:

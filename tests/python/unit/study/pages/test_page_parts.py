@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from sfmcpp.study.pages.charts import arrows, bars, histogram, nice_ticks
+from sfmcpp.study.pages.charts import arrows, bars, histogram, match_matrix, nice_ticks, top_view
 from sfmcpp.study.pages.parts import data_uri, png_bytes
-from sfmcpp.study.pages.rasters import match_matrix, top_view
 from sfmcpp.study.sfm_measures import ResidualMap
 
 HEIGHT = re.compile(r'<rect class="bar[^>]* height="([\d.]+)"')

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from sfmcpp.model import Trajectory
 from sfmcpp.study.evaluation import Matched
-from sfmcpp.study.plotting.trajectories import plot_scale_ratio
+from sfmcpp.study.plotting.evaluations import plot_scale_ratio
 
 
 def along_x(t_s: np.ndarray, x: np.ndarray) -> Trajectory:

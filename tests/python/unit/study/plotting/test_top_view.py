@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sfmcpp.study.plotting import save_figure
-from sfmcpp.study.plotting.trajectories import plot_top_view
+from sfmcpp.study.plotting.evaluations import plot_top_view
 
 PATH = np.array([[0.0, 5.0, 0.0], [1.0, 6.0, 2.0], [1.5, 7.0, 8.0]])
 POINTS = np.array([[3.0, 0.0, 4.0], [900.0, 0.0, 4.0]])

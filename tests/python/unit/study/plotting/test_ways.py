@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sfmcpp.model import Trajectory
 from sfmcpp.study.evaluation import evaluate
 from sfmcpp.study.plotting import save_figure
-from sfmcpp.study.plotting.trajectories import plot_evaluation
+from sfmcpp.study.plotting.evaluations import plot_evaluation
 
 ALONG = np.linspace(0.0, 60.0, 40)
 WAYS = {

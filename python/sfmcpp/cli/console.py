@@ -1,0 +1,121 @@
+"""Output and exit code of a command: results, one line for what went wrong, and progress on the terminal.
+
+A terminal that has gone, or a full disk behind it, ends no work.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from enum import IntEnum
+from functools import wraps
+from typing import IO, TYPE_CHECKING, Any, ParamSpec, cast
+
+from sfmcpp.errors import SfmcppError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+P = ParamSpec("P")
+
+
+class ExitCode(IntEnum):
+    """The contract with the shell."""
+
+    DONE = 0
+    BAD_INPUT = 2
+    NUMERICAL_FAILURE = 3
+    INTERRUPTED = 130
+
+
+def print_result(text: str) -> None:
+    """Write results to stdout, if anybody reads it: by then all files are written."""
+    if sys.stdout is None:
+        return
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        discard_output(sys.stdout)
+        if not isinstance(error, BrokenPipeError):
+            raise OSError(f"standard output: {error.strerror}") from None
+
+
+def print_note(message: str) -> None:
+    """Write exactly one line to stderr, if there is one."""
+    if sys.stderr is None:
+        return
+    try:
+        print("sfmcpp: " + "\\n".join(message.splitlines()), file=sys.stderr, flush=True)
+    except OSError:  # the exit code tells
+        discard_output(sys.stderr)
+
+
+def print_error(message: object) -> ExitCode:
+    """Tell what is wrong with the input or the usage."""
+    print_note(f"error: {message}")
+    return ExitCode.BAD_INPUT
+
+
+def print_interrupted() -> ExitCode:
+    """Tell that a stop came before there was anything to keep."""
+    print_note("interrupted")
+    return ExitCode.INTERRUPTED
+
+
+def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
+    """Turn errors and interrupts of a command into a line on stderr and an exit code."""
+
+    @wraps(command)
+    def run(*arguments: P.args, **options: P.kwargs) -> ExitCode:
+        try:
+            return command(*arguments, **options)
+        except SfmcppError as error:
+            return print_error(error)
+        except KeyboardInterrupt:
+            return print_interrupted()
+        except MemoryError:
+            return print_error("not enough memory")
+        except OSError as error:
+            return print_error(error)
+
+    return run
+
+
+def stderr_console() -> Console:
+    """Make the console that progress is shown on."""
+    from rich.console import Console
+
+    return Console(file=cast(IO[str], _ForgivingStream(sys.stderr)))
+
+
+def discard_output(stream: IO[str]) -> None:
+    """Send all that follows nowhere: what is still buffered would fail again when the interpreter ends."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    except (OSError, ValueError):  # a stream without a file
+        return
+
+
+class _ForgivingStream:
+    """A stream that loses what it cannot write."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except OSError:
+            discard_output(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError:
+            discard_output(self._stream)

@@ -1,0 +1,148 @@
+"""Orderly ends by Ctrl-C, SIGTERM and SIGHUP, which are delayed while results are written.
+
+What comes within half a second is one stop: a session that ends sends SIGTERM and SIGHUP to each of its
+processes, and wrappers pass on a Ctrl-C that the terminal has sent to all.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+_AGAIN_S = 0.01
+_TOGETHER_S = 0.5
+# A request to terminate, and a terminal or a connection that is closed; nohup lets the latter be ignored.
+_REQUESTS = (signal.SIGTERM, signal.SIGHUP)
+
+
+class _StopSignals:
+    """Time of the last stop signal: signals shortly after it count as the same stop."""
+
+    last_s = -math.inf
+
+    @classmethod
+    def is_new(cls) -> bool:
+        now, before = time.monotonic(), cls.last_s
+        if now - before < _TOGETHER_S:
+            return False
+        cls.last_s = now
+        return True
+
+    @classmethod
+    def forget(cls) -> None:
+        cls.last_s = -math.inf
+
+    @classmethod
+    def interrupt(cls, number: int, frame: FrameType | None) -> None:
+        if cls.is_new():
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def termination_as_ctrl_c() -> Iterator[None]:
+    """Handle SIGTERM and SIGHUP like Ctrl-C: the command ends with the best state and a report."""
+    plain = (signal.SIG_DFL, signal.default_int_handler)
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, *_REQUESTS)} if _in_main_thread() else {}
+    taken = {number: handler for number, handler in before.items() if handler in plain}
+    _StopSignals.forget()
+    for number in taken:
+        signal.signal(number, _StopSignals.interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def repeated_lost_interrupts() -> Iterator[None]:
+    """Repeat an interrupt that was raised in a callback whose exceptions the interpreter ignores.
+
+    Modules that are loaded have such callbacks: the command would go on to its end. What has not come again
+    when it ends comes before that, not later into what called it.
+    """
+    if not _in_main_thread():
+        yield
+        return
+    before, main_thread = sys.unraisablehook, threading.get_ident()
+    waiting: list[threading.Timer] = []
+
+    def hook(ignored: Any) -> None:
+        if not issubclass(ignored.exc_type, KeyboardInterrupt):
+            before(ignored)
+            return
+        _StopSignals.forget()
+        waiting.append(threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGINT)))
+        waiting[-1].daemon = True
+        waiting[-1].start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for again in waiting:
+            again.join()
+
+
+@contextmanager
+def noted_interrupt() -> Iterator[Callable[[], bool]]:
+    """Record the first stop instead of raising it; the next one ends at once."""
+    if not _in_main_thread():
+        yield lambda: False
+        return
+    requested = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if _StopSignals.is_new():
+            requested.set()
+            restore()
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    before = {number: signal.signal(number, note) for number in _handled_signals()}
+    try:
+        yield requested.is_set
+    finally:
+        restore()
+
+
+@contextmanager
+def single_interrupt() -> Iterator[Callable[[], None]]:
+    """Handle a stop once: a launcher of processes repeats what a terminal sends to all.
+
+    What it gives is called where the one has come to another process, and is heeded already.
+    """
+    requested = threading.Event()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not requested.is_set():
+            requested.set()
+            raise KeyboardInterrupt
+
+    if not _in_main_thread():
+        yield requested.set
+        return
+    before = {number: signal.signal(number, interrupt) for number in _handled_signals()}
+    try:
+        yield requested.set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _handled_signals() -> list[signal.Signals]:
+    return [n for n in (signal.SIGINT, *_REQUESTS) if signal.getsignal(n) is not signal.SIG_IGN]
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()

@@ -1,0 +1,88 @@
+"""Detection of an MPI launcher; rank 0 reports for all processes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+from sfmcpp.ba.ranks import Ranks
+from sfmcpp.cli.console import ExitCode, print_note
+from sfmcpp.cli.interrupts import single_interrupt
+from sfmcpp.errors import InvalidArgument, SfmcppError
+
+# Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.
+_SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
+# MPICH says that it was asked to end, after the one line that says why.
+_QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
+
+
+def launched_ranks(*, asked: bool) -> Ranks | None:
+    """Find the processes of this command; None if it runs alone.
+
+    Parameters
+    ----------
+    asked : bool
+        Whether to ask MPI even where no known launcher has left a trace.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no MPI that mpi4py can load, or it is not that of the launcher.
+    """
+    launched = max(int(os.environ.get(name, "1")) for name in _SIZES)
+    if launched == 1 and not asked:
+        return None
+    os.environ.setdefault(_QUIET_ABORT, "1")
+    try:
+        from mpi4py import MPI
+    except (ModuleNotFoundError, RuntimeError) as error:
+        raise InvalidArgument(
+            f"started by MPI, {error}: pip install 'sfmcpp[mpi]' installs mpi4py and an MPI"
+        ) from None
+    ranks = Ranks(MPI.COMM_WORLD)
+    if ranks.size < launched:
+        library = MPI.Get_library_version().split("\n")[0].strip()
+        raise InvalidArgument(
+            f"{launched} processes were started, and each is alone: mpiexec must be that of {library}, "
+            "which mpi4py uses"
+        )
+    return ranks if ranks.size > 1 else None
+
+
+def run_on_ranks(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
+    """Run a command on all ranks; one that fails alone reports its error and ends all.
+
+    Parameters
+    ----------
+    ranks : Ranks
+        The processes.
+    command : callable
+        What each does. An error of the package is one of all ranks; only rank 0 raises it. It is given what
+        it calls where an interrupt of any rank has been heeded by all.
+
+    Returns
+    -------
+    ExitCode
+        The same on all.
+    """
+    try:
+        with single_interrupt() as heeded:
+            return command(heeded)
+    except SfmcppError:
+        if ranks.is_root:
+            raise
+        return ExitCode.BAD_INPUT
+    except KeyboardInterrupt:
+        return _end_all_ranks(ranks, "interrupted", ExitCode.INTERRUPTED)
+    except MemoryError:
+        return _end_all_ranks(ranks, "error: not enough memory", ExitCode.BAD_INPUT)
+    except Exception as error:
+        return _end_all_ranks(ranks, f"error: {type(error).__name__}: {error}", ExitCode.BAD_INPUT)
+
+
+def _end_all_ranks(ranks: Ranks, message: str, code: ExitCode) -> ExitCode:
+    print_note(f"rank {ranks.rank}: {message}")
+    sys.stdout.flush()
+    ranks.communicator.Abort(int(code))
+    return code

@@ -1,0 +1,74 @@
+"""Tasks on threads, their results in the order of the tasks, with progress."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+# Told the stage, how much of it is done and of how much; True asks to stop.
+Progress = Callable[[str, int, int], bool]
+
+
+def on_threads(
+    function: Callable[[Task], Result], tasks: Sequence[Task], threads: int
+) -> Generator[Result, None, None]:
+    """Results of `function` for each task, in their order; what it raises.
+
+    Tasks that run by then are finished, the others are not begun. Where a thread cannot start, tasks may be
+    done twice.
+    """
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        try:
+            results = pool.map(function, tasks)
+        except RuntimeError:
+            pool.shutdown(cancel_futures=True)
+            results = map(function, tasks)
+        try:
+            yield from results
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def no_progress(stage: str, done: int, total: int) -> bool:
+    """Progress that nobody looks at."""
+    return False
+
+
+def thread_count(wanted: int | None) -> int:
+    """`wanted`, or as many as the process may use."""
+    if wanted is not None:
+        return wanted
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def results_in_order(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    threads: int,
+    *,
+    stage: str,
+    progress: Progress = no_progress,
+) -> list[Result]:
+    """Results of `function` for each task; what it raises, or KeyboardInterrupt if `progress` asks to stop.
+
+    Tasks that run by then are finished, the others are not begun.
+    """
+    results: list[Result] = []
+    _report_progress(progress, stage, 0, len(tasks))
+    with closing(on_threads(function, tasks, threads)) as found:
+        for result in found:
+            results.append(result)
+            _report_progress(progress, stage, len(results), len(tasks))
+    return results
+
+
+def _report_progress(progress: Progress, stage: str, done: int, total: int) -> None:
+    if progress(stage, done, total):
+        raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")

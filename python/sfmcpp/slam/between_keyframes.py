@@ -1,0 +1,136 @@
+"""Poses of the frames between two keyframes: fitted as they come, and together after the next keyframe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame, View
+from sfmcpp.slam.fusion import FEWEST, Member, grouped_constraints, pose_constraint, pose_view, usual_weights
+from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
+from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.sensor_suite import SensorSuite
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.world_map import Keyframe, WorldMap
+from sfmcpp.weighting import refine_pose, solve
+
+# Scale of Cauchy's loss, as at the end of a run.
+_LOSS_PX = 1.0
+
+
+def fit_last_frames(
+    world: WorldMap,
+    view: View,
+    pose: FloatArray,
+    measurements: Sequence[Measurement],
+    settings: SlamSettings,
+) -> FloatArray:
+    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far.
+
+    Not where weights are as in the thesis: there sensors constrain keyframes alone.
+    """
+    usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
+    images = pose_view(world, view, pose, settings)
+    if images is None or not usual or not settings.trusts_declared:
+        return pose
+    previous = world.keyframes[-1].pose
+    weighted = [(pose_constraint(c.measurement, previous), c.weight) for c in usual]
+    return refine_pose(images, weighted, pose).pose
+
+
+def fit_between_keyframes(
+    result: SlamResult, frames: Sequence[Frame], sensors: SensorSuite, settings: SlamSettings
+) -> None:
+    """Fit the frames between the last two keyframes together, the map and these two held.
+
+    A sensor tells steps from frame to frame much better than the way from a keyframe far back, and the new
+    keyframe holds them from the other side. On few and far points a frame by itself comes to lie metres off
+    between keyframes that do not.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run so far; the poses of these frames move.
+    frames : sequence of Frame
+        Those seen lately, in the order of time.
+    sensors : SensorSuite
+        What measures the steps; where nothing does, frames stay.
+    settings : SlamSettings
+        Frames stay where weights are as in the thesis: there sensors constrain keyframes alone.
+    """
+    world, path = result.world, result.path
+    assert world is not None
+    before, after = world.keyframes[-2:]
+    between = [
+        _Stop.of(frame, frame.number, path.between[frame.number], world)
+        for frame in frames
+        if before.frame < frame.number < after.frame
+    ]
+    seeing = [stop for stop in between if len(stop.known.tracks) >= FEWEST]
+    start, end = (_Stop.of(keyframe, keyframe.frame, keyframe.pose, world) for keyframe in (before, after))
+    stops = [start, *seeing, end]
+    groups = grouped_constraints(_step_groups(stops, world, sensors))
+    if not seeing or not groups or not settings.trusts_declared:
+        return
+    problem = _problem(world, stops)
+    solve(
+        problem,
+        constraints=[replace(group, loss="cauchy") for group in groups],
+        threads=1,
+        loss="cauchy",
+        loss_scale_px=_LOSS_PX,
+        max_iterations=10,
+        function_tolerance=1e-4,
+    ).require_uninterrupted()
+    for stop, pose in zip(seeing, problem.cameras[1:-1], strict=True):
+        path.settle(stop.number, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stop:
+    """A frame or keyframe on the way: its number, time [s] and pose, and what it sees of the map."""
+
+    number: int
+    t_s: float
+    pose: FloatArray
+    known: View
+
+    @classmethod
+    def of(cls, seen: Frame | Keyframe, number: int, pose: FloatArray, world: WorldMap) -> _Stop:
+        return cls(number, seen.t_s, pose, seen.view.only(world.knows(seen.view.tracks)))
+
+
+def _step_groups(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
+    """Constraints from each stop to the next, with the usual weights so far."""
+    for k, (start, end) in enumerate(pairwise(stops)):
+        rotation, previous = end.pose[:, :3], start.pose[:, :3]
+        measured = sensors.measure(start.t_s, end.t_s, rotation, metric=world.metric, previous=previous)
+        for constraint in usual_weights(world, measured):
+            if constraint.measurement.kind not in PLACE_KINDS:
+                yield Member((k, k + 1), constraint, len(end.known.tracks))
+            elif k + 2 < len(stops):
+                yield Member((k + 1,), constraint, len(end.known.tracks))
+
+
+def _problem(world: WorldMap, stops: Sequence[_Stop]) -> Problem:
+    """All stops beside the points of the map; the first and the last, and the points, are held."""
+    views = [stop.known for stop in stops[1:-1]]
+    points, index = np.unique(np.concatenate([view.tracks for view in views]), return_inverse=True)
+    return Problem(
+        camera_model=world.camera_model,
+        cameras=np.stack([stop.pose for stop in stops]),
+        intrinsics=world.intrinsics[:1].copy(),
+        points=world.points[points],
+        camera_index=np.repeat(np.arange(1, len(stops) - 1, dtype=np.int32), [len(v.tracks) for v in views]),
+        point_index=index.astype(np.int32),
+        pixels=np.concatenate([view.pixels for view in views]),
+        intrinsics_index=np.zeros(len(stops), dtype=np.int32),
+        fixed_cameras=np.isin(np.arange(len(stops)), [0, len(stops) - 1]),
+        fixed_points=np.ones(len(points), dtype=np.bool_),
+        fixed_intrinsics=np.ones((1, world.intrinsics.shape[1]), dtype=np.bool_),
+    )

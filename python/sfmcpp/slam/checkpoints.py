@@ -1,0 +1,257 @@
+"""Checkpoints of a run: the loop between two frames as plain arrays, without pickle; what it was run on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.ba.checkpoints import CheckpointStore, RunCheckpoints, digest, facts_of_run
+from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.map.table import Table
+from sfmcpp.map.tracks import Tracks
+from sfmcpp.model import Gap
+from sfmcpp.model.frames import Frame, RightView, View
+from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
+from sfmcpp.sensors import Turn
+from sfmcpp.slam.experience import Experience
+from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
+from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, Path, SlamResult
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
+from sfmcpp.sources.frames import FrameSource
+
+Order = Literal["C", "F"]
+
+_PLAIN = (type(None), bool, int, float, str)
+_SEQUENCES: dict[str, type] = {kind.__name__: kind for kind in (list, tuple, set, frozenset)}
+_TREE = "tree"
+_CLASSES = (
+    ConflictReport,
+    Experience,
+    FinalAdjustment,
+    Frame,
+    Gap,
+    Keyframe,
+    KeyframeRecord,
+    Measurement,
+    Path,
+    RightView,
+    SlamResult,
+    Table,
+    Tracks,
+    Turn,
+    View,
+    WeightSelection,
+    WeightedMeasurement,
+    WorldMap,
+)
+State = dict[str, Any]
+
+
+def flatten(value: Any) -> dict[str, NDArray[Any]]:
+    """Convert an object, with all that it refers to, to a few arrays.
+
+    Parameters
+    ----------
+    value : object
+        Numbers, texts, arrays, lists, tuples, sets, dictionaries, and objects that hold such in their
+        attributes. What is referred to twice is so again afterwards.
+
+    Returns
+    -------
+    dict of str to array
+        An array for all numbers of each dtype, and ``tree``, UTF-8 JSON as bytes, which says what they are.
+    """
+    flattening = _Flattening()
+    text = json.dumps(flattening.node(value)).encode()
+    arrays = {name: np.concatenate(pieces) for name, pieces in flattening.pieces.items()}
+    return {**arrays, _TREE: np.frombuffer(text, np.uint8)}
+
+
+def unflatten(arrays: Mapping[str, NDArray[Any]], classes: Iterable[type]) -> Any:
+    """Restore an object from the arrays of :func:`flatten`.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+        What it gave.
+    classes : iterable of type
+        The only classes of which objects are made.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InvalidArgument
+        If these are no such arrays, or name another class.
+    """
+    try:
+        tree = json.loads(arrays[_TREE].tobytes())
+        return _Unflattening(arrays, {cls.__name__: cls for cls in classes}).value(tree)
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise InvalidArgument(f"arrays: hold no such object ({type(error).__name__}: {error})") from error
+
+
+def _attributes_of(value: Any) -> dict[str, Any]:
+    """The attributes of an object: of a data class its fields, not what was computed from them and kept."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    # From Python 3.11 on, every object has this method, which may give None.
+    get = getattr(value, "__getstate__", None)
+    return dict((get and get()) or vars(value))
+
+
+class _Flattening:
+    def __init__(self) -> None:
+        self.pieces: dict[str, list[NDArray[Any]]] = {}
+        self._sizes: dict[str, int] = {}
+        # By identity; what is met stays alive, so that no other object takes its place in memory.
+        self._met: dict[int, tuple[int, Any]] = {}
+
+    def node(self, value: Any) -> Any:
+        if type(value) in _PLAIN:
+            return value
+        if isinstance(value, np.generic):
+            return ["scalar", *self._piece(np.asarray(value))]
+        name = type(value).__name__
+        if name in _SEQUENCES:
+            return [
+                name,
+                [self.node(x) for x in (sorted(value) if isinstance(value, set | frozenset) else value)],
+            ]
+        if isinstance(value, dict):
+            return ["dict", [[self.node(k), self.node(x)] for k, x in value.items()]]
+        if id(value) in self._met:
+            return ["same", self._met[id(value)][0]]
+        self._met[id(value)] = len(self._met), value
+        if isinstance(value, np.ndarray):
+            return ["array", *self._piece(value)]
+        return ["object", name, [[k, self.node(x)] for k, x in _attributes_of(value).items()]]
+
+    def _piece(self, array: NDArray[Any]) -> list[Any]:
+        """Dtype, where it begins among all numbers of it, shape, and order in memory."""
+        order: Order = "C" if array.flags.c_contiguous or not array.flags.f_contiguous else "F"
+        name = array.dtype.name
+        begin = self._sizes.get(name, 0)
+        self._sizes[name] = begin + array.size
+        self.pieces.setdefault(name, []).append(array.ravel(order))
+        return [name, begin, list(array.shape), order]
+
+
+class _Unflattening:
+    def __init__(self, arrays: Mapping[str, NDArray[Any]], classes: Mapping[str, type]) -> None:
+        self._arrays, self._classes = arrays, classes
+        self._met: list[Any] = []
+
+    def value(self, node: Any) -> Any:
+        if not isinstance(node, list):
+            return node
+        kind, *rest = node
+        if kind == "same":
+            return self._met[rest[0]]
+        if kind == "scalar":
+            return self._array(*rest)[()]
+        if kind == "dict":
+            return {self.value(k): self.value(x) for k, x in rest[0]}
+        if kind == "array":
+            self._met.append(self._array(*rest))
+            return self._met[-1]
+        if kind == "object":
+            return self._object(*rest)
+        return _SEQUENCES[kind](self.value(x) for x in rest[0])
+
+    def _array(self, name: str, begin: int, shape: list[int], order: Order) -> NDArray[Any]:
+        size = int(np.prod(shape, dtype=np.int64))
+        return np.reshape(self._arrays[name][begin : begin + size].copy(), shape, order=order)
+
+    def _object(self, name: str, state: list[list[Any]]) -> Any:
+        made: Any = object.__new__(self._classes[name])
+        self._met.append(made)
+        for attribute, node in state:
+            object.__setattr__(made, attribute, self.value(node))
+        return made
+
+
+class SlamCheckpoints:
+    """Saving and resuming of a run over frames.
+
+    Parameters
+    ----------
+    save, resume : CheckpointStore, optional
+        Where to save, and where to take up.
+    source : FrameSource
+        What the camera sees.
+    settings : SlamSettings
+        What steers the run.
+    sensors : sequence of MotionSensor
+        What measures the motion beside the camera.
+
+    Raises
+    ------
+    DatasetError
+        If `resume` has no checkpoint of this run, or `save` cannot be written.
+    """
+
+    def __init__(
+        self,
+        save: CheckpointStore | None,
+        resume: CheckpointStore | None,
+        source: FrameSource,
+        settings: SlamSettings,
+        sensors: Sequence[MotionSensor],
+    ) -> None:
+        self._run = RunCheckpoints(save, resume, lambda: _run_facts(source, settings, sensors))
+        self._last: Frame | None = None
+
+    def resumed(self) -> State | None:
+        """State of the loop that was saved, if there is one."""
+        taken = self._run.taken
+        if taken is None:
+            return None
+        try:
+            last, state = unflatten(taken.arrays, _CLASSES)
+        except (InvalidArgument, ValueError) as error:
+            raise DatasetError(taken.path, f"is no checkpoint of a run over frames: {error}") from error
+        self._last = last
+        return dict(state)
+
+    def has_passed(self, frame: Frame) -> bool:
+        """Whether the saved run took a frame; DatasetError if it was another one."""
+        last, taken = self._last, self._run.taken
+        if last is None or taken is None or frame.number > last.number:
+            return False
+        if frame.number == last.number and not _is_same_frame(frame, last):
+            raise DatasetError(taken.path, f"is of other images: frame {frame.number} sees something else")
+        return True
+
+    def offer(self, frame: Frame, state: State, last: bool) -> None:
+        """Save the state of the loop after a frame, if it is time, or the run ends there."""
+        self._run.offer(lambda: flatten((frame, state)), last)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Failures of checkpoints, in sentences."""
+        return self._run.warnings
+
+
+def _run_facts(
+    source: FrameSource, settings: SlamSettings, sensors: Sequence[MotionSensor]
+) -> dict[str, Any]:
+    digests = {f"frames: {name}": digest(value) for name, value in source.identity().items()}
+    digests |= {f"sensor {sensor.name!r}": digest(flatten(sensor)) for sensor in sensors}
+    return facts_of_run("slam", problem=digests, options=asdict(settings))
+
+
+def _is_same_frame(a: Frame, b: Frame) -> bool:
+    return (
+        a.t_s == b.t_s
+        and np.array_equal(a.view.tracks, b.view.tracks)
+        and np.array_equal(a.view.pixels, b.view.pixels)
+    )

@@ -1,0 +1,366 @@
+"""Sensors as sources of constraints on keyframe poses (thesis table 5.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sensors import (
+    Mounting,
+    camera_displacement,
+    carried_over,
+    displaced_positions,
+    doubtful_stretches,
+    pose_at,
+    position_at,
+    rotation_increment,
+    sampling_variance,
+    smoothed_positions,
+    travelled_distance,
+)
+
+# What a speed that inertia carries over a stretch changes by otherwise than evenly, from either end on.
+_CARRIED_M_S2 = 1.0
+# Kinds that mean something only in a map that is in metres, and in the sensor's world.
+METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
+# Kinds that constrain one keyframe, not the motion from the one before.
+PLACE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses and kind.cameras == (1,))
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One constraint on a keyframe, or between the one before and it.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor.
+    kind : str
+        Row of thesis table 5.1: ``"scale"`` (the distance of the centres), ``"displacement-pose"`` (the pose
+        previous_from_this of the camera), ``"displacement-rotation-log"`` (its rotation), ``"position"`` (its
+        centre) or ``"pose"``.
+    value : float, or (3, 3), (3,) or (3, 4) float64
+        Distance [m], rotation, centre [m] or pose world_from_camera.
+    sigma : float or None
+        What the sensor may be off [m or rad]: bounds its weight, and tells a conflict. None: not known (yet).
+    doubtful : bool
+        Whether the sensor's own stream shows that it cannot be right here: it gets no weight.
+    yields : bool
+        Whether a conflict with the images takes weight from it (:class:`sfmcpp.weighting.PoseConstraint`).
+    slack : float
+        What the stream shows that it may be off beyond `sigma` [m or rad]: a conflict is judged by both.
+    """
+
+    sensor: str
+    kind: str
+    value: float | FloatArray
+    sigma: float | None
+    doubtful: bool = False
+    yields: bool = True
+    slack: float = 0.0
+
+
+@runtime_checkable
+class MotionSensor(Protocol):
+    """A sensor: anything with a name that can be asked about a keyframe.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        Those of the class that follows this protocol.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in reports."""
+
+    @property
+    def stream(self) -> SensorStream:
+        """What it has measured."""
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Tell of the camera at a time, or of its motion from an earlier one.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            Times of the keyframe before and of this one [s].
+        rotation : (3, 3) float64
+            Rotation world_from_camera of this one, as far as it is known: a lever arm needs it.
+
+        Returns
+        -------
+        Measurement or None
+            None where the stream does not cover the time.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Odometer:
+    """Distances and directions of the motion from one keyframe to the next.
+
+    Of a stream of velocities the displacement of the camera is constrained: images leave its direction open
+    by a degree or more, and what they take for a way aside they take for a turn. A stream of speeds or
+    distances constrains the scale ‖c_i − c_{i−1}‖ alone (thesis eq. 5.20), and so do velocities where σ or
+    the mounting is not known.
+
+    Where the speed leaps as no vehicle's can and leaps back, inertia carries it over, with what that may be
+    off; where there is nothing to carry it to, it gets no weight.
+
+    A scale does not yield to the images. When a map loses its scale at a keyframe, an odometer that yields is
+    given up for the next twenty; when the odometer slips at once, its stream shows it; and a slow slip is
+    followed by the map before there is a conflict. A displacement does: its direction holds the map better,
+    and of slow slips it follows half.
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
+    name : str
+        Name in reports.
+    sigma_m : float, optional
+        What a distance, or a coordinate of a displacement, may be off [m]; None: not known, it is estimated
+        on the run.
+    relative_sigma : float
+        And as a share of the distance. The directions of KITTI's navigation unit are 0.9 to 1.2 degrees off
+        (root mean square from keyframe to keyframe; drives 0001, 0027, 0036, 0039).
+    mounting : Mounting, optional
+        How the camera sits on the body: distances are then those of the camera where a turn is given.
+    directions : bool
+        Whether velocities constrain displacements; else their distances, as in the thesis.
+    """
+
+    stream: SensorStream
+    name: str = "odometer"
+    sigma_m: float | None = 0.02
+    relative_sigma: float = 0.03
+    mounting: Mounting | None = None
+    directions: bool = True
+
+    @cached_property
+    def doubtful_stretches(self) -> tuple[Gap, ...]:
+        """Where its speed is one that no vehicle can have driven."""
+        return doubtful_stretches(self.stream)
+
+    @cached_property
+    def carried_stretches(self) -> tuple[Gap, ...]:
+        """Those of them over which inertia carries the speed: with one that can be right at the end."""
+        if self.stream.kind == "distance":
+            return ()
+        return tuple(gap for gap in self.doubtful_stretches if gap.end_s <= self.stream.t_s[-1])
+
+    @cached_property
+    def _stream_without_leaps(self) -> SensorStream:
+        carried = self.carried_stretches
+        return carried_over(self.stream, carried) if carried else self.stream
+
+    def between(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
+        """Distance travelled [m]; None where it is not measured, or doubtful."""
+        return None if self._is_doubtful(start_s, end_s) else self._distance(start_s, end_s, turn)
+
+    def measure(
+        self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
+    ) -> Measurement | None:
+        """Motion from the keyframe before; of the camera, if its `turn` start_from_end is given."""
+        step = self._step(start_s, end_s, turn)
+        distance = self._distance(start_s, end_s, turn)
+        if distance is None:
+            return None
+        sigma_m = self._sigma_m(start_s, end_s, distance)
+        doubtful = self._is_doubtful(start_s, end_s)
+        directed = self.directions and self.stream.kind == "velocity" and sigma_m is not None
+        if directed and turn is not None and step is not None:
+            value = np.column_stack([turn, step])
+            return Measurement(self.name, "displacement-pose", value, sigma_m, doubtful)
+        return Measurement(self.name, "scale", distance, sigma_m, doubtful, yields=False)
+
+    def _sigma_m(self, start_s: float, end_s: float, distance: float) -> float | None:
+        if self.sigma_m is None:
+            return None
+        middle_s = 0.5 * (start_s + end_s)
+        since_s = sum(
+            max(0.0, min(middle_s - gap.start_s, gap.end_s - middle_s)) for gap in self.carried_stretches
+        )
+        carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
+        return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
+
+    def _step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
+        if self.mounting is None or turn is None:
+            return None
+        return camera_displacement(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
+
+    def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
+        step = self._step(start_s, end_s, turn)
+        if step is not None:
+            return float(np.linalg.norm(step))
+        distance = travelled_distance(self._stream_without_leaps, start_s, end_s)
+        return None if distance is None else abs(distance)
+
+    def _is_doubtful(self, start_s: float, end_s: float) -> bool:
+        return any(
+            gap.start_s < end_s and start_s < gap.end_s
+            for gap in self.doubtful_stretches
+            if gap not in self.carried_stretches
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Gyroscope:
+    """Rotations: constrains the rotation from one keyframe to the next (thesis eq. 5.21).
+
+    Rates sampled too seldom for how the body shakes are off by more than is declared. The stream shows where
+    and by how much (:func:`sfmcpp.sensors.sampling_variance`), and conflicts are judged by that; a weight by
+    it costs more than it gains, as images of few tracks are worse still.
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``, ``"orientation"`` or ``"pose"``.
+    mounting : Mounting
+        How the camera sits on the body.
+    name : str
+        Name in reports.
+    sigma_rad : float, optional
+        What the rotation from one keyframe to the next may be off, about each axis [rad]; None: not known, it
+        is estimated on the run. Of KITTI's navigation unit, against its own filtered poses: 0.6 to 2.3 mrad
+        root mean square over 0.2 s, 0.8 to 3 over 0.5 s, 1.0 to 3.9 over 1 s (drives 0001, 0027, 0036, 0039).
+    drift_rad_sqrt_s : float
+        And what it loses with the root of the time [rad/√s].
+    """
+
+    stream: SensorStream
+    mounting: Mounting
+    name: str = "gyro"
+    sigma_rad: float | None = 0.001
+    drift_rad_sqrt_s: float = 0.0
+
+    def between(self, start_s: float, end_s: float) -> FloatArray | None:
+        """Rotation (3, 3) of the camera, start_from_end."""
+        turn = rotation_increment(self.stream, start_s, end_s)
+        return None if turn is None else self.mounting.camera_rotation(turn)
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Rotation from the keyframe before."""
+        turn = self.between(start_s, end_s)
+        if turn is None:
+            return None
+        drift_rad = self.drift_rad_sqrt_s * np.sqrt(end_s - start_s)
+        sigma_rad = None if self.sigma_rad is None else float(np.hypot(self.sigma_rad, drift_rad))
+        slack_rad = self._sampling_rad(start_s, end_s)
+        return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad, slack=slack_rad)
+
+    def _sampling_rad(self, start_s: float, end_s: float) -> float:
+        start, end = np.interp([start_s, end_s], self.stream.t_s, self._gathered_variance)
+        return float(np.sqrt(end - start))
+
+    @cached_property
+    def _gathered_variance(self) -> FloatArray:
+        return sampling_variance(self.stream)
+
+
+@dataclass(frozen=True, eq=False)
+class Gps:
+    """Positions: constrains the centre of a keyframe (thesis table 5.1).
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"position"``: where the antenna, the origin of the body, is in the sensor's world [m]. Of
+        kind ``"geodetic"``: see :func:`sfmcpp.sensors.local_positions`.
+    mounting : Mounting, optional
+        How the camera sits on the body, whose z axis points up. Default: the antenna is at the camera, which
+        is upright.
+    name : str
+        Name in reports.
+    sigma_m : float, optional
+        What a position may be off, along each axis [m]; None: not known, it is estimated on the run.
+    """
+
+    stream: SensorStream
+    mounting: Mounting | None = None
+    name: str = "gps"
+    sigma_m: float | None = 1.0
+
+    @cached_property
+    def displaced(self) -> NDArray[np.bool_]:
+        """Which positions have jumped away from the others, (n,)."""
+        return displaced_positions(self.stream, self.likely_sigma_m)
+
+    @cached_property
+    def trusted(self) -> SensorStream:
+        """The positions that have not, smoothed."""
+        kept = ~self.displaced
+        rest = replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
+        return smoothed_positions(rest, self.likely_sigma_m)
+
+    @property
+    def likely_sigma_m(self) -> float:
+        """What a position may be off, along each axis, as far as that is known at the start [m]."""
+        return 1.0 if self.sigma_m is None else self.sigma_m
+
+    def remarks(self) -> list[str]:
+        """What is wrong with the stream by itself, a sentence each."""
+        if not self.displaced.any():
+            return []
+        away = self.stream.t_s[self.displaced]
+        return [
+            f"stream {self.stream.name!r}: {len(away)} of {len(self.stream)} positions jump away from the "
+            f"others, first at {away[0]:.3f} s: they get no weight"
+        ]
+
+    def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
+        """Centre (3,) of a camera with that rotation world_from_camera [m]."""
+        antenna = position_at(self.trusted, time_s)
+        if antenna is None or self.mounting is None:
+            return antenna
+        return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)
+
+    @property
+    def up_in_camera(self) -> FloatArray:
+        """Direction (3,) that is up in the frame of an upright camera."""
+        if self.mounting is None:
+            return np.array([0.0, -1.0, 0.0])
+        return np.asarray(self.mounting.camera_from_body[:, 2])
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Centre of this keyframe."""
+        centre = self.at(end_s, rotation)
+        return None if centre is None else Measurement(self.name, "position", centre, self.sigma_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Ins:
+    """Poses: constrains the pose of a keyframe (thesis eq. 5.22).
+
+    Attributes
+    ----------
+    stream : SensorStream
+        Of kind ``"pose"``, world_from_body.
+    mounting : Mounting
+        How the camera sits on the body.
+    name : str
+        Name in reports.
+    sigma_m : float, optional
+        What a position may be off, along each axis [m]; None: not known, it is estimated on the run.
+    """
+
+    stream: SensorStream
+    mounting: Mounting
+    name: str = "ins"
+    sigma_m: float | None = 0.5
+
+    def at(self, time_s: float) -> FloatArray | None:
+        """Pose (3, 4) of the camera, world_from_camera."""
+        body = pose_at(self.stream, time_s)
+        return None if body is None else self.mounting.camera_poses(body)
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Pose of this keyframe."""
+        pose = self.at(end_s)
+        return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)

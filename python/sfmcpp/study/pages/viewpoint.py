@@ -1,0 +1,91 @@
+"""Viewpoint of a page: up direction, centre and radius of the view, size of the cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfmcpp.model.arrays import FloatArray
+
+# What upright photos weigh beside horizontal ones, and looking down beside being held upright.
+_TOPS, _DOWN = 0.05, 0.025
+# Share of the points at either end of each axis that a view need not show.
+_FAR = 0.05
+_PARALLEL = 1e-6
+# Cameras that are asked for their nearest neighbour, at most.
+_ASKED = 500
+
+
+def turn_upright(cameras: FloatArray) -> FloatArray:
+    """Rotation from the world to x right, y ahead, z up, estimated from cameras (K, 3, 4) ``[R | c]``.
+
+    People and drones keep the long side of an image level: up is what is most nearly orthogonal to the
+    cameras' x axes; where all are parallel, it is where their tops point, or what is behind cameras that look
+    down. Ahead is where they look in the mean.
+    """
+    if not len(cameras):
+        return np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    right, down, ahead = np.moveaxis(cameras[:, :, :3], 2, 0)
+    tops, behind = -down.mean(axis=0), -ahead.mean(axis=0)
+    spread = right.T @ right / len(right) - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind)
+    up = np.linalg.eigh(spread)[1][:, 0]
+    if up @ (tops + 0.5 * behind) < 0:
+        up = -up
+    return _upright_axes(up, -behind, -down[0], ahead[0])
+
+
+def view_from_world(cameras: FloatArray) -> FloatArray:
+    """Rotation to x right, y ahead, z up, of a camera under way.
+
+    Up is where the tops of the cameras (K, 3, 4) point in the mean: on a vehicle they stand upright. Ahead is
+    where the first one looks. Without cameras it is that of one with the axes of the world.
+    """
+    axes = cameras[:, :, :3] if len(cameras) else np.eye(3)[None]
+    top, tops = -axes[0, :, 1], -axes[:, :, 1].mean(axis=0)
+    length = float(np.linalg.norm(tops))
+    up = tops / length if length > _PARALLEL else top
+    return _upright_axes(up, axes[0, :, 2], top, axes[0, :, 0])
+
+
+def _upright_axes(up: FloatArray, *ahead: FloatArray) -> FloatArray:
+    """Rotation to x right, y ahead, z up: `ahead` is the first direction that is not parallel to `up`."""
+    forward = next(level for direction in ahead if (level := _horizontal_part(direction, up)) is not None)
+    return np.stack([np.cross(forward, up), forward, up])
+
+
+def _horizontal_part(direction: FloatArray, up: FloatArray) -> FloatArray | None:
+    """Unit vector along the part of a direction that is orthogonal to `up`; None if there is hardly any."""
+    level = direction - (direction @ up) * up
+    length = float(np.linalg.norm(level))
+    return np.asarray(level / length) if length > _PARALLEL else None
+
+
+def bounding_sphere(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, float]:
+    """Centre and radius of what a view should show: all cameras, and points but for the farthest.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Points.
+    centres : (K, 3) float64
+        Centres of cameras.
+    """
+    corners = [centres] if len(centres) else []
+    if len(points):
+        corners.append(np.quantile(points, [_FAR, 1 - _FAR], axis=0))
+    if not corners:
+        return np.zeros(3), 1.0
+    ends = np.concatenate(corners)
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2 or 1.0
+
+
+def camera_size(centres: FloatArray, radius: float) -> float:
+    """How far in front of its centre (K, 3) the image of a camera is drawn, so that neighbours stay apart."""
+    largest, smallest = 0.12 * radius, 0.01 * radius
+    if len(centres) < 2:
+        return largest
+    asked = centres[:: -(-len(centres) // _ASKED)]
+    squares = sum((asked[:, axis, None] - centres[:, axis]) ** 2 for axis in range(3))
+    # The nearest of all is the camera itself.
+    nearest = np.sqrt(np.partition(squares, 1, axis=1)[:, 1])
+    return float(np.clip(0.6 * np.median(nearest), smallest, largest))

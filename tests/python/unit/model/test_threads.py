@@ -1,0 +1,40 @@
+"""Tasks on threads, of which the system may have fewer than asked for."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from sfmcpp.model.threads import on_threads
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+@pytest.mark.parametrize("started", [0, 1, 3, 99])
+def test_threads_that_cannot_start_change_no_result(started: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    start, left = threading.Thread.start, [started]
+
+    def start_some(self: threading.Thread) -> None:
+        if not left[0]:
+            raise RuntimeError("can't start new thread")
+        left[0] -= 1
+        start(self)
+
+    monkeypatch.setattr(threading.Thread, "start", start_some)
+    assert list(on_threads(square, range(50), 8)) == [n * n for n in range(50)]
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_what_a_task_raises_comes_in_its_turn(threads: int) -> None:
+    def fail_at_three(number: int) -> int:
+        if number == 3:
+            raise RuntimeError("three")
+        return number
+
+    found: list[int] = []
+    with pytest.raises(RuntimeError, match="three"):
+        found.extend(on_threads(fail_at_three, range(50), threads))
+    assert found == [0, 1, 2]
