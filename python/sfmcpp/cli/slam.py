@@ -107,7 +107,12 @@ SensorFile = Annotated[
     ),
 ]
 ClockOffset = Annotated[
-    float, typer.Option(metavar="S", help="Camera time minus sensor time, added to sensor time stamps.")
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Camera time minus sensor time, added to sensor time stamps. Default: that of "
+        "Kalibr's file of the mounting or camera, else 0.",
+    ),
 ]
 Sigmas = Annotated[
     list[str] | None,
@@ -124,8 +129,9 @@ MountingOption = Annotated[
         "--mounting",
         metavar="HOW",
         help="Axes of the sensors: camera (x right, y down, z forward), forward (x forward, y left, z up, "
-        "camera looking forward), or a file with body_from_camera, rows of [R | t], or EuRoC's sensor.yaml. "
-        "Default: from the drive or its sensor.yaml, else camera.",
+        "camera looking forward), or a file with body_from_camera, rows of [R | t], EuRoC's sensor.yaml, "
+        "or Kalibr's camchain-imucam.yaml (FILE:cam1 for one of several cameras). Default: from the "
+        "drive or the file of the camera, else camera.",
     ),
 ]
 View = Annotated[bool, typer.Option("--view", help="Show the growing map in the browser, until Ctrl-C.")]
@@ -159,7 +165,7 @@ def slam(
     sensor: Sensors = None,
     sensor_file: SensorFile = None,
     mounting: MountingOption = None,
-    clock_offset: ClockOffset = 0.0,
+    clock_offset: ClockOffset = None,
     sensor_sigma: Sigmas = None,
     weights: Weights = None,
     weight_bounds: Bounds = WEIGHT_BOUNDS[0],

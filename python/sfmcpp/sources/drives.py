@@ -20,7 +20,7 @@ from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, op
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
-from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
+from sfmcpp.sources.mounting_files import clock_offset_of, mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
@@ -44,6 +44,8 @@ class Drive:
         How the camera sits on the body of the sensors, where the user or a file tells.
     sensor_file : Path or None
         Where the streams come from, if not from the input.
+    clock_offset_s : float
+        Camera time − sensor time, which the stamps of the streams have had added [s].
     seconds_read : float
         Spent on opening it [s].
     """
@@ -54,6 +56,7 @@ class Drive:
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
     sensor_file: Path | None = None
+    clock_offset_s: float = 0.0
     seconds_read: float = 0.0
 
     def __repr__(self) -> str:
@@ -117,7 +120,7 @@ def open_drive(
     fps: float | None = None,
     corners: str = CORNERS[0],
     stereo: bool = False,
-    clock_offset_s: float = 0.0,
+    clock_offset_s: float | None = None,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
@@ -131,7 +134,7 @@ def open_drive(
         Default: those that the input holds.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
-        Default: what a drive tells, or ``T_BS`` of a camera in EuRoC's form.
+        Default: what a drive tells, or ``T_BS`` or ``T_cam_imu`` of a camera in the form of EuRoC or Kalibr.
     camera : path-like or sequence of float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     fps : float, optional
@@ -140,8 +143,9 @@ def open_drive(
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     stereo : bool
         Whether to take what the right camera sees, too, of a KITTI drive.
-    clock_offset_s : float
-        Camera time − sensor time, added to every stamp of the sensors [s].
+    clock_offset_s : float, optional
+        Camera time − sensor time, added to every stamp of the sensors [s]. Default: −``timeshift_cam_imu`` if
+        `mounting`, or else `camera`, is a file of Kalibr with one, else 0.
 
     Returns
     -------
@@ -165,8 +169,10 @@ def open_drive(
     how = mounting_of(mounting) or used.mounting or own.mounting
     file = None if sensor_file is None else Path(sensor_file)
     seconds = time.perf_counter() - started
-    streams = {kind: stream.shifted(clock_offset_s) for kind, stream in used.streams.items()}
-    return Drive(source, frames, truth, streams, how, file, seconds)
+    told = mounting if mounting is not None else _file_of(camera)
+    offset_s = clock_offset_of(told) if clock_offset_s is None else clock_offset_s
+    streams = {kind: stream.shifted(offset_s) for kind, stream in used.streams.items()}
+    return Drive(source, frames, truth, streams, how, file, offset_s, seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +233,12 @@ def _read_images(
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
     """What the camera's file tells of how it sits on the body."""
-    if camera is not None and not isinstance(camera, (str, PathLike)):
-        return None
-    return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
+    file = find_camera(images) if camera is None else _file_of(camera)
+    return None if file is None else mounting_beside_camera(file)
+
+
+def _file_of(camera: CameraArgument) -> Path | None:
+    return Path(camera) if isinstance(camera, (str, PathLike)) else None
 
 
 def _of_euroc(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:
