@@ -115,6 +115,7 @@ def open_drive(
     path: str | PathLike[str],
     *,
     sensor_file: str | PathLike[str] | None = None,
+    sensor_columns: Mapping[str, str | float] | None = None,
     mounting: str | Path | Mounting | None = None,
     camera: CameraArgument = None,
     fps: float | None = None,
@@ -132,6 +133,9 @@ def open_drive(
     sensor_file : path-like, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
         Default: those that the input holds.
+    sensor_columns : mapping of str to str or float, optional
+        Its columns, where it is a CSV with names of its own: ``{"t [ms]": "Time", "speed [km/h]": "Wheel"}``;
+        see :func:`sfmcpp.sources.io.sensor_csv.read_sensor_csv`.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
         Default: what a drive tells, or ``T_BS`` or ``T_cam_imu`` of a camera in the form of EuRoC or Kalibr.
@@ -156,11 +160,13 @@ def open_drive(
     DatasetError
         If a file cannot be read, is of a kind that is not taken, or there are options of images for tracks.
     InvalidArgument
-        If `clock_offset_s` is not finite.
+        If `clock_offset_s` is not finite, or `sensor_columns` are none or are not of a CSV.
     """
     started = time.perf_counter()
     source = Path(path)
-    apart = None if sensor_file is None else _read_sensors(Path(sensor_file))
+    if sensor_columns and sensor_file is None:
+        raise InvalidArgument("sensor_columns: there is no sensor file that holds them")
+    apart = None if sensor_file is None else _read_sensors(Path(sensor_file), sensor_columns)
     try:
         frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
@@ -184,10 +190,12 @@ class _Sensors:
     image_t_s: FloatArray | None = None
 
 
-def _read_sensors(file: Path) -> _Sensors:
+def _read_sensors(file: Path, columns: Mapping[str, str | float] | None) -> _Sensors:
     if file.suffix.lower() == ".mat":
+        if columns:
+            raise InvalidArgument("sensor_columns: a KITTI drive (.mat) has no columns")
         return _sensors_of(read_kitti_mat(file))
-    return _Sensors(read_sensor_csv(file))
+    return _Sensors(read_sensor_csv(file, columns=columns))
 
 
 def _sensors_of(drive: KittiDrive) -> _Sensors:

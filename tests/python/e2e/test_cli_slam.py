@@ -185,6 +185,11 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
             ["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "imu=1"],
             "sigmas: 'imu' is none of the",
         ),
+        (["drive.csv", *OUT, *ODOMETER, "--sensor-column", "speed"], "'speed': must be NAME [UNIT]=OWN NAME"),
+        (
+            ["drive.csv", *OUT, *ODOMETER, "--sensor-column", "speed [m/s]=V"],
+            "s.csv:1: holds no column 'V', which is to be 'speed [m/s]': it holds t [s], speed [m/s]",
+        ),
         (["drive.csv", *OUT, *ODOMETER, "--clock-offset", "nan"], "clock_offset_s = nan: must be finite"),
         (["drive.csv", *OUT, "--weights", "loo"], "'loo': there is no --sensor to weigh"),
         (["drive.csv", *OUT, "--window", "1"], "window = 1: must be at least 2"),
