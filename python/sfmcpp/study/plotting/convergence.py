@@ -143,7 +143,8 @@ def _title(curves: Sequence[_Curve]) -> str:
         return "Excess cost of each run over the lowest cost"
     (curve,) = curves
     of = f"{curve.name}: " if curve.name else ""
-    return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {curve.iteration[-1]} iterations"
+    count = int(curve.iteration[-1])
+    return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {count} iteration{'s' * (count != 1)}"
 
 
 def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]) -> None:

@@ -87,6 +87,7 @@ def test_a_summary_is_drawn_as_its_iterations() -> None:
 def test_the_title_says_from_where_to_where_or_what_it_is_told() -> None:
     title = [plot_convergence(RUN).get_suptitle(), plot_convergence(RUN, title="mine").get_suptitle()]
     assert title == ["cost 100 → 2 in 3 iterations", "mine"]
+    assert plot_convergence(RUN[:2]).get_suptitle().endswith("in 1 iteration")
     assert "over the lowest cost" in plot_convergence({"a": RUN, "b": RUN}).get_suptitle()
 
 
