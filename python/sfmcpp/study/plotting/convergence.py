@@ -167,6 +167,7 @@ def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best: fl
     by_iteration.set_xlabel("iteration")
     by_iteration.xaxis.set_major_locator(MaxNLocator(integer=True))
     by_seconds.set_xlabel("time [s]")
+    by_seconds.xaxis.set_major_locator(MaxNLocator(5))  # as 0.0175 is wide
     by_seconds.set_xlim(left=0.0)
     by_iteration.set_ylabel("cost" if best is None else f"(cost − {best:.6g}) / {best:.6g}")
     _add_legend(by_iteration, by_seconds, curves)

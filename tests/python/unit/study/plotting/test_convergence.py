@@ -141,3 +141,11 @@ def test_nothing_to_draw_is_refused_by_name() -> None:
         plot_convergence({})
     with pytest.raises(InvalidArgument, match=r"runs\['empty'\]"):
         plot_convergence({"full": RUN, "empty": []})
+
+
+def test_times_of_many_digits_have_few_ticks() -> None:
+    costs = [100.0, 10.0, 2.0]
+    run = [Iteration(k, c, 0.0098 * k, True, 1e-3, 1.0, 1.0, (1.0, 1.0), 0) for k, c in enumerate(costs)]
+    axes = plot_convergence(run).axes[1]
+    left, right = axes.get_xlim()
+    assert 3 <= sum(left <= at <= right for at in axes.get_xticks()) <= 6
