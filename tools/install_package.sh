@@ -14,7 +14,13 @@ fail() { echo "sfmcpp: $*" >&2; exit 1; }
 
 "${pip[@]}" install scikit-build-core pybind11 || fail "pip could not install scikit-build-core and pybind11 into $1"
 # Minutes where all is new, in which pip says nothing.
-tell_progress() { while sleep 20; do echo "sfmcpp: $(find "$2" -name '*.o' 2>/dev/null | wc -l) files compiled after $SECONDS s"; done; }
+tell_progress() {
+  while sleep 20; do
+    all=$(grep -cE '^build cpp/CMakeFiles/[^ ]*\.o:' "$2/build.ninja" 2>/dev/null || true)
+    done=$(find "$2/cpp" -name '*.o' 2>/dev/null | wc -l || true)
+    echo "sfmcpp: $done of ${all:-?} files compiled after $SECONDS s"
+  done
+}
 echo "sfmcpp: compiling the C++ core and installing the package with its extras into $1: about three minutes where all is new"
 tell_progress "$@" &
 trap "kill $!" EXIT

@@ -308,7 +308,10 @@ MatrixXd LinearModel::hat_with_points(const ConstraintRows& group) {
   for (int c = 0; c < num_columns(); ++c) {
     if (dense.col(c).any()) columns.push_back(c);
   }
-  const MatrixXd rows = dense(Eigen::all, columns);
+  MatrixXd rows(dense.rows(), static_cast<Eigen::Index>(columns.size()));
+  for (std::size_t k = 0; k < columns.size(); ++k) {
+    rows.col(static_cast<Eigen::Index>(k)) = dense.col(columns[k]);
+  }
   return group.weight * (rows * covariance(columns) * rows.transpose());
 }
 

@@ -23,6 +23,7 @@ from sfmcpp.cli.targets import Targets
 from sfmcpp.study.report_files import peak_memory_bytes
 
 ROWS = 8
+_PREDICTED = "predicted for a step"
 REFRESHES_PER_SECOND = 8.0
 
 Listener = Callable[[Iteration], None]
@@ -102,9 +103,7 @@ def _method_text(summary: Summary, seconds_read: float) -> Iterator[Row]:
     yield "method", f"{summary.method}{search}, {threads}"
     if summary.loss != "squared":
         yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
-    yield "linear solver", f"{summary.linear_solver} ({summary.linear_solver_reason})"
-    if summary.linear_solver_forecast:
-        yield "predicted step", "; ".join(map(_forecast, summary.linear_solver_forecast))
+    yield "linear solver", f"{summary.linear_solver} ({_why(summary)})"
     for change in summary.linear_solver_changes:
         yield "linear solver", f"{change.solver} from step {change.solves + 1} ({change.reason})"
     for rank, load in enumerate(summary.ranks):
@@ -121,8 +120,19 @@ def _rank_load_text(load: RankLoad) -> str:
     )
 
 
+def _why(summary: Summary) -> str:
+    """Why this linear solver was chosen; the forecasts once, with the memory of the whole solve."""
+    reason, forecasts = summary.linear_solver_reason, summary.linear_solver_forecast
+    if not forecasts:
+        return reason
+    predicted = f"{_PREDICTED}: {', '.join(map(_forecast, forecasts))}"
+    return predicted if reason.startswith(_PREDICTED) else f"{reason}; {predicted}"
+
+
 def _forecast(forecast: LinearSolverForecast) -> str:
-    return f"{forecast.solver} {forecast.seconds:.2g} s, {forecast.bytes / 1e6:.0f} MB"
+    seconds = forecast.seconds
+    time = f"{seconds:.2g} s" if seconds >= 1 else f"{1e3 * seconds:.2g} ms"
+    return f"{forecast.solver} {time} and {forecast.bytes / 1e6:.0f} MB"
 
 
 class RecentIterations:

@@ -41,6 +41,18 @@ def _sigmas(given: list[str]) -> dict[str, float | None]:
     return sigmas
 
 
+def _sensor_columns(texts: list[str]) -> dict[str, str | float]:
+    """Read ``speed [km/h]=Wheel`` and the like."""
+    columns: dict[str, str | float] = {}
+    for text in texts:
+        name, equals, own = (part.strip() for part in text.partition("="))
+        if not (name and equals and own) or name in columns:
+            rule = "must be NAME [UNIT]=OWN NAME, each name once"
+            raise typer.BadParameter(f"{text!r}: {rule}", param_hint="'--sensor-column'")
+        columns[name] = own
+    return columns
+
+
 def _camera(text: str | None) -> tuple[float, ...] | Path | None:
     """Read ``f,cx,cy``, all five intrinsics, or the path of a file."""
     if text is None:
@@ -106,8 +118,22 @@ SensorFile = Annotated[
         help="Sensor measurements: CSV, or a KITTI drive (.mat). Default: those in INPUT.",
     ),
 ]
+SensorColumns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sensor-column",
+        metavar="NAME=OWN",
+        help="A column of the CSV that has a name of its own: 'speed [km/h]=Wheel'; or a number in all "
+        "lines: 'wx [rad/s]=0'. Repeatable.",
+    ),
+]
 ClockOffset = Annotated[
-    float, typer.Option(metavar="S", help="Camera time minus sensor time, added to sensor time stamps.")
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Camera time minus sensor time, added to sensor time stamps. Default: that of "
+        "Kalibr's file of the mounting or camera, else 0.",
+    ),
 ]
 Sigmas = Annotated[
     list[str] | None,
@@ -124,8 +150,9 @@ MountingOption = Annotated[
         "--mounting",
         metavar="HOW",
         help="Axes of the sensors: camera (x right, y down, z forward), forward (x forward, y left, z up, "
-        "camera looking forward), or a file with body_from_camera, rows of [R | t], or EuRoC's sensor.yaml. "
-        "Default: from the drive or its sensor.yaml, else camera.",
+        "camera looking forward), or a file with body_from_camera, rows of [R | t], EuRoC's sensor.yaml, "
+        "or Kalibr's camchain-imucam.yaml (FILE:cam1 for one of several cameras). Default: from the "
+        "drive or the file of the camera, else camera.",
     ),
 ]
 View = Annotated[bool, typer.Option("--view", help="Show the growing map in the browser, until Ctrl-C.")]
@@ -158,8 +185,9 @@ def slam(
     output: Output,
     sensor: Sensors = None,
     sensor_file: SensorFile = None,
+    sensor_column: SensorColumns = None,
     mounting: MountingOption = None,
-    clock_offset: ClockOffset = 0.0,
+    clock_offset: ClockOffset = None,
     sensor_sigma: Sigmas = None,
     weights: Weights = None,
     weight_bounds: Bounds = WEIGHT_BOUNDS[0],
@@ -199,6 +227,7 @@ def slam(
     images = {"camera": _camera(camera), "fps": fps, "corners": corners, "stereo": stereo}
     opening = {
         "sensor_file": sensor_file,
+        "sensor_columns": _sensor_columns(sensor_column or []),
         "mounting": mounting,
         "clock_offset_s": clock_offset,
         **images,

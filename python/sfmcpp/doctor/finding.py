@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,13 @@ class Diagnosis:
             "findings": [asdict(finding) for finding in self.findings],
             "skipped": list(self.skipped),
         }
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({', '.join(f'{f.severity} {f.code}' for f in self.findings) or 'nothing found'})"
+
+    def _repr_html_(self) -> str:
+        """The ranked list, for notebooks."""
+        return f"<pre>{escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         lines = [f"{k}. {finding}" for k, finding in enumerate(self.findings, start=1)]

@@ -173,7 +173,8 @@ class ConstraintGroup(MemberGroup):
         try:
             return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            raise InvalidArgument(f"{self._label(field_name)} = {value!r}: must be a number") from None
+            hint = "; solve(…, weight=…) chooses it from the data" if field_name == "weight" else ""
+            raise InvalidArgument(f"{self._label(field_name)} = {value!r}: must be a number{hint}") from None
 
     def _values(self, kind: ConstraintKind, count: int) -> FloatArray | None:
         relative = self.cameras.ndim == 2 and 1 in kind.cameras

@@ -20,7 +20,7 @@ from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
-from sfmcpp.sources.mounting_files import mounting_beside_camera, mounting_of
+from sfmcpp.sources.mounting_files import clock_offset_of, mounting_beside_camera, mounting_of
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
@@ -46,6 +46,8 @@ class Drive:
         How the camera sits on the body of the sensors, where the user or a file tells.
     sensor_file : Path or None
         Where the streams come from, if not from the input.
+    clock_offset_s : float
+        Camera time − sensor time, which the stamps of the streams have had added [s].
     seconds_read : float
         Spent on opening it [s].
     """
@@ -56,6 +58,7 @@ class Drive:
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
     sensor_file: Path | None = None
+    clock_offset_s: float = 0.0
     seconds_read: float = 0.0
 
     def __repr__(self) -> str:
@@ -116,12 +119,13 @@ def open_drive(
     path: str | PathLike[str],
     *,
     sensor_file: str | PathLike[str] | None = None,
+    sensor_columns: Mapping[str, str | float] | None = None,
     mounting: str | Path | Mounting | None = None,
     camera: CameraArgument = None,
     fps: float | None = None,
     corners: str = CORNERS[0],
     stereo: bool = False,
-    clock_offset_s: float = 0.0,
+    clock_offset_s: float | None = None,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
@@ -133,9 +137,12 @@ def open_drive(
     sensor_file : path-like, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
         Default: those that the input holds.
+    sensor_columns : mapping of str to str or float, optional
+        Its columns, where it is a CSV with names of its own: ``{"t [ms]": "Time", "speed [km/h]": "Wheel"}``;
+        see :func:`sfmcpp.sources.io.sensor_csv.read_sensor_csv`.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
-        Default: what a drive tells, or ``T_BS`` of a camera in EuRoC's form.
+        Default: what a drive tells, or ``T_BS`` or ``T_cam_imu`` of a camera in the form of EuRoC or Kalibr.
     camera : path-like or sequence of float, optional
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     fps : float, optional
@@ -144,8 +151,9 @@ def open_drive(
         Of images; see :func:`sfmcpp.sources.frames.open_images`.
     stereo : bool
         Whether to take what the right camera sees, too, of a KITTI drive.
-    clock_offset_s : float
-        Camera time − sensor time, added to every stamp of the sensors [s].
+    clock_offset_s : float, optional
+        Camera time − sensor time, added to every stamp of the sensors [s]. Default: −``timeshift_cam_imu`` if
+        `mounting`, or else `camera`, is a file of Kalibr with one, else 0.
 
     Returns
     -------
@@ -156,11 +164,13 @@ def open_drive(
     DatasetError
         If a file cannot be read, is of a kind that is not taken, or there are options of images for tracks.
     InvalidArgument
-        If `clock_offset_s` is not finite.
+        If `clock_offset_s` is not finite, or `sensor_columns` are none or are not of a CSV.
     """
     started = time.perf_counter()
     source = Path(path)
-    apart = None if sensor_file is None else _read_sensors(Path(sensor_file))
+    if sensor_columns and sensor_file is None:
+        raise InvalidArgument("sensor_columns: there is no sensor file that holds them")
+    apart = None if sensor_file is None else _read_sensors(Path(sensor_file), sensor_columns)
     try:
         frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
@@ -169,8 +179,10 @@ def open_drive(
     how = mounting_of(mounting) or used.mounting or own.mounting
     file = None if sensor_file is None else Path(sensor_file)
     seconds = time.perf_counter() - started
-    streams = {kind: stream.shifted(clock_offset_s) for kind, stream in used.streams.items()}
-    return Drive(source, frames, truth, streams, how, file, seconds)
+    told = mounting if mounting is not None else _file_of(camera)
+    offset_s = clock_offset_of(told) if clock_offset_s is None else clock_offset_s
+    streams = {kind: stream.shifted(offset_s) for kind, stream in used.streams.items()}
+    return Drive(source, frames, truth, streams, how, file, offset_s, seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +194,12 @@ class _Sensors:
     image_t_s: FloatArray | None = None
 
 
-def _read_sensors(file: Path) -> _Sensors:
+def _read_sensors(file: Path, columns: Mapping[str, str | float] | None) -> _Sensors:
     if file.suffix.lower() == ".mat":
+        if columns:
+            raise InvalidArgument("sensor_columns: a KITTI drive (.mat) has no columns")
         return _sensors_of(read_kitti_mat(file))
-    return _Sensors(read_sensor_csv(file))
+    return _Sensors(read_sensor_csv(file, columns=columns))
 
 
 def _sensors_of(drive: KittiDrive) -> _Sensors:
@@ -233,9 +247,12 @@ def _read_images(
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
     """Mounting in the camera's file."""
-    if camera is not None and not isinstance(camera, (str, PathLike)):
-        return None
-    return mounting_beside_camera(find_camera(images) if camera is None else Path(camera))
+    file = find_camera(images) if camera is None else _file_of(camera)
+    return None if file is None else mounting_beside_camera(file)
+
+
+def _file_of(camera: CameraArgument) -> Path | None:
+    return Path(camera) if isinstance(camera, (str, PathLike)) else None
 
 
 def _euroc_drive(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:

@@ -1,7 +1,8 @@
 """Mounting of a camera on the body of the sensors, as given by the user or found in files.
 
 A text file holds the pose body_from_camera, three rows ``[R | t]`` or four, the last 0 0 0 1. Of EuRoC's
-``sensor.yaml`` it is ``T_BS``.
+``sensor.yaml`` it is ``T_BS``. Kalibr's ``camchain-imucam.yaml`` holds the inverse, ``T_cam_imu``, and how
+far the clock of the sensors is off.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sensors import Mounting
 from sfmcpp.sources.cameras import camera_file
+from sfmcpp.sources.io.calibration import chosen_camera
 from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
@@ -25,7 +27,8 @@ _NAMES: dict[str, Callable[[], Mounting]] = {
     "camera": lambda: Mounting(np.eye(3), np.zeros(3)),
     "forward": Mounting.forward_looking,
 }
-_POSE = "T_BS"
+_POSE = "T_BS"  # body_from_camera
+_KALIBR_POSE, _KALIBR_SHIFT = "T_cam_imu", "timeshift_cam_imu"  # camera_from_body; sensor − camera time [s]
 
 
 def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
@@ -36,8 +39,9 @@ def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
     given : str, Path, Mounting or None
         ``"camera"``: the sensors have the axes of the camera (x right, y down, z ahead). ``"forward"``: those
         of a vehicle (ISO 8855: x ahead, y left, z up), whose camera looks ahead. Else a file with the pose
-        body_from_camera: three rows ``[R | t]``, or four, the last 0 0 0 1; or EuRoC's ``sensor.yaml`` of the
-        camera, whose ``T_BS`` it is.
+        body_from_camera: three rows ``[R | t]``, or four, the last 0 0 0 1; EuRoC's ``sensor.yaml`` of the
+        camera, whose ``T_BS`` it is; or Kalibr's ``camchain-imucam.yaml``, whose ``T_cam_imu`` is the
+        inverse, with ``:cam1`` behind it for one of several cameras.
 
     Raises
     ------
@@ -52,42 +56,88 @@ def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
     if not path.exists() and path.suffix == "":
         rule = f"must be {', '.join(_NAMES)}, or a file with the rows of body_from_camera, [R | t]"
         raise DatasetError(path, f"is no mounting and no file: {rule}")
-    if path.suffix.lower() in DOCUMENTS:
+    if _is_document(path):
         return _require_found(path, mounting_beside_camera(path))
     return _read_mounting(path)
 
 
-def mounting_beside_camera(path: Path) -> Mounting | None:
-    """The mounting that the file of a camera tells beside it: T_BS of EuRoC; None if it tells none.
+def clock_offset_of(given: str | Path | Mounting | None) -> float:
+    """Camera time − sensor time [s] as the same file has it, −``timeshift_cam_imu`` of Kalibr; else 0.
+
+    Parameters
+    ----------
+    given : str, Path, Mounting or None
+        As for :func:`mounting_of`.
 
     Raises
     ------
     DatasetError
-        If the file cannot be read, or T_BS is no pose.
+        If the file cannot be read, or holds something else there.
     """
-    file, _ = camera_file(path)
-    if file.suffix.lower() not in DOCUMENTS:
+    if given is None or isinstance(given, Mounting) or not _is_document(Path(given)):
+        return 0.0
+    chain = _kalibr_camera(Path(given))
+    node = None if chain is None else chain.part(_KALIBR_SHIFT)
+    if node is None:
+        return 0.0
+    numbers = node.numbers()
+    if len(numbers) != 1:
+        raise node.error(f"{_KALIBR_SHIFT} holds {len(numbers)} numbers: must be 1, in seconds")
+    return -numbers[0] if numbers[0] else 0.0
+
+
+def mounting_beside_camera(path: Path) -> Mounting | None:
+    """The mounting that the file of a camera has beside it, of EuRoC or Kalibr; None if it has none.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, or T_BS or T_cam_imu is no pose.
+    """
+    if not _is_document(path):
         return None
-    node = read_document(file).part(_POSE)
-    return None if node is None else _mounting_of_node(node)
+    node = read_document(camera_file(path)[0]).part(_POSE)
+    if node is not None:
+        return _mounting_of_pose(_pose(node, _POSE))
+    chain = _kalibr_camera(path)
+    node = None if chain is None else chain.part(_KALIBR_POSE)
+    if node is None:
+        return None
+    camera_from_body = _pose(node, _KALIBR_POSE)
+    rotation = camera_from_body[:, :3]
+    return Mounting(rotation, -rotation.T @ camera_from_body[:, 3])
+
+
+def _is_document(path: Path) -> bool:
+    return camera_file(path)[0].suffix.lower() in DOCUMENTS
+
+
+def _kalibr_camera(path: Path) -> Node | None:
+    """The camera of a chain of Kalibr that a path names; None if the chain was calibrated without an IMU."""
+    file, name = camera_file(path)
+    root = read_document(file)
+    cameras = root.value.values() if isinstance(root.value, dict) else ()
+    return chosen_camera(root, name) if any(camera.part(_KALIBR_POSE) for camera in cameras) else None
 
 
 def _require_found(path: Path, found: Mounting | None) -> Mounting:
     if found is None:
-        raise DatasetError(path, f"holds no {_POSE}, the pose body_from_camera of EuRoC's sensor.yaml")
+        rule = f"{_POSE} of EuRoC's sensor.yaml or {_KALIBR_POSE} of Kalibr's camchain-imucam.yaml"
+        raise DatasetError(path, f"holds no mounting: must have {rule}")
     return found
 
 
-def _mounting_of_node(node: Node) -> Mounting:
+def _pose(node: Node, name: str) -> FloatArray:
+    """A 4×4 matrix as ``[R | t]``, its rotation made exact."""
     numbers = node.numbers()
     if len(numbers) != 16:
-        raise node.error(f"{_POSE} holds {len(numbers)} numbers: must be 16, a 4×4 matrix")
+        raise node.error(f"{name} holds {len(numbers)} numbers: must be 16, a 4×4 matrix")
     pose = np.reshape(numbers, (4, 4))
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
-        raise node.error(f"the last row of {_POSE} is {pose[3].tolist()}: must be 0 0 0 1")
+        raise node.error(f"the last row of {name} is {pose[3].tolist()}: must be 0 0 0 1")
     if not is_rotation(pose[:3, :3], PRINTED_ROTATION_TOLERANCE):
-        raise node.error(f"{_POSE} holds no rotation")
-    return _mounting_of_pose(np.column_stack([nearest_rotation(pose[:3, :3]), pose[:3, 3]]))
+        raise node.error(f"{name} holds no rotation")
+    return np.column_stack([nearest_rotation(pose[:3, :3]), pose[:3, 3]])
 
 
 def _read_mounting(path: Path) -> Mounting:

@@ -14,7 +14,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import Map
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.colmap.camera_models import HELD
+from sfmcpp.sources.io.colmap.camera_models import MODELS, held_by
 from sfmcpp.sources.io.intrinsics import smallest_model
 
 # Above these, σ of intrinsics would take longer than all the rest of a report.
@@ -173,7 +173,7 @@ class ModelMeasures:
         if self.world.camera_names[camera] or self.world.camera_model != "perspective":
             return self.world.camera_names[camera] or self.world.camera_model
         values, fixed = self.world.intrinsics[camera], self.world.fixed_intrinsics[camera]
-        return smallest_model(HELD, values, fixed) or self.world.camera_model
+        return smallest_model(held_by(MODELS), values, fixed) or self.world.camera_model
 
     @cached_property
     def sigmas(self) -> dict[int, dict[str, float]]:

@@ -159,6 +159,8 @@ class SlamReport(ReportTable):
             yield "final", run.result.final.describe()
         if run.sensors:
             yield "sensors", f"{', '.join(run.sensors)}; weights {self._weights()}"
+            if run.drive.clock_offset_s:
+                yield "clock", f"{run.drive.clock_offset_s:+.9g} s added to the time stamps of the sensors"
         for name in run.sensors:
             yield from self._conflict(name)
         for warning in run.result.warnings:

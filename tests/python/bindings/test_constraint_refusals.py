@@ -108,7 +108,7 @@ def test_cameras_that_have_no_pose_or_no_free_focal_length_are_refused() -> None
         ("cameras", np.arange(3) + 2**32, "cameras: value 4294967298 does not fit in 32 bits"),
         ("cameras", [[0], [1, 2]], "cameras = .*: must be an array of numbers"),
         ("points", [np.zeros((2, 3))], "points: 1 arrays, kind 'position' of 3 members needs 0"),
-        ("weight", "heavy", "weight = 'heavy': must be a number"),
+        ("weight", "auto", r"weight = 'auto': must be a number; solve\(…, weight=…\) chooses it"),
         ("loss_scale", "wide", "loss_scale = 'wide': must be a number"),
     ],
 )

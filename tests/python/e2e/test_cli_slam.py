@@ -209,6 +209,25 @@ def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
     assert names_in(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    ("column", "told"),
+    [
+        ("speed", "'speed': must be NAME [UNIT]=OWN NAME"),
+        (
+            "speed [m/s]=V",
+            "s.csv:1: holds no column 'V', which is to be 'speed [m/s]': it holds t [s], speed",
+        ),
+    ],
+)
+def test_columns_that_are_not_there_are_one_line(tmp_path: Path, column: str, told: str) -> None:
+    write_drive(tmp_path / "drive.csv", corridor(4))
+    (tmp_path / "s.csv").write_text("t [s],speed [m/s]\n100,5\n101,5\n")
+    result = run_here("slam", "drive.csv", *OUT, *ODOMETER, "--sensor-column", column, cwd=tmp_path)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert told in result.stderr
+
+
 def test_results_whose_names_are_taken_are_refused_before_the_work(tmp_path: Path) -> None:
     write_drive(tmp_path / "drive.csv", corridor(4))
     for taken in ("points.ply", "weights.png"):

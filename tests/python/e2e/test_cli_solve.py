@@ -257,3 +257,12 @@ def test_names_of_other_programs_are_told_as_ours(tmp_path: Path) -> None:
         result = run_here("solve", source, "--refine", f"f,{other}")
         assert result.returncode == 2
         assert f"{other} of other programs is {ours}" in result.stderr
+
+
+@pytest.mark.parametrize("solver", ["auto", "dense"])
+def test_the_forecast_of_a_step_is_told_once(tmp_path: Path, solver: str) -> None:
+    start = write_noisy_circle(tmp_path)
+    told = run("solve", start, "-o", tmp_path / "b.npz", "--linear-solver", solver).stdout
+    (line,) = (line for line in told.splitlines() if "dense" in line and " MB" in line)
+    assert line.startswith("linear solver")
+    assert line.count("predicted for a step") == 1

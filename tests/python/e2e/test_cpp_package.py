@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import sfmcpp
+
 REPOSITORY = Path(__file__).resolve().parents[3]
 EXAMPLE = REPOSITORY / "examples/cpp"
 OBJECT = "CMakeFiles/bundle_adjustment.dir/bundle_adjustment.cpp.o"
@@ -37,6 +39,17 @@ def test_the_example_runs_with_the_installed_library(built: Path, tmp_path: Path
     told = run(build / "bundle_adjustment")
     assert "\nRMS " in told
     assert "\ndepth of point 0: " in told
+    assert_bal_is_solved(build / "bal", tmp_path)
+
+
+def assert_bal_is_solved(program: Path, folder: Path) -> None:
+    """The example that reads BAL ends where Python does."""
+    truth = sfmcpp.circle_scene(6, 40, camera_model="bal", pixel_sigma_px=0.5, seed=0)
+    start = sfmcpp.perturb(truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1, seed=1)
+    sfmcpp.write(start, folder / "start.txt")
+    summary = sfmcpp.solve(sfmcpp.read(folder / "start.txt"))
+    told = run(program, folder / "start.txt")
+    assert f"{summary.initial_cost:.6g} -> {summary.final_cost:.6g}: " in told
 
 
 def test_the_example_builds_by_pkg_config_and_the_licences_come_along(built: Path, tmp_path: Path) -> None:

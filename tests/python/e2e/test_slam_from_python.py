@@ -78,6 +78,27 @@ def test_the_files_are_those_of_the_command_line_byte_for_byte(
     assert [line for line in str(found).splitlines() if not line.startswith("seconds")] == lines
 
 
+def test_a_log_with_names_of_its_own_gives_the_same_run(tmp_path: Path, files: tuple[Path, Path]) -> None:
+    drive, speed = files
+    rows = [line.split(",") for line in speed.read_text().splitlines()[1:]]
+    log = "\n".join(["%time;Speed;V", *(f"{float(t) * 1000!r};x;{v}" for t, v in rows)])
+    (tmp_path / "log.csv").write_text(log)
+    own = ("--sensor-column", "t [ms]=%time", "--sensor-column", "speed [m/s] = V")
+    for file, names in ((speed, ()), (tmp_path / "log.csv", own)):
+        command = ("slam", drive, "--sensor", "odometer", "--sensor-file", file, *names, "--seed", "1")
+        assert run_command(*command, "-o", tmp_path / file.stem).returncode == 0
+    first, second = ((tmp_path / name / "trajectory.txt").read_bytes() for name in ("speed", "log"))
+    assert first == second
+
+
+def test_columns_that_no_file_has_are_refused(files: tuple[Path, Path]) -> None:
+    drive, _ = files
+    with pytest.raises(InvalidArgument, match="sensor_columns: there is no sensor file"):
+        open_drive(drive, sensor_columns={"speed [m/s]": "V"})
+    with pytest.raises(InvalidArgument, match=r"sensor_columns: a KITTI drive \(.mat\) has no columns"):
+        open_drive(drive, sensor_file="drive.mat", sensor_columns={"speed [m/s]": "V"})
+
+
 def test_a_run_gives_the_map_and_ends_where_the_callback_says(files: tuple[Path, Path]) -> None:
     seen: list[int] = []
 

@@ -31,6 +31,7 @@ from sfmcpp.sources.io import (
     transforms,
 )
 from sfmcpp.sources.io.checks import require_valid
+from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.shares import Share, part_of_share
@@ -56,6 +57,7 @@ FORMATS: tuple[Format, ...] = (
     colmap.TEXT,
     colmap.BINARY,
 )
+_FORMATS_OF_FISHEYES = (colmap.TEXT, colmap.BINARY, ply.FORMAT)
 
 
 @checked()
@@ -127,10 +129,13 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:
             raise DatasetError(target, f"format {chosen.name} can be read but not written")
-        if isinstance(problem.camera_model, CameraFunction):
-            name = problem.camera_model.name
-            raise DatasetError(target, f"camera model {name!r} is a function, which no file holds")
-        if not (problem.camera_model in PINHOLE_MODELS or chosen.holds_every_model):
+        fits = is_fisheye(problem) and chosen in _FORMATS_OF_FISHEYES
+        if isinstance(problem.camera_model, CameraFunction) and not fits:
+            held = "only COLMAP models hold" if is_fisheye(problem) else "no file holds"
+            raise DatasetError(
+                target, f"camera model {problem.camera_model.name!r} is a function, which {held}"
+            )
+        if not (fits or problem.camera_model in PINHOLE_MODELS or chosen.holds_every_model):
             held = ", ".join(PINHOLE_MODELS) if problem.is_metric else "metric"
             raise DatasetError(target, f"format {chosen.name} holds {held} cameras only: use .npz")
         chosen.writer(problem, target)

@@ -85,7 +85,7 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
         If the file cannot be read, holds no such camera, or one with another lens.
     """
     root = read_document(path)
-    chosen = _chosen_camera(root, camera)
+    chosen = chosen_camera(root, camera)
     matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
     return Calibration(_intrinsics(matrix, distortion, lens), chosen)
 
@@ -98,8 +98,14 @@ class _Values:
     numbers: list[float]
 
 
-def _chosen_camera(root: Node, camera: str) -> Node:
-    """The camera of that name, or the only one."""
+def chosen_camera(root: Node, camera: str) -> Node:
+    """The camera of that name, or the only one.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or several and no name.
+    """
     parts = root.value if isinstance(root.value, dict) else {}
     several = {name: part for name, part in parts.items() if part.part("intrinsics")}
     if camera and camera not in several:

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
@@ -64,7 +66,8 @@ _ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alo
 _ALIASES = {"time": "t", "timestamp": "t", "latitude": "lat", "longitude": "lon", "lng": "lon"}
 _ALIASES |= dict.fromkeys(("alt", "altitude", "elevation"), "height")
 _ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
-_KNOWN = {name.lower() for name in (*(name for _, names in GROUPS.values() for name in names), *_ALIASES)}
+_NAMES = {name: name for _, names in GROUPS.values() for name in names} | _ALIASES
+_KNOWN = {name.lower(): known for name, known in _NAMES.items()}  # in whatever case a file has them
 # The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
 _UNUSED = {"ax", "ay", "az", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z"}
 
@@ -78,6 +81,8 @@ _GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
 # A unit stands in brackets of either kind.
 _HEADER = re.compile(r"#?\s*([^\[\]()]+?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*([^)]*?)\s*\))?\s*")
 
+_LEFT_OUT = "-"  # a header that is the name of nothing
+
 # Beside the columns, the line of the file that each row stands on.
 _LINE = "line"
 
@@ -85,7 +90,11 @@ Table = dict[str, FloatArray]
 
 
 def read_sensor_csv(
-    path: str | PathLike[str], *, max_gap_s: float | None = None, clock_offset_s: float = 0.0
+    path: str | PathLike[str],
+    *,
+    columns: Mapping[str, str | float] | None = None,
+    max_gap_s: float | None = None,
+    clock_offset_s: float = 0.0,
 ) -> dict[str, SensorStream]:
     """Read all the streams of a CSV file.
 
@@ -94,6 +103,9 @@ def read_sensor_csv(
     path : path-like
         The file; columns are ``t``; ``speed``; ``distance``; ``vx vy vz``; ``wx wy wz``; ``x y z``;
         ``qw qx qy qz`` or ``rx ry rz`` (world_from_body); ``lat lon height``, each with its unit in brackets.
+    columns : mapping of str to str or float, optional
+        Columns of which the file has names of its own, by ours with the unit: ``{"speed [km/h]": "Wheel"}``.
+        A number that is no name stands on every line: ``{"wx [rad/s]": 0}``.
     max_gap_s : float, optional
         See :class:`SensorStream`.
     clock_offset_s : float
@@ -110,14 +122,19 @@ def read_sensor_csv(
         If the file cannot be read; no column is known; one lacks its unit or its companions; a cell is no
         finite number; the times do not increase; or a stream breaks a rule of :class:`SensorStream`, such as
         a unit that cannot be right.
+    InvalidArgument
+        If a key of `columns` is no column with its unit, or a value is no text or finite number.
     """
     source = Path(path)
+    asked = [_Asked(header, own) for header, own in (columns or {}).items()]
     lines = numbered_lines(source)
     number, header = next(lines, (1, ""))
     separator = separator_of(header)
-    columns = _columns(source, number, _split(header, separator))
+    headers = _split(header, separator)
     rows = [(number, _split(line, separator)) for number, line in lines]
-    cells = _cells(source, columns, rows)
+    constants = [column for column in asked if not _renamed(source, number, headers, column)]
+    known = _columns(source, number, headers, [column.column.name for column in constants])
+    cells = _cells(source, known, rows, constants)
     try:
         streams = _streams(source, cells, max_gap_s)
         return {kind: stream.shifted(clock_offset_s) for kind, stream in streams.items()}
@@ -125,15 +142,70 @@ def read_sensor_csv(
         raise DatasetError(source, str(error)) from error
 
 
-def _columns(path: Path, number: int, headers: list[str]) -> list[Column | None]:
+@dataclass(frozen=True)
+class _Asked:
+    """A column that a file has under a name of its own, or not at all."""
+
+    header: str
+    own: str | float
+
+    @cached_property
+    def column(self) -> Column:
+        """What it holds."""
+        try:
+            column = parse_column(self.header)
+        except ValueError as error:
+            raise InvalidArgument(f"sensor_columns: {error}") from None
+        if column is None:
+            raise InvalidArgument(f"sensor_columns: {self.header!r}: accelerations are not used")
+        return column
+
+    @property
+    def number(self) -> float:
+        """In our unit; NaN if it is no finite number."""
+        try:
+            value = float(self.own) * self.column.factor
+        except ValueError:
+            return math.nan
+        return value if math.isfinite(value) else math.nan
+
+
+def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool:
+    """Give the column of the file our name, others of that name none; False if a number is asked for."""
+    names = [found[1] if (found := _HEADER.fullmatch(text)) else text for text in headers]
+    place = next((texts.index(str(asked.own)) for texts in (headers, names) if str(asked.own) in texts), None)
+    if place is None and math.isnan(asked.number):
+        reason = (
+            f"holds no column {asked.own!r}, which is to be {asked.header!r}: it holds {', '.join(headers)}"
+        )
+        raise DatasetError(path, reason, number)
+    for k, name in enumerate(names):
+        if _KNOWN.get(name.lower()) == asked.column.name:
+            headers[k] = _LEFT_OUT
+    if place is not None:
+        headers[place] = asked.header
+    return place is not None
+
+
+def _with_constants(table: Table, constants: list[_Asked]) -> Table:
+    """Columns of one number each; where the rest of their group is empty there was no measurement."""
+    whole = dict(table)
+    for asked in constants:
+        beside = [table[name] for name in GROUPS[asked.column.group][1] if name in table]
+        given = ~np.isnan(beside).any(axis=0) if beside else np.ones(len(table["t"]), dtype=np.bool_)
+        whole[asked.column.name] = np.where(given, asked.number, np.nan)
+    return whole
+
+
+def _columns(path: Path, number: int, headers: list[str], constants: list[str]) -> list[Column | None]:
     try:
         columns = [None if _is_foreign(header) else parse_column(header) for header in headers]
-        if {column.name for column in columns if column is not None} <= {"t"}:
+        if {column.name for column in columns if column is not None} | {*constants} <= {"t"}:
             for header in headers:  # whichever is unknown is told
                 parse_column(header)
     except ValueError as error:
         raise DatasetError(path, str(error), number) from None
-    names = [column.name for column in columns if column is not None]
+    names = [column.name for column in columns if column is not None] + constants
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise DatasetError(path, f"columns named twice: {', '.join(sorted(repeated))}", number)
@@ -159,12 +231,14 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _is_foreign(header: str) -> bool:
-    """Whether a column is left out, such as a temperature; not one whose name is known but for its case."""
+    """Whether a column is left out, such as a temperature."""
     match = _HEADER.fullmatch(header)
     return match is not None and match[1].lower() not in _KNOWN
 
 
-def _cells(path: Path, columns: list[Column | None], lines: list[tuple[int, list[str]]]) -> Table:
+def _cells(
+    path: Path, columns: list[Column | None], lines: list[tuple[int, list[str]]], constants: list[_Asked]
+) -> Table:
     """Columns by name, in our units, NaN where a cell is empty."""
     numeric = [place for place, column in enumerate(columns) if column is not None]
     for number, cells in lines:
@@ -176,6 +250,7 @@ def _cells(path: Path, columns: list[Column | None], lines: list[tuple[int, list
         raise DatasetError(path, "holds no measurements")
     named = [column.name for column in columns if column is not None]
     table = dict(zip(named, np.array([row for _, row in rows]).T, strict=True))
+    table = _with_constants(table, constants)
     late = np.flatnonzero(np.diff(table["t"]) <= 0)
     if len(late):
         row = int(late[0]) + 1
@@ -292,7 +367,7 @@ def parse_column(header: str) -> Column | None:
     match = _HEADER.fullmatch(header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
-    name, unit = _ALIASES.get(match[1], match[1]), match[2] or match[3] or ""
+    name, unit = _KNOWN.get(match[1].lower(), match[1]), match[2] or match[3] or ""
     if name in _UNUSED:
         return None
     for group, (units, names) in GROUPS.items():
@@ -300,5 +375,6 @@ def parse_column(header: str) -> Column | None:
             return Column(group, name, unit_factor(header, unit, units))
     known = ", ".join(name for _, names in GROUPS.values() for name in names)
     raise ValueError(
-        f"column {header!r} is unknown: must be one of {known}, with its unit: 't [s]', 'speed [km/h]'"
+        f"column {header!r} is unknown: must be one of {known}, with its unit: 't [s]', 'speed [km/h]'; "
+        f"or say which it is: --sensor-column 'speed [m/s]={header}'"
     )

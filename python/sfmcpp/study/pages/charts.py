@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.study.pages.viewpoint import bounding_sphere
 from sfmcpp.study.sfm_measures import ResidualMap
 
 _WIDTH, _HEIGHT = 480, 200
@@ -22,6 +21,7 @@ _RAMP = np.array(
     [[222, 235, 247], [158, 202, 225], [66, 146, 198], [8, 81, 156], [8, 48, 107]], dtype=np.float64
 )
 _MOST_CELLS = 500
+_DISPLAYED = (0.01, 0.99)  # of the points, along each axis: a few lie far off
 Pixels = NDArray[np.uint8]
 
 
@@ -205,8 +205,8 @@ def top_view(
     """
     width, height = size
     picture: Pixels = np.zeros((height, width, 4), dtype=np.uint8)
-    middle, _ = bounding_sphere(points, centres)
-    spans = _displayed_ranges(points, centres)
+    low, high = _displayed_box(points, centres)
+    middle, spans = (low + high) / 2, high - low
     scale = min((width - 24) / max(spans[0], 1e-12), (height - 24) / max(spans[1], 1e-12))
     order = np.argsort(points[:, 2], kind="stable")
     at = _pixels(points[order], middle, scale, size)
@@ -221,11 +221,13 @@ def top_view(
     return picture
 
 
-def _displayed_ranges(points: FloatArray, centres: FloatArray) -> FloatArray:
+def _displayed_box(points: FloatArray, centres: FloatArray) -> FloatArray:
+    """Least and largest coordinates (2, 3) of all cameras and of all but the farthest points."""
     ends = [centres] if len(centres) else []
     if len(points):
-        ends.append(np.quantile(points, [0.05, 0.95], axis=0))
-    return np.asarray(np.ptp(np.concatenate(ends), axis=0)) if ends else np.ones(3)
+        ends.append(np.quantile(points, _DISPLAYED, axis=0))
+    both = np.concatenate(ends) if ends else np.array([[-0.5] * 3, [0.5] * 3])
+    return np.stack([both.min(axis=0), both.max(axis=0)])
 
 
 def _pixels(places: FloatArray, middle: FloatArray, scale: float, size: tuple[int, int]) -> NDArray[np.int64]:

@@ -143,7 +143,8 @@ def _title(curves: Sequence[_Curve]) -> str:
         return "Excess cost of each run over the lowest cost"
     (curve,) = curves
     of = f"{curve.name}: " if curve.name else ""
-    return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {curve.iteration[-1]} iterations"
+    count = int(curve.iteration[-1])
+    return f"{of}cost {curve.cost[0]:.6g} → {curve.cost[-1]:.6g} in {count} iteration{'s' * (count != 1)}"
 
 
 def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]) -> None:
@@ -166,6 +167,7 @@ def _finish(by_iteration: Axes, by_seconds: Axes, curves: list[_Curve], best: fl
     by_iteration.set_xlabel("iteration")
     by_iteration.xaxis.set_major_locator(MaxNLocator(integer=True))
     by_seconds.set_xlabel("time [s]")
+    by_seconds.xaxis.set_major_locator(MaxNLocator(5))  # as 0.0175 is wide
     by_seconds.set_xlim(left=0.0)
     by_iteration.set_ylabel("cost" if best is None else f"(cost − {best:.6g}) / {best:.6g}")
     _add_legend(by_iteration, by_seconds, curves)

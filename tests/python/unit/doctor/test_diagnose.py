@@ -260,3 +260,10 @@ def test_a_residual_of_a_camera_and_a_point_ties_the_camera_to_those_that_see_it
     point = int(problem.point_index[apart[problem.camera_index] == 0][0])
     depth = ResidualGroup(lambda poses, x: x[:, 2:] - poses[:, 2:, 3], [camera], points=[point])
     assert "disconnected-parts" not in diagnose(problem, constraints=[depth]).codes
+
+
+def test_a_diagnosis_shows_itself_in_one_line_and_in_a_notebook_as_its_list() -> None:
+    problem = sfmcpp.circle_scene(6, 40, seed=0)
+    found = sfmcpp.diagnose(problem)
+    assert repr(found) == "Diagnosis(note gauge-freedoms)"
+    assert found._repr_html_().startswith("<pre>1. note: gauge-freedoms: all 7 gauge freedoms")

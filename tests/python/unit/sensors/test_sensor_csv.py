@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.errors import DatasetError
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sensors import travelled_distance
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 
@@ -32,6 +32,11 @@ def test_units_become_ours(tmp_path: Path) -> None:
     np.testing.assert_allclose(streams["speed"].values, [[10], [20]])
     np.testing.assert_allclose(streams["angular_rate"].values, np.pi * np.array([[1, 0, -0.5], [0, 0.5, 0]]))
     np.testing.assert_allclose(streams["distance"].values, [[1], [2]])
+
+
+def test_names_are_known_in_any_case(tmp_path: Path) -> None:
+    streams = read_sensor_csv(write(tmp_path, "Time (ms),Speed (m/s),X [m],Y [m],Z [m]", "0,1,2,3,4"))
+    assert set(streams) == {"speed", "position"}
 
 
 def test_sensors_of_different_rates_share_a_file(tmp_path: Path) -> None:
@@ -104,17 +109,12 @@ HEADER = "t [s],speed [m/s]"
     [
         ("t [s],speed", ["0,1"], 1, r"column 'speed' names no unit: must be one of \[m/s\], \[km/h\]"),
         ("t [s],speed (knots)", ["0,1"], 1, r"'speed \(knots\)' has the unknown unit 'knots'"),
-        (
-            "Time (ms),speed (m/s)",
-            ["0,1"],
-            1,
-            r"'Time \(ms\)' is unknown: .*, with its unit: 't \[s\]'",
-        ),
+        ("Zeit (ms),Tempo (m/s)", ["0,1"], 1, r"'Zeit \(ms\)' is unknown: .*, with its unit: 't \[s\]'"),
         ("t [s],speed [knots]", ["0,1"], 1, r"'speed \[knots\]' has the unknown unit 'knots'"),
         ("t [s],sonar [m]", ["0,1"], 1, r"column 'sonar \[m\]' is unknown: must be one of t, speed"),
-        ("t [s],speed [m/s],WX [rad/s]", ["0,1,1"], 1, r"column 'WX \[rad/s\]' is unknown"),
+        ("t [s],speed [m/s],WX [rad/s]", ["0,1,1"], 1, "lacks the column wy, wz of angular_rate"),
         ("t [s];speed [m/s]", ["0;1,000"], 2, "the comma in '1,000' may be decimal or of thousands"),
-        ("Time,X,Y,Z", ["0,1,2,3"], 1, "column 'Time' is unknown"),
+        ("Time,X,Y,Z", ["0,1,2,3"], 1, "column 'Time' names no unit"),
         ("t [s],wx [rad/s]", ["0,1"], 1, "lacks the column wy, wz of angular_rate"),
         ("speed [m/s]", ["1"], 1, "lacks the column t of time"),
         ("t [s],speed [m/s],speed [km/h]", ["0,1,1"], 1, "columns named twice: speed"),
@@ -176,3 +176,42 @@ def test_heights_have_the_names_that_receivers_give_them(tmp_path: Path, height:
     path.write_text(f"timestamp [s],latitude [deg],lng [deg],{height} [m]\n0,48,11,500\n1,48,11.001,501\n")
     stream = read_sensor_csv(path)["geodetic"]
     np.testing.assert_allclose(stream.values[1], [48, 11.001, 501], rtol=1e-12)
+
+
+OWN = {"t [ms]": "Time", "speed [km/h]": "Wheel", "wx [rad/s]": 0, "wy [rad/s]": "0", "wz [deg/s]": "Yaw"}
+
+
+def test_columns_of_own_names_are_told_by_ours(tmp_path: Path) -> None:
+    path = write(tmp_path, "Time;Wheel [rpm?];Yaw;t", "1000;36,0;180;x", "1100;72,0;;x")
+    streams = read_sensor_csv(path, columns=OWN)
+    np.testing.assert_allclose(streams["speed"].t_s, [1.0, 1.1])
+    np.testing.assert_allclose(streams["speed"].values, [[10], [20]])
+    np.testing.assert_allclose(streams["angular_rate"].values, [[0, 0, np.pi]])  # the other line has no rate
+
+
+def test_names_of_ros_are_columns(tmp_path: Path) -> None:
+    path = write(
+        tmp_path, "%time,field.twist.twist.linear.x", "1403636579763555584,1", "1403636579863555584,2"
+    )
+    columns = {"t [ns]": "%time", "speed [m/s]": "field.twist.twist.linear.x"}
+    stream = read_sensor_csv(path, columns=columns, clock_offset_s=-1403636579.0)["speed"]
+    np.testing.assert_allclose(stream.t_s, [0.763555584, 0.863555584], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"speed [km/h]": "wheel"}, "sensors.csv:1: holds no column 'wheel', which is to be 'speed"),
+        ({"speed": "Wheel"}, "sensor_columns: column 'speed' names no unit"),
+        ({"tempo [m/s]": "Wheel"}, "sensor_columns: column 'tempo .m/s.' is unknown"),
+        ({"wx [rad/s]": 0}, "lacks the column wy, wz of angular_rate"),
+        ({"t [s]": "Zeit", "speed [km/h]": np.nan}, "holds no column nan"),
+        ({"ax [m/s^2]": "Wheel"}, "accelerations are not used"),
+    ],
+)
+def test_own_names_that_cannot_be_are_refused(
+    tmp_path: Path, columns: dict[str, str | float], told: str
+) -> None:
+    path = write(tmp_path, "Zeit,Wheel,t [s]", "1,2,3", "2,3,4")
+    with pytest.raises((DatasetError, InvalidArgument), match=told):
+        read_sensor_csv(path, columns=columns)

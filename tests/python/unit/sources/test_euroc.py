@@ -125,7 +125,7 @@ def test_the_mounting_is_that_of_the_sensor_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("K: [1]\n", "holds no T_BS"),
+        ("K: [1]\n", "holds no mounting: must have T_BS"),
         ("T_BS: [1, 2]\n", "T_BS holds 2 numbers: must be 16"),
         (SENSOR.replace("0.99988", "1.99988"), "T_BS holds no rotation"),
         (SENSOR.replace("0.0, 0.0, 0.0, 1.0]", "0.0, 0.0, 1.0, 1.0]"), "the last row of T_BS is"),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows
-from sfmcpp.sources.io.colmap.camera_models import MODELS, NAME_OF_NUMBER, unsupported
+from sfmcpp.sources.io.colmap.camera_models import NAME_OF_NUMBER, READ_MODELS, unsupported
 from sfmcpp.sources.io.colmap.tables import NO_POINT, CameraTable, ImageTable, PointTable, Tables
 from sfmcpp.sources.io.files import read_bytes
 from sfmcpp.sources.io.rows import exclusive_sums
@@ -114,7 +114,7 @@ def _read_cameras(path: Path) -> CameraTable:
         ids.append(camera_id)
         models.append(NAME_OF_NUMBER[number])
         sizes.append((width, height))
-        params.append(records.array(np.dtype("<f8"), len(MODELS[models[-1]].params)).tolist())
+        params.append(records.array(np.dtype("<f8"), len(READ_MODELS[models[-1]].params)).tolist())
     records.require_end()
     size_array = np.array(sizes, dtype=np.int64).reshape(-1, 2)
     table = CameraTable(
@@ -189,7 +189,7 @@ def _read_points(path: Path) -> PointTable:
 def _cameras_bytes(cameras: CameraTable) -> Iterator[bytes]:
     yield _COUNT.pack(len(cameras.ids))
     for row, (name, params) in enumerate(zip(cameras.models, cameras.params, strict=True)):
-        yield _CAMERA.pack(int(cameras.ids[row]), MODELS[name].number, *cameras.sizes[row].tolist())
+        yield _CAMERA.pack(int(cameras.ids[row]), READ_MODELS[name].number, *cameras.sizes[row].tolist())
         yield np.array(params, dtype="<f8").tobytes()
 
 

@@ -1,18 +1,24 @@
-"""COLMAP's camera models and the perspective model, both ways."""
+"""COLMAP's camera models and ours, both ways: the perspective one, and that of fisheye lenses."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.intrinsics import PERSPECTIVE, fixed_but, perspective_columns, perspective_rows
 
 
 @dataclass(frozen=True)
 class ColmapModel:
-    """A camera model of COLMAP that the perspective model covers."""
+    """A camera model of COLMAP that the perspective model covers, or :data:`fisheye.FISHEYE`.
+
+    Both of these call the same parameters by the same names.
+    """
 
     number: int
     params: tuple[str, ...]
@@ -41,31 +47,45 @@ MODELS = {
     "RADIAL": ColmapModel(3, ("f", "cx", "cy", "k1", "k2"), ("k1", "k2")),
     "OPENCV": ColmapModel(4, ("f", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2")),
 }
-NAME_OF_NUMBER = {model.number: name for name, model in MODELS.items()}
-HELD = {name: model.kept for name, model in MODELS.items()}
-SUPPORTED = ", ".join(MODELS)
+FISHEYE_MODELS = {
+    "SIMPLE_RADIAL_FISHEYE": ColmapModel(8, ("f", "cx", "cy", "k1"), ("k1",)),
+    "RADIAL_FISHEYE": ColmapModel(9, ("f", "cx", "cy", "k1", "k2"), ("k1", "k2")),
+    "OPENCV_FISHEYE": ColmapModel(
+        5, ("f", "fy", "cx", "cy", "k1", "k2", "k3", "k4"), ("k1", "k2", "k3", "k4")
+    ),
+}
+READ_MODELS = MODELS | FISHEYE_MODELS
+NAME_OF_NUMBER = {model.number: name for name, model in READ_MODELS.items()}
 _UNSUPPORTED_NAMES = {
-    5: "OPENCV_FISHEYE",
     6: "FULL_OPENCV",
     7: "FOV",
-    8: "SIMPLE_RADIAL_FISHEYE",
-    9: "RADIAL_FISHEYE",
     10: "THIN_PRISM_FISHEYE",
     11: "RAD_TAN_THIN_PRISM_FISHEYE",
 }
 
 
-def unsupported(model: str | int) -> str:
+def unsupported(model: str | int, supported: Iterable[str] = READ_MODELS) -> str:
     """Reason for refusing a camera model given by name or number."""
-    name = _UNSUPPORTED_NAMES.get(model, str(model)) if isinstance(model, int) else model
-    return f"camera model {name} is not supported: must be one of {SUPPORTED}"
+    name = (NAME_OF_NUMBER | _UNSUPPORTED_NAMES).get(model, str(model)) if isinstance(model, int) else model
+    return f"camera model {name} is not supported: must be one of {', '.join(supported)}"
+
+
+def models_of(problem: Problem) -> Mapping[str, ColmapModel]:
+    """Models that may hold the cameras of a problem, the smallest first."""
+    return FISHEYE_MODELS if is_fisheye(problem) else MODELS
+
+
+def held_by(models: Mapping[str, ColmapModel]) -> dict[str, tuple[str, ...]]:
+    """Parameters that each of these models can hold."""
+    return {name: model.kept for name, model in models.items()}
 
 
 def intrinsics_from_params(models: list[str], params: list[list[float]]) -> tuple[FloatArray, BoolArray]:
-    """Perspective intrinsics (G, K) of COLMAP's parameters, and which of them stay fixed."""
+    """Intrinsics (G, K) in the order of the perspective model, and which of them stay fixed."""
     values, fixed = perspective_rows(len(models)), fixed_but(len(models))
     for row, (name, numbers) in enumerate(zip(models, params, strict=True)):
-        model, named = MODELS[name], dict(zip(MODELS[name].params, numbers, strict=True))
+        model = READ_MODELS[name]
+        named = dict(zip(model.params, numbers, strict=True))
         if model.has_aspect:
             named["aspect"] = float(np.float64(named.pop("fy")) / named["f"])
         values[row, perspective_columns(*named)] = list(named.values())
@@ -77,4 +97,4 @@ def params_from_intrinsics(name: str, values: FloatArray) -> list[float]:
     """Parameters of that COLMAP model for one row of perspective intrinsics."""
     named = dict(zip(PERSPECTIVE, values.tolist(), strict=True))
     named["fy"] = named["f"] * named["aspect"]
-    return [named[param] for param in MODELS[name].params]
+    return [named[param] for param in READ_MODELS[name].params]

@@ -134,8 +134,8 @@ class _Reader:
         columns = "camera_id, model, width, height, params, prior_focal_length"
         for camera, model, width, height, params, known in self._rows(f"SELECT {columns} FROM cameras"):
             what = f"cameras: camera {camera}"
-            if model not in NAME_OF_NUMBER:
-                raise self._error(f"{what}: {unsupported(model)}")
+            if NAME_OF_NUMBER.get(model) not in MODELS:
+                raise self._error(f"{what}: {unsupported(model, MODELS)}")
             if not all(isinstance(side, int) and 0 < side <= LARGEST_COUNT for side in (width, height)):
                 raise self._error(f"{what}: image size {width!r}x{height!r} is impossible")
             name = NAME_OF_NUMBER[model]

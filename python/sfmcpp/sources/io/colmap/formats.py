@@ -39,6 +39,8 @@ def read_colmap_text(folder: Path) -> Problem:
 def read_colmap_binary(folder: Path) -> Problem:
     """Read cameras.bin, images.bin and points3D.bin, and rigs; camera model ``"perspective"``.
 
+    Of a model with fisheye lenses the camera model is :data:`sfmcpp.sources.io.colmap.fisheye.FISHEYE`.
+
     Images become cameras, in the order of their ids; COLMAP's cameras are rows of `intrinsics`. Free are the
     focal lengths and the distortion coefficients that the camera model has. Observations follow the
     points' tracks. Names, identifiers, sizes, colours and keypoints without a point are metadata; errors of
@@ -53,7 +55,7 @@ def read_colmap_binary(folder: Path) -> Problem:
     DatasetError
         If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a sensor
         of a rig is no camera or has no pose, or a camera model is none of SIMPLE_PINHOLE, PINHOLE,
-        SIMPLE_RADIAL, RADIAL, OPENCV.
+        SIMPLE_RADIAL, RADIAL, OPENCV, or, alone, of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE.
     """
     _require_model(folder, binary.FILES)
     found = _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")

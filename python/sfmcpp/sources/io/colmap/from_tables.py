@@ -9,7 +9,8 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.metadata import SECOND_SIGHTINGS, keypoint_entries
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
-from sfmcpp.sources.io.colmap.camera_models import MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.camera_models import FISHEYE_MODELS, READ_MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.fisheye import FISHEYE
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -20,6 +21,7 @@ from sfmcpp.sources.io.colmap.tables import (
     PointTable,
     Tables,
 )
+from sfmcpp.sources.io.intrinsics import perspective_columns
 from sfmcpp.sources.io.poses import cameras_from_pose
 from sfmcpp.sources.io.rows import exclusive_sums
 
@@ -41,16 +43,18 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
     point, image, keypoint = _tracks(images, points)
     first, second = _first_and_further_sightings(point, image, len(images.ids))
     intrinsics, fixed = _intrinsics(cameras)
+    are_fisheyes = _are_fisheyes(cameras)
+    columns = perspective_columns(*FISHEYE.intrinsics) if are_fisheyes else slice(None)
     problem = Problem(
-        "perspective",
+        FISHEYE if are_fisheyes else "perspective",
         _poses(images),
-        intrinsics,
+        intrinsics[:, columns],
         points.positions,
         image[first].astype(np.int32),
         point[first].astype(np.int32),
         images.keypoints[keypoint[first]],
         intrinsics_index=intrinsics_index.astype(np.int32),
-        fixed_intrinsics=fixed,
+        fixed_intrinsics=fixed[:, columns],
         metadata=_metadata(cameras, images, points, source_format),
     )
     problem.metadata.extra |= _keypoints(images, keypoint[first])
@@ -65,13 +69,22 @@ def problem_from_tables(tables: Tables, source_format: str) -> Problem:
 
 
 def _intrinsics(cameras: CameraTable) -> tuple[FloatArray, BoolArray]:
-    models = [MODELS[name] for name in cameras.models]
+    models = [READ_MODELS[name] for name in cameras.models]
     good = [not m.has_aspect or numbers[0] != 0 for m, numbers in zip(models, cameras.params, strict=True)]
     cameras.require(np.array(good, dtype=np.bool_), "fx must not be 0")
     with np.errstate(all="ignore"):
         values, fixed = intrinsics_from_params(cameras.models, cameras.params)
     cameras.require(finite_rows(values), "the ratio of the focal lengths is not finite")
     return values, fixed
+
+
+def _are_fisheyes(cameras: CameraTable) -> bool:
+    """Whether all cameras have fisheye lenses; a problem has one camera model."""
+    fisheye = np.array([name in FISHEYE_MODELS for name in cameras.models], dtype=np.bool_)
+    first = bool(len(fisheye)) and bool(fisheye[0])
+    kind = "a fisheye, too" if first else "no fisheye either"
+    cameras.require(fisheye == first, f"its lens differs from the first one's: must be {kind}")
+    return first
 
 
 def _poses(images: ImageTable) -> FloatArray:

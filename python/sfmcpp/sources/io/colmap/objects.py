@@ -27,14 +27,15 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     Returns
     -------
     Problem
-        Camera model ``"perspective"``; contents and order as for ``sfmcpp.read`` of a binary COLMAP model.
-        Names and identifiers are metadata.
+        Camera model ``"perspective"``, or a :class:`CameraFunction` of fisheye lenses; contents and order as
+        for ``sfmcpp.read`` of a binary COLMAP model. Names and identifiers are metadata.
 
     Raises
     ------
     InvalidArgument
         If it is no reconstruction, a sensor of a rig is no camera or has no pose, or a camera model is none
-        of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV.
+        of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, or, alone, of SIMPLE_RADIAL_FISHEYE,
+        RADIAL_FISHEYE, OPENCV_FISHEYE.
     """
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__

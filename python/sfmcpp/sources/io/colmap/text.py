@@ -10,7 +10,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.checks import LARGEST_COUNT
-from sfmcpp.sources.io.colmap.camera_models import MODELS, unsupported
+from sfmcpp.sources.io.colmap.camera_models import READ_MODELS, unsupported
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -52,7 +52,7 @@ def _read_cameras(path: Path) -> CameraTable:
         models.append(_model_name(path, words, row + 1))
         lines[row] = b" ".join(words[:1] + words[2:])
     text = NumberText(path, b"\n".join(lines), comments=True)
-    widths = np.array([3 + len(MODELS[name].params) for name in models], dtype=np.int64)
+    widths = np.array([3 + len(READ_MODELS[name].params) for name in models], dtype=np.int64)
     _require_widths(text, widths)
     first = text.lines.first
     sizes = text.integers((first[:, None] + np.array([1, 2])).ravel(), "image size", 0, LARGEST_COUNT)
@@ -70,7 +70,7 @@ def _model_name(path: Path, words: list[bytes], line: int) -> str:
     if len(words) < 2:
         raise DatasetError(path, "the line must hold id, model, width, height and parameters", line)
     name = words[1][:40].decode("ascii", "backslashreplace")
-    if name not in MODELS:
+    if name not in READ_MODELS:
         raise DatasetError(path, unsupported(name), line)
     return name
 

@@ -7,6 +7,7 @@ observation; the others become keypoints without a point, are remembered, and pu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,12 @@ from sfmcpp.sources.io.checks import (
     require_valid,
 )
 from sfmcpp.sources.io.colmap.camera_models import (
-    HELD,
-    MODELS,
+    ColmapModel,
+    held_by,
+    models_of,
     params_from_intrinsics,
 )
+from sfmcpp.sources.io.colmap.fisheye import errors_px, is_fisheye
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
     LARGEST_POINT_ID,
@@ -77,7 +80,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     images, keypoint_index = _images(problem, folder, lenses, cameras.ids, point_ids)
     order, counts = by_point(problem)
     with np.errstate(all="ignore"):
-        errors = mean_reprojection_errors_px(problem, problem.points)
+        errors = _errors_of_points(problem)
     points = PointTable(
         folder,
         None,
@@ -92,6 +95,14 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
     tables = Tables(cameras, images, points)
     _require_readable(tables)
     return tables
+
+
+def _errors_of_points(problem: Problem) -> FloatArray:
+    """Mean reprojection errors (N,) [px]; not a number where none is known."""
+    if not is_fisheye(problem):
+        return mean_reprojection_errors_px(problem, problem.points)
+    views = np.bincount(problem.point_index, minlength=problem.num_points)
+    return np.bincount(problem.point_index, errors_px(problem), problem.num_points) / views
 
 
 def _require_readable(tables: Tables) -> None:
@@ -144,18 +155,26 @@ def _models(problem: Problem, values: FloatArray, fixed: BoolArray, folder: Path
     if names is None:
         names = [""] * len(values)
     require_metadata_length("colmap_camera_models", names, len(values), folder)
-    return [
-        _model(row, *columns, folder) for row, columns in enumerate(zip(names, values, fixed, strict=True))
-    ]
+    models = models_of(problem)
+    rows = enumerate(zip(names, values, fixed, strict=True))
+    return [_model(models, row, *columns, folder) for row, columns in rows]
 
 
-def _model(row: int, known: str, values: FloatArray, fixed: BoolArray, folder: Path) -> str:
+def _model(
+    models: Mapping[str, ColmapModel],
+    row: int,
+    known: str,
+    values: FloatArray,
+    fixed: BoolArray,
+    folder: Path,
+) -> str:
     """Choose the model the row came with if it still holds its values, else the smallest that does."""
-    if known in MODELS and needed_parameters(values) <= set(HELD[known]):
+    held = held_by(models)
+    if known in held and needed_parameters(values) <= set(held[known]):
         return known
-    name = model_of_row(row, HELD, values, fixed, folder)
-    if MODELS[name].has_aspect and values[PERSPECTIVE.index("f")] == 0:
-        raise no_model(row, HELD, values, folder)
+    name = model_of_row(row, held, values, fixed, folder)
+    if models[name].has_aspect and values[PERSPECTIVE.index("f")] == 0:
+        raise no_model(row, held, values, folder)
     return name
 
 

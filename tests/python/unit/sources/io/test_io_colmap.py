@@ -343,5 +343,5 @@ def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path) -> None:
     write(read(small_model(tmp_path)), tmp_path / "new")
     path = tmp_path / "new" / "cameras.bin"
     data = path.read_bytes()
-    path.write_bytes(data[:12] + b"\5" + data[13:])
-    assert "camera model OPENCV_FISHEYE is not supported" in str(refusal(tmp_path / "new"))
+    path.write_bytes(data[:12] + b"\6" + data[13:])
+    assert "camera model FULL_OPENCV is not supported" in str(refusal(tmp_path / "new"))

@@ -70,6 +70,20 @@ def test_from_above_higher_points_cover_lower_ones_and_cameras_are_dots() -> Non
     assert picture[0, 0, 3] == 0
 
 
+def test_a_model_is_seen_from_above_to_its_edges() -> None:
+    """Its middle is not its median, and a few points lie far off."""
+    rng = np.random.default_rng(0)
+    crowd, rest = rng.normal(0, 0.1, (900, 3)), rng.uniform([0, -10, 0], [1, 0, 1], (100, 3))
+    points = np.concatenate([crowd, rest])
+    low = (points[:, 1] < np.quantile(points[:, 1], 0.03)) & (points[:, 1] > np.quantile(points[:, 1], 0.012))
+    colors = np.where(low[:, None], np.array([250, 0, 0]), 90).astype(np.uint8)
+    points[0] = [0, -1000, 0]
+    picture = top_view(points, colors, np.array([[0.0, 1.0, 5.0]]), (200, 400))
+    shown = (picture == (250, 0, 0, 255)).all(axis=2)
+    assert np.count_nonzero(shown) >= 3 * np.count_nonzero(low)  # each is four pixels, where none hides it
+    assert picture[:60].any()  # the camera, uppermost
+
+
 def test_the_matrix_is_symmetric_and_darker_where_more_agrees() -> None:
     first, second = np.array([0, 0, 1]), np.array([1, 2, 2])
     picture = match_matrix(3, first, second, np.array([100, 10, 0]))[80::160, 80::160].astype(int)

@@ -87,6 +87,7 @@ def test_a_summary_is_drawn_as_its_iterations() -> None:
 def test_the_title_says_from_where_to_where_or_what_it_is_told() -> None:
     title = [plot_convergence(RUN).get_suptitle(), plot_convergence(RUN, title="mine").get_suptitle()]
     assert title == ["cost 100 → 2 in 3 iterations", "mine"]
+    assert plot_convergence(RUN[:2]).get_suptitle().endswith("in 1 iteration")
     assert "over the lowest cost" in plot_convergence({"a": RUN, "b": RUN}).get_suptitle()
 
 
@@ -140,3 +141,11 @@ def test_nothing_to_draw_is_refused_by_name() -> None:
         plot_convergence({})
     with pytest.raises(InvalidArgument, match=r"runs\['empty'\]"):
         plot_convergence({"full": RUN, "empty": []})
+
+
+def test_times_of_many_digits_have_few_ticks() -> None:
+    costs = [100.0, 10.0, 2.0]
+    run = [Iteration(k, c, 0.0098 * k, True, 1e-3, 1.0, 1.0, (1.0, 1.0), 0) for k, c in enumerate(costs)]
+    axes = plot_convergence(run).axes[1]
+    left, right = axes.get_xlim()
+    assert 3 <= sum(left <= at <= right for at in axes.get_xticks()) <= 6
