@@ -111,3 +111,20 @@ def test_a_point_without_an_image_is_named_where_the_cost_at_the_start_is_no_num
         "(1 such observations)"
     ]
     np.testing.assert_array_equal(problem.points, before.points)
+
+
+@pytest.mark.parametrize("damping", [1e9, 1e20, 1e300, 1.7e308])
+@pytest.mark.parametrize("method", ["lm", "lm-nielsen"])
+def test_much_damping_at_the_start_is_no_convergence(method: str, damping: float) -> None:
+    problem, best = scene(), sfmcpp.solve(scene()).final_cost
+    summary = sfmcpp.solve(problem, method=method, initial_damping=damping, max_iterations=60)
+    if summary.termination == "converged":
+        assert summary.final_cost == pytest.approx(best, rel=1e-5)
+    assert (summary.termination == "converged") == (damping == 1e9)
+
+
+@pytest.mark.parametrize("radius", [1e-6, 1e-12, 1e-300])
+def test_a_small_radius_at_the_start_is_no_convergence(radius: float) -> None:
+    problem, best = scene(), sfmcpp.solve(scene()).final_cost
+    summary = sfmcpp.solve(problem, method="dog-leg", initial_radius=radius, max_iterations=100)
+    assert summary.termination != "converged" or summary.final_cost == pytest.approx(best, rel=1e-5)
