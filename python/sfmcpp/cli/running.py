@@ -7,15 +7,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, require_regular_file
+from sfmcpp.sources.io.files import failures_named, require_folder, require_regular_file
 
 
 def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
-    """Raise a DatasetError if `folder` or its `model` is a file, or one of its `files` is a folder."""
+    """Raise a DatasetError if `folder` or its `model` cannot be a folder, or one of its `files` is one."""
     for path in (folder, folder / model):
-        if path.exists() and not path.is_dir():
-            raise DatasetError(path, "is a file, a folder is wanted")
+        require_folder(path)
     for name in files:
         require_regular_file(folder / name)
 
