@@ -2,7 +2,14 @@
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
-from sfmcpp.sensors.gps import earth_centred, east_north_up, geodetic_of, local_positions, position_at
+from sfmcpp.sensors.gps import (
+    earth_centred,
+    east_north_up,
+    geodetic_of,
+    local_positions,
+    position_at,
+    without_leaps,
+)
 from sfmcpp.sensors.imu import orientations, rotation_increment, sampling_variance
 from sfmcpp.sensors.ins import pose_at, pose_stream_values
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
@@ -68,4 +75,5 @@ __all__ = [
     "sampling_variance",
     "travelled_distance",
     "without_bias",
+    "without_leaps",
 ]

@@ -6,13 +6,16 @@ and flattening of table 3.1, geodetic to Cartesian coordinates of its section 4.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.sensor_kinds import FASTEST_M_S
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 SEMI_MAJOR_AXIS_M = 6_378_137.0
@@ -20,6 +23,10 @@ FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 # Each round of a latitude leaves a 150th of its error, the squared eccentricity.
 _ROUNDS = 8
+# What honest positions may be off, the two of a way together [m].
+_NOISE_M = 10.0
+# More leaps are noise, and not looked at.
+_MOST_LEAPS = 1000
 # Fewer positions leave nothing to judge them by.
 LEAST_POSITIONS = 5
 # Degrees taken for metres: horizontally all within this of each other, which is less than a way or a baseline
@@ -52,6 +59,56 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     if not stream.covers(time_s, time_s):
         return None
     return np.asarray(measured_at(stream, np.array([time_s]))[0])
+
+
+@checked()
+def without_leaps(stream: SensorStream) -> SensorStream:
+    """Leave out positions that no vehicle could have got to from the others, as of fixes that were lost.
+
+    Of all the ways through the stream that a vehicle can have gone, that with most positions is kept.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"position"`` or ``"pose"``.
+
+    Returns
+    -------
+    SensorStream
+        The same one where nothing is left out.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "position", "pose")
+    t_s, places = stream.t_s, stream.values[:, :3]
+    leaps = 1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:]))
+    if not 0 < len(leaps) <= _MOST_LEAPS:
+        return stream
+    first, last = np.concatenate([[0], leaps]), np.concatenate([leaps, [len(t_s)]]) - 1
+    counts = last - first + 1
+    before = np.full(len(first), -1)
+    for k in range(1, len(first)):
+        possible = _reachable(t_s[last[:k]], places[last[:k]], t_s[first[k]], places[first[k]])
+        best = int(np.argmax(np.where(possible, counts[:k], 0)))
+        if possible[best]:
+            before[k] = best
+            counts[k] += counts[best]
+    kept, at = np.zeros(len(t_s), dtype=bool), int(np.argmax(counts))
+    while at >= 0:
+        kept[first[at] : last[at] + 1] = True
+        at = int(before[at])
+    return replace(stream, t_s=t_s[kept], values=stream.values[kept])
+
+
+def _reachable(
+    start_s: FloatArray, start: FloatArray, end_s: FloatArray | float, end: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether a vehicle can get from one place to another in the time."""
+    way = np.linalg.norm(end - start, axis=1)
+    return np.asarray(way <= FASTEST_M_S * (end_s - start_s) + _NOISE_M)
 
 
 @checked()

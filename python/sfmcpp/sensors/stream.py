@@ -19,6 +19,7 @@ from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.sensors.prediction import interpolate_rotations, interpolate_vectors
 
 _RATES = ("speed", "velocity", "angular_rate")
+_PLACES = ("position", "pose")
 # Rates this far apart do not tell a motion [s].
 _SPARSE_S = 2.0
 
@@ -144,4 +145,9 @@ def _faults(stream: SensorStream, start_s: float, end_s: float) -> Iterator[str]
         yield (
             f"its samples are {stream.period_s:.3g} s apart, too sparse to determine a motion: check the "
             "unit of the times in the file"
+        )
+    if stream.kind in _PLACES and stream.period_s > _SPARSE_S:
+        yield (
+            f"its samples are {stream.period_s:.3g} s apart, and between them the way is taken for straight: "
+            "check the unit of the times in the file"
         )

@@ -45,7 +45,7 @@ def doubt_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
 
 
 def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
-    bends = check_bends(gps.stream, seen, gps.up_in_camera, gps.sigma_m or 1.0)
+    bends = check_bends(gps.believed, seen, gps.up_in_camera, gps.sigma_m or 1.0)
     if bends.is_mirrored:
         return [
             f"{gps.name}: where its positions bend most, by {np.degrees(bends.told_rad):.0f}°, the camera "
@@ -55,7 +55,7 @@ def _doubts(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: Sensor
     if path is None:
         return []
     antenna = path if gps.mounting is None else Trajectory(path.t_s, gps.mounting.body_poses(path.poses))
-    clock = check_position_clock(gps.stream, antenna)
+    clock = check_position_clock(gps.believed, antenna)
     if not clock.is_off:
         return []
     sensors.move_stamps([gps.name], clock.offset_s)

@@ -20,6 +20,7 @@ from sfmcpp.sensors import (
     rotation_increment,
     sampling_variance,
     travelled_distance,
+    without_leaps,
 )
 
 # What a speed that inertia carries over a stretch changes by otherwise than evenly, from either end on.
@@ -284,9 +285,14 @@ class Gps:
     name: str = "gps"
     sigma_m: float | None = 1.0
 
+    @cached_property
+    def believed(self) -> SensorStream:
+        """The stream without positions that it shows cannot be right."""
+        return without_leaps(self.stream)
+
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""
-        antenna = position_at(self.stream, time_s)
+        antenna = position_at(self.believed, time_s)
         if antenna is None or self.mounting is None:
             return antenna
         return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)
@@ -325,9 +331,14 @@ class Ins:
     name: str = "ins"
     sigma_m: float | None = 0.5
 
+    @cached_property
+    def believed(self) -> SensorStream:
+        """The stream without poses that it shows cannot be right."""
+        return without_leaps(self.stream)
+
     def at(self, time_s: float) -> FloatArray | None:
         """Pose (3, 4) of the camera, world_from_camera."""
-        body = pose_at(self.stream, time_s)
+        body = pose_at(self.believed, time_s)
         return None if body is None else self.mounting.camera_poses(body)
 
     def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:

@@ -259,7 +259,7 @@ class SensorSuite:
         return self._experience.setdefault(name, Experience())
 
     def remarks(self) -> list[str]:
-        """What is wrong with the streams by themselves, a sentence each: gaps, and speeds that leap."""
+        """What is wrong with the streams by themselves, a sentence each: gaps, and what leaps."""
         doubts = [
             f"stream {sensor.stream.name!r}: the speed jumps by more than a vehicle can; {stretch} "
             + ("it is bridged by inertia" if stretch in sensor.carried_stretches else "it gets no weight")
@@ -267,16 +267,17 @@ class SensorSuite:
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches
         ]
-        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts
+        lost = [
+            f"stream {sensor.stream.name!r}: {told - kept} of {told} positions are where no vehicle can have "
+            "got to from the others: they get no weight"
+            for sensor in self.sensors
+            if isinstance(sensor, Gps | Ins) and (kept := len(sensor.believed)) < (told := len(sensor.stream))
+        ]
+        return [*describe_gaps([sensor.stream for sensor in self.sensors]), *doubts, *lost]
 
-    def shortcomings(self, start_s: float, end_s: float, *, metric: bool) -> list[str]:
-        """What the streams lack of a run over these times, a sentence each; `metric`: the map has metres."""
-        lacking = describe_coverage([sensor.stream for sensor in self.sensors], start_s, end_s)
-        tells_metres = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gyroscope)]
-        if metric or not tells_metres:
-            return lacking
-        names = " and ".join(tells_metres)
-        return [*lacking, f"{names}: measures too little motion to scale the map to metres"]
+    def shortcomings(self, start_s: float, end_s: float) -> list[str]:
+        """What the streams lack of a run over these times, a sentence each."""
+        return describe_coverage([sensor.stream for sensor in self.sensors], start_s, end_s)
 
     def complaints(self, vision: Trajectory) -> list[str]:
         """What a whole run tells of the sensors, a sentence each: conflicts, and what nobody declared.
