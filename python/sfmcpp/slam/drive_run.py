@@ -174,6 +174,8 @@ def run(
     used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
+    if drive.frames.doubt is not None:
+        result.warnings.append(drive.frames.doubt)
     frames = len(result.path.times)
     return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
 
