@@ -139,8 +139,7 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    // Away from a minimum, a step may be short because the caller asked for much damping: it is
-    // tried first, and where it succeeds the next is longer.
+    // One that much damping at the start makes short is tried: after a success the next is longer.
     if (now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_) &&
         (is_flat() || !summary_.iterations.back().accepted))
       finish_negligible();
@@ -282,18 +281,15 @@ class Minimizer {
   }
 
   void finish_undamped() {
-    if (progressed() && result_.predicted_decrease <= negligible()) {
-      finish(endings::kPromiseIsSmall);
-    } else {
-      finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
-              endings::kCannotShorten});
-    }
+    if (progressed() && result_.predicted_decrease <= negligible())
+      return finish(endings::kPromiseIsSmall);
+    finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
+            endings::kCannotShorten});
   }
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
 
-  // The steps have become negligible: at a minimum, or because no step lowers the cost as the model
-  // predicts. A model that is damped enough predicts nothing anywhere.
+  // Steps have become negligible: at a minimum, or because none lowers the cost as predicted.
   void finish_negligible() {
     if (is_flat() || (!progressed() && largest_prediction_ <= negligible() && is_stationary())) {
       finish(endings::kStepIsSmall);
@@ -311,7 +307,6 @@ class Minimizer {
   bool is_stationary() const {
     return gradient_is_small(options_.termination, model_.normal_equations(), cost_);
   }
-
   double negligible() const { return negligible_decrease(options_.termination, cost_); }
 
   // A rejected step whose predicted and whose true effect are both below the tolerance: rounding

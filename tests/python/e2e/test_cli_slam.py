@@ -168,7 +168,6 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv", *OUT, "--fps", "0"], "0.0: must be positive"),
         (["broken.csv", *OUT], "broken.csv:4: 'x' is not a finite number"),
         (["drive.csv", "-o", "broken.csv"], "broken.csv: is a file, a folder is wanted"),
-        (["drive.csv", "-o", "-"], "-: nothing is written to the standard output, a folder is wanted"),
         (["drive.csv", *OUT, "--sensor", "radar"], "'radar' is unknown; choose one of odometer, imu"),
         (["drive.csv", *OUT, "--sensor", "gps"], "sensor = 'gps': the input holds no position"),
         (["drive.csv", *OUT, "--sensor", "imu", "--sensor", "imu"], "'imu' is named twice"),
