@@ -23,8 +23,8 @@ FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 # Each round of a latitude leaves a 150th of its error, the squared eccentricity.
 _ROUNDS = 8
-# What honest positions may be off, the two of a way together [m].
-_NOISE_M = 10.0
+# What honest positions may be off, the two of a way together, and the least that counts as σ [m].
+_NOISE_SIGMAS, _LEAST_SIGMA_M = 10.0, 1.0
 # More leaps are noise, and not looked at.
 _MOST_LEAPS = 1000
 # Fewer positions leave nothing to judge them by.
@@ -62,7 +62,7 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
 
 
 @checked()
-def without_leaps(stream: SensorStream) -> SensorStream:
+def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorStream:
     """Leave out positions that no vehicle could have got to from the others, as of fixes that were lost.
 
     Of all the ways through the stream that a vehicle can have gone, that with most positions is kept.
@@ -71,6 +71,8 @@ def without_leaps(stream: SensorStream) -> SensorStream:
     ----------
     stream : SensorStream
         Of kind ``"position"`` or ``"pose"``.
+    sigma_m : float, optional
+        What a position may be off, along each axis [m]; less than a metre, or None, counts as one.
 
     Returns
     -------
@@ -84,14 +86,15 @@ def without_leaps(stream: SensorStream) -> SensorStream:
     """
     require_kind(stream, "position", "pose")
     t_s, places = stream.t_s, stream.values[:, :3]
-    leaps = 1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:]))
+    noise_m = _NOISE_SIGMAS * max(sigma_m or 0.0, _LEAST_SIGMA_M)
+    leaps = 1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:], noise_m))
     if not 0 < len(leaps) <= _MOST_LEAPS:
         return stream
     first, last = np.concatenate([[0], leaps]), np.concatenate([leaps, [len(t_s)]]) - 1
     counts = last - first + 1
     before = np.full(len(first), -1)
     for k in range(1, len(first)):
-        possible = _reachable(t_s[last[:k]], places[last[:k]], t_s[first[k]], places[first[k]])
+        possible = _reachable(t_s[last[:k]], places[last[:k]], t_s[first[k]], places[first[k]], noise_m)
         best = int(np.argmax(np.where(possible, counts[:k], 0)))
         if possible[best]:
             before[k] = best
@@ -104,11 +107,11 @@ def without_leaps(stream: SensorStream) -> SensorStream:
 
 
 def _reachable(
-    start_s: FloatArray, start: FloatArray, end_s: FloatArray | float, end: FloatArray
+    start_s: FloatArray, start: FloatArray, end_s: FloatArray | float, end: FloatArray, noise_m: float
 ) -> NDArray[np.bool_]:
     """Whether a vehicle can get from one place to another in the time."""
     way = np.linalg.norm(end - start, axis=1)
-    return np.asarray(way <= FASTEST_M_S * (end_s - start_s) + _NOISE_M)
+    return np.asarray(way <= FASTEST_M_S * (end_s - start_s) + noise_m)
 
 
 @checked()

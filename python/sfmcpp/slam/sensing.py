@@ -288,7 +288,7 @@ class Gps:
     @cached_property
     def believed(self) -> SensorStream:
         """The stream without positions that it shows cannot be right."""
-        return without_leaps(self.stream)
+        return without_leaps(self.stream, self.sigma_m)
 
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""
@@ -334,7 +334,7 @@ class Ins:
     @cached_property
     def believed(self) -> SensorStream:
         """The stream without poses that it shows cannot be right."""
-        return without_leaps(self.stream)
+        return without_leaps(self.stream, self.sigma_m)
 
     def at(self, time_s: float) -> FloatArray | None:
         """Pose (3, 4) of the camera, world_from_camera."""

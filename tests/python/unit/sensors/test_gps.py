@@ -111,10 +111,10 @@ def positions(count: int = 60, sigma_m: float = 0.0) -> SensorStream:
     return SensorStream(0.1 * np.arange(count), places, "position")
 
 
-@pytest.mark.parametrize("sigma_m", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("sigma_m", [0.0, 1.0, 5.0, 20.0])
 def test_noise_is_no_leap(sigma_m: float) -> None:
     stream = positions(sigma_m=sigma_m)
-    assert without_leaps(stream) is stream
+    assert without_leaps(stream, sigma_m) is stream
 
 
 @pytest.mark.parametrize(
