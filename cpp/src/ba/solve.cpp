@@ -82,7 +82,10 @@ optim::Events noting_the_start(const optim::Events& events,
   return noting;
 }
 
-void describe_end(const Workspace& work, const optim::State& state, SolveSummary& summary) {
+void describe_end(const Workspace& work,
+                  const Problem& problem,
+                  const optim::State& state,
+                  SolveSummary& summary) {
   summary.solver_changes = work.solver->changes();
   summary.forecast_seconds = forecast_seconds(work.choice, work.pool);
   summary.loss_scale_px = work.model.images().loss().scale;
@@ -92,6 +95,10 @@ void describe_end(const Workspace& work, const optim::State& state, SolveSummary
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k) summary.constraint_costs[k].final_cost = costs[k];
   warn_behind(summary, summary.warnings);
+  std::ranges::move(
+      warnings_about_parallax(
+          problem, work.graph, state, summary.final_rms_px, work.exchange, work.rows.points()),
+      std::back_inserter(summary.warnings));
 }
 
 }  // namespace
@@ -122,7 +129,7 @@ SolveSummary solve(const Problem& problem,
   // A point in the centre of a projective camera has an image that rounding decides, and the frame
   // of the solve has another rounding.
   if (!is_metric(problem.camera_model)) summary.minimizer.final_cost = work.model.cost(state);
-  describe_end(work, state, summary);
+  describe_end(work, problem, state, summary);
   summary.seconds_total = clock.seconds();
   return summary;
 }

@@ -1,11 +1,14 @@
 // Warnings: what is legal about a problem but doubtful, naming cameras and points.
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/core/grouping.hpp"
+#include "sfmcpp/residuals/whitening.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -94,6 +97,38 @@ bool lacks_baseline(const Problem& problem, const linear::ObservationGraph& grap
   return true;
 }
 
+// Squared sine of the angle between two rays.
+double squared_sine(const Eigen::Vector3d& one, const Eigen::Vector3d& other) {
+  return one.cross(other).squaredNorm() / (one.squaredNorm() * other.squaredNorm());
+}
+
+// Whether the rays of several cameras to a point differ by no more than `limit` standard deviations
+// of the first observation.
+bool lacks_parallax(const Problem& problem,
+                    const linear::ObservationGraph& graph,
+                    const optim::State& state,
+                    double limit,
+                    int p) {
+  const auto ray = [&](int k) -> Eigen::Vector3d {
+    const double* pose =
+        state.cameras.data() + problem.camera_offset(graph.camera[graph.of_point[k]]);
+    const Eigen::Map<const Eigen::Vector3d> point(state.points.data() + problem.point_offset(p));
+    return point - Eigen::Vector3d(pose[3], pose[7], pose[11]);
+  };
+  const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
+  const int first = graph.of_point[begin];
+  const double focal = state.intrinsics[problem.intrinsics_offset(graph.camera[first])];
+  const double inverse_sigma =
+      residuals::whitener_of(problem.sigma_px, problem.covariance_px2, graph.source[first])
+          .inverse_sigma;
+  const double angle = limit / (inverse_sigma * focal);
+  const Eigen::Vector3d reference = ray(begin);
+  for (int k = begin + 1; k < end; ++k) {
+    if (!(squared_sine(reference, ray(k)) <= angle * angle)) return false;
+  }
+  return true;
+}
+
 // Of models that are compiled; what a function calls so is its own affair.
 std::optional<int> index_of_aspect(const CameraModel& model) {
   if (model.function() != nullptr) return std::nullopt;
@@ -158,6 +193,33 @@ std::vector<std::string> warnings_about_baselines(const Problem& problem,
       "seen from one place, the depth is held by damping alone",
       warnings);
   return warnings;
+}
+
+std::vector<std::string> warnings_about_parallax(const Problem& problem,
+                                                 const linear::ObservationGraph& graph,
+                                                 const optim::State& state,
+                                                 double rms,
+                                                 Exchange& exchange,
+                                                 std::span<const char> of_others) {
+  if (!is_metric(problem.camera_model) || problem.camera_model.function() != nullptr) return {};
+  // Errors that are found to be smaller than declared count as found: with pixels over the focal
+  // length, and the default of one pixel, all is noise. The fit takes up part of them.
+  constexpr double kDeclared = 3, kFound = 6, kMost = 0.5;
+  const double limit = std::min(kDeclared, kFound * rms);
+  long seen = 0, flat = 0;
+  for (int p = 0; p < graph.num_points; ++p) {
+    if (graph.observations_of_point(p) < 2 || problem.is_fixed_point(p) ||
+        !is_of_images_alone(of_others, p))
+      continue;
+    ++seen;
+    flat += static_cast<long>(lacks_parallax(problem, graph, state, limit, p));
+  }
+  seen = std::lround(exchange.sum(static_cast<double>(seen)));
+  flat = std::lround(exchange.sum(static_cast<double>(flat)));
+  if (!(static_cast<double>(flat) > kMost * static_cast<double>(seen))) return {};
+  return {std::to_string(flat) + " of " + std::to_string(seen) +
+          " points that several cameras see have a parallax within the noise: the images do not "
+          "tell their depths, nor how far apart the cameras are; a rotation explains them as well"};
 }
 
 std::vector<std::string> warnings_about_cameras(const Problem& problem,

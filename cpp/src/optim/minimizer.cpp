@@ -139,7 +139,9 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    if (now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_))
+    // One that much damping at the start makes short is tried: after a success the next is longer.
+    if (now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_) &&
+        (is_flat() || !summary_.iterations.back().accepted))
       finish_negligible();
   }
 
@@ -227,8 +229,7 @@ class Minimizer {
     update_strategy();
     cost_ = candidate_cost_;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
-        kept_its_promise(decrease, result_.predicted_decrease, negligible()) &&
-        gradient_is_small(options_.termination, model_.normal_equations(), cost_)) {
+        kept_its_promise(decrease, result_.predicted_decrease, negligible()) && is_stationary()) {
       finish(endings::kDecreaseIsSmall);
     } else {
       model_.linearize(state_);
@@ -280,20 +281,17 @@ class Minimizer {
   }
 
   void finish_undamped() {
-    if (progressed() && result_.predicted_decrease <= negligible()) {
-      finish(endings::kPromiseIsSmall);
-    } else {
-      finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
-              endings::kCannotShorten});
-    }
+    if (progressed() && result_.predicted_decrease <= negligible())
+      return finish(endings::kPromiseIsSmall);
+    finish({progressed() ? Termination::kStalled : Termination::kNumericalFailure,
+            endings::kCannotShorten});
   }
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
 
-  // The steps have become negligible: at a minimum, or because no step lowers the cost as the model
-  // predicts.
+  // Steps have become negligible: at a minimum, or because none lowers the cost as predicted.
   void finish_negligible() {
-    if (is_flat() || (!progressed() && largest_prediction_ <= negligible())) {
+    if (is_flat() || (!progressed() && largest_prediction_ <= negligible() && is_stationary())) {
       finish(endings::kStepIsSmall);
     } else if (progressed()) {
       finish(endings::kStepsBecameSmall);
@@ -306,6 +304,9 @@ class Minimizer {
     return linear::decrease_by_each_alone(model_.normal_equations()) <= negligible();
   }
 
+  bool is_stationary() const {
+    return gradient_is_small(options_.termination, model_.normal_equations(), cost_);
+  }
   double negligible() const { return negligible_decrease(options_.termination, cost_); }
 
   // A rejected step whose predicted and whose true effect are both below the tolerance: rounding
@@ -313,8 +314,7 @@ class Minimizer {
   bool change_is_negligible() const {
     const double tolerated = options_.termination.function_tolerance * cost_;
     return result_.valid && result_.predicted_decrease <= tolerated &&
-           std::abs(candidate_cost_ - cost_) <= tolerated &&
-           gradient_is_small(options_.termination, model_.normal_equations(), cost_);
+           std::abs(candidate_cost_ - cost_) <= tolerated && is_stationary();
   }
 
   void record() {

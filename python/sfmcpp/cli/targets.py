@@ -12,7 +12,7 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, write
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_regular_file
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_folder, require_regular_file
 from sfmcpp.sources.io.format import Format
 
 PAGE_SUFFIXES = (".html", ".htm")
@@ -162,10 +162,9 @@ def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:
 
 
 def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
-    """Raise a DatasetError if `folder` or its `model` is a file, or one of its `files` is a folder."""
+    """Raise a DatasetError if `folder` or its `model` cannot be a folder, or one of its `files` is one."""
     for path in (folder, folder / model):
-        if path.exists() and not path.is_dir():
-            raise DatasetError(path, "is a file, a folder is wanted")
+        require_folder(path)
     for name in files:
         require_regular_file(folder / name)
 

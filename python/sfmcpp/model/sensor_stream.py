@@ -16,6 +16,8 @@ from sfmcpp.model.checks import looked_up, require_not_negative
 FASTEST_M_S = 100.0
 # Just above ±2000 °/s, the widest range of common MEMS gyroscopes.
 FASTEST_RAD_S = 35.0
+# Ways are judged over as long [s]: from sample to sample the noise of a fast sensor is a speed of its own.
+_PACE_OVER_S = 1.0
 # The longest rotation vector that is not a repetition.
 FULL_TURN_RAD = 2 * np.pi
 
@@ -88,26 +90,29 @@ def _largest_norm(columns: slice) -> Measure:
 
 
 def _median_pace(columns: slice) -> Measure:
-    """Median speed between samples that move: one leap is an outlier, not a wrong unit."""
+    """Median speed over a second, where there is motion: one leap is an outlier, not a wrong unit."""
 
     def measure(t_s: FloatArray, values: FloatArray) -> tuple[float, int]:
-        if len(t_s) < 2:
-            return 0.0, 0
-        pace = np.linalg.norm(np.diff(values[:, columns], axis=0), axis=1) / np.diff(t_s)
+        later = np.searchsorted(t_s, t_s + _PACE_OVER_S)
+        first = np.flatnonzero(later < len(t_s))
+        if not len(first):
+            first = np.arange(min(1, len(t_s) - 1))
+        last = np.minimum(later[first], len(t_s) - 1)
+        with np.errstate(over="ignore"):
+            ways = values[last, columns] - values[first, columns]
+            pace = np.linalg.norm(ways, axis=1) / (t_s[last] - t_s[first])
         moving = pace[pace > 0]
         if not len(moving):
             return 0.0, 0
         median = float(np.median(moving))
-        return median, int(np.argmin(np.abs(pace - median)))
+        return median, int(first[np.argmax(pace >= median)])
 
     return measure
 
 
 _SPEED = Limit("speed", FASTEST_M_S, "m/s", "km/h, mm/s", _largest_norm(slice(0, 3)))
 _RATE = Limit("angular rate", FASTEST_RAD_S, "rad/s", "degrees/s", _largest_norm(slice(0, 3)))
-_PACE = Limit(
-    "median speed from sample to sample", FASTEST_M_S, "m/s", "mm, cm, km", _median_pace(slice(0, 3))
-)
+_PACE = Limit("median speed over a second", FASTEST_M_S, "m/s", "mm, cm, km", _median_pace(slice(0, 3)))
 _TURN = Limit("rotation vector", FULL_TURN_RAD, "rad", "degrees", _largest_norm(slice(0, 3)))
 _POSE_TURN = Limit("rotation vector", FULL_TURN_RAD, "rad", "degrees", _largest_norm(slice(3, 6)))
 _LATITUDE = Limit("latitude", 90.0, "deg", "metres, or are its columns swapped", _largest_norm(slice(0, 1)))

@@ -20,7 +20,7 @@ from sfmcpp.sensors.inertial import (
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
 from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
-from sfmcpp.sensors.position_jumps import displaced_positions
+from sfmcpp.sensors.position_jumps import displaced_positions, without_leaps
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
 from sfmcpp.sensors.registration import (
     Registration,
@@ -85,4 +85,5 @@ __all__ = [
     "smoothed_positions",
     "travelled_distance",
     "without_bias",
+    "without_leaps",
 ]

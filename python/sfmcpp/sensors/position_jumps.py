@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
+from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
 from sfmcpp.sensors.stream import require_kind
 
@@ -19,6 +22,10 @@ _LEVEL = 4
 # Above all differences of levels, and of positions from their level, that white noise of 1 along each axis
 # makes: the largest of 84,600 on KITTI's 0001, 0027, 0036 and 0039 were 7.4 and 6.0.
 _NOISE = 9.0
+# What honest positions may be off, the two of a way together, and the least that counts as σ [m].
+_NOISE_SIGMAS, _LEAST_SIGMA_M = 10.0, 1.0
+# More leaps are noise, and not looked at.
+_MOST_LEAPS = 1000
 
 
 @checked()
@@ -114,3 +121,56 @@ def _peaks(sizes: FloatArray, limit: float) -> NDArray[np.intp]:
     padded = np.pad(sizes, _LEVEL - 1)
     largest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _LEVEL - 1).max(axis=-1)
     return np.flatnonzero((sizes > limit) & (sizes == largest))
+
+
+@checked()
+def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorStream:
+    """Leave out positions that no vehicle could have got to from the others, as of fixes that were lost.
+
+    Of all the ways through the stream that a vehicle can have gone, that with most positions is kept.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"position"`` or ``"pose"``.
+    sigma_m : float, optional
+        What a position may be off, along each axis [m]; less than a metre, or None, counts as one.
+
+    Returns
+    -------
+    SensorStream
+        The same one where nothing is left out.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "position", "pose")
+    t_s, places = stream.t_s, stream.values[:, :3]
+    noise_m = _NOISE_SIGMAS * max(sigma_m or 0.0, _LEAST_SIGMA_M)
+    leaps = 1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:], noise_m))
+    if not 0 < len(leaps) <= _MOST_LEAPS:
+        return stream
+    first, last = np.concatenate([[0], leaps]), np.concatenate([leaps, [len(t_s)]]) - 1
+    counts = last - first + 1
+    before = np.full(len(first), -1)
+    for k in range(1, len(first)):
+        possible = _reachable(t_s[last[:k]], places[last[:k]], t_s[first[k]], places[first[k]], noise_m)
+        best = int(np.argmax(np.where(possible, counts[:k], 0)))
+        if possible[best]:
+            before[k] = best
+            counts[k] += counts[best]
+    kept, at = np.zeros(len(t_s), dtype=bool), int(np.argmax(counts))
+    while at >= 0:
+        kept[first[at] : last[at] + 1] = True
+        at = int(before[at])
+    return replace(stream, t_s=t_s[kept], values=stream.values[kept])
+
+
+def _reachable(
+    start_s: FloatArray, start: FloatArray, end_s: FloatArray | float, end: FloatArray, noise_m: float
+) -> NDArray[np.bool_]:
+    """Whether a vehicle can get from one place to another in the time."""
+    way = np.linalg.norm(end - start, axis=1)
+    return np.asarray(way <= FASTEST_M_S * (end_s - start_s) + noise_m)

@@ -18,6 +18,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
 
 _RATES = ("speed", "velocity", "angular_rate")
+_PLACES = ("position", "pose")
 # Rates this far apart do not tell a motion [s].
 _SPARSE_S = 2.0
 
@@ -145,6 +146,11 @@ def _stream_faults(stream: SensorStream, start_s: float, end_s: float) -> Iterat
         yield (
             f"its samples are {stream.period_s:.3g} s apart, too sparse to determine a motion: check the "
             "unit of the times in the file"
+        )
+    if stream.kind in _PLACES and stream.period_s > _SPARSE_S:
+        yield (
+            f"its samples are {stream.period_s:.3g} s apart, and between them the way is taken for straight: "
+            "check the unit of the times in the file"
         )
 
 

@@ -153,7 +153,7 @@ def check_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
 
 
 def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
-    bends = check_bends(gps.trusted, seen, gps.up_in_camera, gps.likely_sigma_m)
+    bends = check_bends(gps.believed, seen, gps.up_in_camera, gps.likely_sigma_m)
     if bends.is_mirrored:
         return [
             f"{gps.name}: where its positions bend most, by {np.degrees(bends.told_rad):.0f}°, the camera "
@@ -163,7 +163,7 @@ def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensor
     if path is None:
         return []
     antenna = path if gps.mounting is None else Trajectory(path.t_s, gps.mounting.body_poses(path.poses))
-    clock = check_position_clock(gps.trusted, antenna)
+    clock = check_position_clock(gps.believed, antenna)
     if not clock.is_off:
         return []
     sensors.move_stamps([gps.name], clock.offset_s)

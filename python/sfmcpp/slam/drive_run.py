@@ -28,7 +28,7 @@ from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 
 # Sensors that tell where the camera is in their own world.
-_LARGEST_SIGMA = 1e100  # whose square is a number
+_LARGEST_SIGMA = 1e100  # whose square is a number, and so is that of one over it
 _ABSOLUTE = {"gps", "ins"}
 
 
@@ -174,6 +174,8 @@ def run(
     used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
+    if drive.frames.doubt is not None:
+        result.warnings.append(drive.frames.doubt)
     frames = len(result.path.times)
     return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
 
@@ -230,6 +232,8 @@ def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]
         if sigma is not None:
             require_positive(f"sigmas[{name!r}]", sigma)
             require_at_most(f"sigmas[{name!r}]", sigma, _LARGEST_SIGMA)
+            if sigma < 1 / _LARGEST_SIGMA:
+                raise InvalidArgument(f"sigmas[{name!r}] = {sigma}: must be at least {1 / _LARGEST_SIGMA:g}")
     return [
         replace(sensor, **{_SIGMAS[type(sensor)]: sigmas[sensor.name]}) if sensor.name in sigmas else sensor  # type: ignore[type-var]
         for sensor in sensors

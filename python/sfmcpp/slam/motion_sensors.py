@@ -23,6 +23,7 @@ from sfmcpp.sensors import (
     sampling_variance,
     smoothed_positions,
     travelled_distance,
+    without_leaps,
 )
 
 # What a speed that inertia carries over a stretch changes by otherwise than evenly, from either end on.
@@ -288,15 +289,20 @@ class Gps:
     sigma_m: float | None = 1.0
 
     @cached_property
-    def displaced(self) -> NDArray[np.bool_]:
-        """Which positions have jumped away from the others, (n,)."""
-        return displaced_positions(self.stream, self.likely_sigma_m)
+    def reachable(self) -> SensorStream:
+        """The positions that a vehicle can have got to from the others."""
+        return without_leaps(self.stream, self.sigma_m)
 
     @cached_property
-    def trusted(self) -> SensorStream:
+    def displaced(self) -> NDArray[np.bool_]:
+        """Which of the reachable positions have jumped away from the others, (n,)."""
+        return displaced_positions(self.reachable, self.likely_sigma_m)
+
+    @cached_property
+    def believed(self) -> SensorStream:
         """The positions that have not, smoothed."""
         kept = ~self.displaced
-        rest = replace(self.stream, t_s=self.stream.t_s[kept], values=self.stream.values[kept])
+        rest = replace(self.reachable, t_s=self.reachable.t_s[kept], values=self.reachable.values[kept])
         return smoothed_positions(rest, self.likely_sigma_m)
 
     @property
@@ -306,17 +312,19 @@ class Gps:
 
     def remarks(self) -> list[str]:
         """What is wrong with the stream by itself, a sentence each."""
+        unreachable = _unreachable(self.stream, self.reachable)
         if not self.displaced.any():
-            return []
-        away = self.stream.t_s[self.displaced]
+            return unreachable
+        away = self.reachable.t_s[self.displaced]
         return [
+            *unreachable,
             f"stream {self.stream.name!r}: {len(away)} of {len(self.stream)} positions jump away from the "
-            f"others, first at {away[0]:.3f} s: they get no weight"
+            f"others, first at {away[0]:.3f} s: they get no weight",
         ]
 
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""
-        antenna = position_at(self.trusted, time_s)
+        antenna = position_at(self.believed, time_s)
         if antenna is None or self.mounting is None:
             return antenna
         return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)
@@ -355,12 +363,31 @@ class Ins:
     name: str = "ins"
     sigma_m: float | None = 0.5
 
+    @cached_property
+    def believed(self) -> SensorStream:
+        """The stream without poses that it shows cannot be right."""
+        return without_leaps(self.stream, self.sigma_m)
+
+    def remarks(self) -> list[str]:
+        """What is wrong with the stream by itself, a sentence each."""
+        return _unreachable(self.stream, self.believed)
+
     def at(self, time_s: float) -> FloatArray | None:
         """Pose (3, 4) of the camera, world_from_camera."""
-        body = pose_at(self.stream, time_s)
+        body = pose_at(self.believed, time_s)
         return None if body is None else self.mounting.camera_poses(body)
 
     def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
         """Pose of this keyframe."""
         pose = self.at(end_s)
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
+
+
+def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:
+    told, kept = len(stream), len(reachable)
+    if told == kept:
+        return []
+    return [
+        f"stream {stream.name!r}: {told - kept} of {told} positions are where no vehicle can have got to from "
+        "the others: they get no weight"
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,8 +12,9 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
+from sfmcpp.sensors.registration import LARGEST_RELATIVE_SIGMA
 from sfmcpp.slam.fusion import presumed_weights
-from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Ins, Odometer
+from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -22,6 +23,8 @@ from sfmcpp.slam.world_map import Keyframe, WorldMap
 
 # What the scale may be off before positions count: with less of a way the map would be stretched by noise.
 _RELATIVE_SIGMA = 0.03
+# Fewer keyframes than a setting asks for will do at the end of a run, but not fewer than these.
+_FEWEST_AT_END = 4
 # A map has drifted from the sensor when a fit of its last keyframes leaves this part of their distance to it.
 _DRIFT_RATIO = 0.5
 # Most keyframes that such a fit looks back on.
@@ -56,6 +59,53 @@ def place_in_world(result: SlamResult, sensors: SensorSuite, settings: SlamSetti
     result.path.transform(similarity)
     constrain_past(world, sensors, settings)
     world.metric = result.metric = True
+
+
+def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) -> list[str]:
+    """Bring the map of a finished run into the sensors' world, by the few keyframes that there are.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run; its map, and the frames between keyframes, move.
+    sensors : SensorSuite
+        What tells where it is.
+    settings : SlamSettings
+        How many keyframes it took on the way.
+
+    Returns
+    -------
+    list of str
+        Why the map has no metres, a sentence; empty if it has, or no sensor is in metres.
+    """
+    world = result.world
+    asked = [sensor for sensor in sensors.sensors if not isinstance(sensor, Gyroscope)]
+    if world is None or result.metric or not asked:
+        return []
+    told = _told(world.keyframes, sensors)
+    for count in range(min(settings.registration_keyframes, told), _FEWEST_AT_END - 1, -1):
+        place_in_world(result, sensors, replace(settings, registration_keyframes=count))
+        if result.metric:
+            return []
+    names = " and ".join(sensor.name for sensor in asked)
+    if told < _FEWEST_AT_END:
+        return [
+            f"{names}: tells of {told} of the map's {len(world.keyframes)} keyframes: must be "
+            f"{_FEWEST_AT_END} or more to scale it to metres"
+        ]
+    return [
+        f"{names}: measures too little motion, or another than the images, to scale the map to metres: check "
+        "clock, mounting, unit and noise"
+    ]
+
+
+def _told(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
+    """Keyframes of which a sensor measures, not predicts, the place, or the distance from one that counts."""
+    spans = [s.believed.t_s[[0, -1]] for s in sensors.sensors if isinstance(s, Gps | Ins)]
+    places = sum(any(first <= k.t_s <= last for first, last in spans) for k in keyframes)
+    steps = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(keyframes)]
+    known = sum(step is not None for step in steps)
+    return max(places, known + (known > 0))
 
 
 def _correct_drift(result: SlamResult, world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
@@ -218,7 +268,10 @@ def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, cou
     last = keyframes[-count:]
     found = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(last)]
     distances = np.array([d for d in found if d is not None])
-    if len(last) < count or len(distances) < len(found) or not distances.sum() > 0:
+    if len(last) < count or len(distances) < len(found):
+        return None
+    sigma_m = max(s.sigma_m or 0.0 for s in sensors.sensors if isinstance(s, Odometer))
+    if not distances.sum() > sigma_m * np.sqrt(len(distances)) / LARGEST_RELATIVE_SIGMA:
         return None
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)

@@ -267,17 +267,12 @@ class SensorSuite:
             if isinstance(sensor, Odometer)
             for stretch in sensor.doubtful_stretches
         ]
-        jumps = [found for gps in self.sensors if isinstance(gps, Gps) for found in gps.remarks()]
-        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + jumps
+        leaps = [found for s in self.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
+        return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + leaps
 
-    def shortcomings(self, start_s: float, end_s: float, *, metric: bool) -> list[str]:
-        """What the streams lack of a run over these times, a sentence each; `metric`: the map has metres."""
-        lacking = describe_coverage([sensor.stream for sensor in self.sensors], start_s, end_s)
-        tells_metres = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gyroscope)]
-        if metric or not tells_metres:
-            return lacking
-        names = " and ".join(tells_metres)
-        return [*lacking, f"{names}: measures too little motion to scale the map to metres"]
+    def shortcomings(self, start_s: float, end_s: float) -> list[str]:
+        """What the streams lack of a run over these times, a sentence each."""
+        return describe_coverage([sensor.stream for sensor in self.sensors], start_s, end_s)
 
     def complaints(self, vision: Trajectory) -> list[str]:
         """What a whole run tells of the sensors, a sentence each: conflicts, and what nobody declared.

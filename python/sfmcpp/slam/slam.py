@@ -19,7 +19,7 @@ from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
 from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
-from sfmcpp.slam.registration import place_in_world
+from sfmcpp.slam.registration import place_at_end, place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -125,10 +125,11 @@ class Slam:
 
     def finish(self) -> None:
         """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
+        unscaled = place_at_end(self.result, self._sensors, self.settings)
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
         if self.result.world is not None:
-            self.result.warnings += self._sensors.shortcomings(times[0], times[-1], metric=self.result.metric)
+            self.result.warnings += [*self._sensors.shortcomings(times[0], times[-1]), *unscaled]
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)

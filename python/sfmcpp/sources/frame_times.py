@@ -9,7 +9,7 @@ ten a second. Files lie with the images or one folder above.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,8 @@ _TIMES, _EUROC = "times.txt", "data.csv"
 _NS = 1e-9
 # No clock of seconds is in the year 5138, nor one of nanoseconds in 1973.
 _NO_SECONDS, _SURELY_NS = 1e11, 1e17
+# Numbers of fewer images tell no usual step, and more gaps than this share are none.
+_FEWEST_NUMBERED, _MOST_GAPS = 4, 0.2
 _NAMED_BY_NS = re.compile(r"\d{18,19}")
 
 TimeOf = Callable[[int], float]
@@ -36,8 +38,8 @@ TimeOf = Callable[[int], float]
 
 def times_of_images(
     images: Frames, fps: float | None, stamps: FloatArray | None
-) -> tuple[TimeOf, float | None]:
-    """Times of images, and their rate where that had to be assumed.
+) -> tuple[TimeOf, float | None, str | None]:
+    """Times of images, their rate where that had to be assumed, and what makes them doubtful.
 
     Parameters
     ----------
@@ -54,6 +56,8 @@ def times_of_images(
         Time of the image of a number [s]. It raises a DatasetError for one that has none.
     assumed_fps : float or None
         None where something tells the times.
+    doubt : str or None
+        A sentence where images are counted and some seem to be missing.
 
     Raises
     ------
@@ -62,19 +66,50 @@ def times_of_images(
     InvalidArgument
         If `fps` is not positive.
     """
+    doubt = doubt_of_numbers(images.names)
     if fps is not None:
         require_positive("fps", fps)
-        return _even_times(fps, 0.0 if stamps is None else float(stamps[0])), None
+        return _even_times(fps, 0.0 if stamps is None else float(stamps[0])), None, doubt
     if stamps is not None:
         if len(stamps) < len(images):
             reason = f"{len(images)} images for {len(stamps)} stamps of the sensors' drive: give --fps"
             raise DatasetError(images.path, reason)
-        return _times_of_argument(images.path, stamps), None
+        return _times_of_argument(images.path, stamps), None, doubt
     found = _times_beside_images(images)
     if found is not None:
-        return _times_of_argument(images.path, found), None
+        return _times_of_argument(images.path, found), None, None
     own_fps = _frame_rate_of_video(images)
-    return _even_times(own_fps), own_fps if images.fps is None else None
+    return _even_times(own_fps), own_fps if images.fps is None else None, doubt
+
+
+def doubt_of_numbers(names: Sequence[str]) -> str | None:
+    """Tell where images are missing by the numbers in their names; None where they are numbered evenly.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of images whose times are told by their count, in order.
+
+    Returns
+    -------
+    str or None
+        A sentence; None also where not all names have a number, as it is the last in them.
+    """
+    found = [re.findall(r"\d+", Path(name).stem) for name in names]
+    if len(names) < _FEWEST_NUMBERED or not all(found):
+        return None
+    steps = np.diff([float(numbers[-1]) for numbers in found])
+    usual = float(np.median(steps))
+    odd = np.flatnonzero(steps != usual)
+    # Names that are numbered otherwise than by time say nothing.
+    if not len(odd) or usual <= 0 or (steps <= 0).any() or len(odd) > _MOST_GAPS * len(steps):
+        return None
+    k = int(odd[0])
+    more = f", and {len(odd) - 1} more such gaps" if len(odd) > 1 else ""
+    return (
+        f"images are missing from {names[k]} to {names[k + 1]} by their numbers{more}, and their times count "
+        "those that are there: give times.txt"
+    )
 
 
 def require_as_many(path: Path, count: int, what: str, images: Frames) -> None:

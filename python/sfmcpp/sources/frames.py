@@ -54,6 +54,8 @@ class FrameSource(ABC):
         Spent so far on reading images and following corners [s]; None where there are no images.
     assumed_fps : float or None
         Frames per second where nothing tells their times; None where something does.
+    doubt : str or None
+        What makes their times doubtful, a sentence.
     """
 
     intrinsics: FloatArray
@@ -61,6 +63,7 @@ class FrameSource(ABC):
     corners: str | None = None
     seconds: float | None = None
     assumed_fps: float | None = None
+    doubt: str | None = None
 
     @property
     @abstractmethod
@@ -281,11 +284,11 @@ def open_images(
     images = open_frames(source)
     calibration = _calibration(source, camera)
     intrinsics = pinhole_rows(calibration.intrinsics)
-    time_of, assumed_fps = times_of_images(images, fps, stamps)
+    time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
     truth = _truth(images, time_of)
     _require_fitting(images, intrinsics, calibration.size)
     stream = ImageStream(images, intrinsics, time_of, settings)
-    stream.assumed_fps = assumed_fps
+    stream.assumed_fps, stream.doubt = assumed_fps, doubt
     return stream, truth
 
 

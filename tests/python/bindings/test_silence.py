@@ -111,3 +111,63 @@ def test_a_point_without_an_image_is_named_where_the_cost_at_the_start_is_no_num
         "(1 such observations)"
     ]
     np.testing.assert_array_equal(problem.points, before.points)
+
+
+@pytest.mark.parametrize("damping", [1e9, 1e20, 1e300, 1.7e308])
+@pytest.mark.parametrize("method", ["lm", "lm-nielsen"])
+def test_much_damping_at_the_start_is_no_convergence(method: str, damping: float) -> None:
+    problem, best = scene(), sfmcpp.solve(scene()).final_cost
+    summary = sfmcpp.solve(problem, method=method, initial_damping=damping, max_iterations=60)
+    if summary.termination == "converged":
+        assert summary.final_cost == pytest.approx(best, rel=1e-5)
+    assert (summary.termination == "converged") == (damping == 1e9)
+
+
+@pytest.mark.parametrize("radius", [1e-6, 1e-12, 1e-300])
+def test_a_small_radius_at_the_start_is_no_convergence(radius: float) -> None:
+    problem, best = scene(), sfmcpp.solve(scene()).final_cost
+    summary = sfmcpp.solve(problem, method="dog-leg", initial_radius=radius, max_iterations=100)
+    assert summary.termination != "converged" or summary.final_cost == pytest.approx(best, rel=1e-5)
+
+
+def turned_at_one_place(unit: float, sigma_px: float) -> Problem:
+    """Six cameras at one place look at points near and far; the start has them a little apart."""
+    rng = np.random.default_rng(3)
+    angles = np.linspace(-0.3, 0.3, 6)
+    cameras = np.tile(np.eye(3, 4), (6, 1, 1))
+    cameras[:, 0, 0] = cameras[:, 2, 2] = np.cos(angles)
+    cameras[:, 0, 2], cameras[:, 2, 0] = np.sin(angles), -np.sin(angles)
+    points = rng.uniform([-2, -2, 5], [2, 2, 20], (60, 3))
+    intrinsics = np.tile([800.0, 1.0, 320.0, 240.0, 0.0], (6, 1))
+    of_camera, of_point = (index.ravel().astype(np.int32) for index in np.indices((6, 60)))
+    problem = Problem("calibrated", cameras, intrinsics, points, of_camera, of_point, np.zeros((360, 2)))
+    problem.pixels -= sfmcpp.residuals(problem) + sigma_px * rng.standard_normal((360, 2))
+    problem.centres[:] += 0.02 * rng.standard_normal((6, 3))
+    problem.points += 0.05 * rng.standard_normal((60, 3))
+    problem.centres[:] *= unit
+    problem.points *= unit
+    return problem
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("sigma_px", [0.1, 0.5, 1.0])
+def test_images_from_one_place_do_not_converge_in_silence(unit: float, sigma_px: float) -> None:
+    summary = sfmcpp.solve(turned_at_one_place(unit, sigma_px), max_iterations=100)
+    assert any("have a parallax within the noise: the images do not tell" in w for w in summary.warnings)
+
+
+def in_units_of_the_focal_length() -> Problem:
+    """The σ of one pixel that is not given is wrong by the focal length: what is found counts."""
+    problem = scene()
+    problem.pixels -= problem.intrinsics[0, 2:4]
+    problem.pixels /= problem.intrinsics[0, 0]
+    problem.intrinsics[:, [0, 2, 3]] = [1.0, 0.0, 0.0]
+    return problem
+
+
+def test_a_baseline_is_told_from_none() -> None:
+    healthy = (scene(), scene("perspective"), scene("bal"), in_units_of_the_focal_length())
+    noisy = sfmcpp.corridor_scene(20, 400, pixel_sigma_px=2.0, seed=0)
+    outliers, _ = sfmcpp.add_outliers(scene(), 0.2, seed=0)
+    for problem in (*healthy, noisy, outliers):
+        assert not any("parallax" in warning for warning in sfmcpp.solve(problem).warnings)

@@ -141,6 +141,7 @@ def test_a_camera_is_a_word_or_a_focal_length(
         ("--camera-model fisheye", "'fisheye' is unknown; choose one of auto, simple-pinhole"),
         ("--seed -1", "'--seed'"),
         ("-o K.txt", "K.txt: is a file, a folder is wanted"),
+        ("-o -", "-: nothing is written to the standard output, a folder is wanted"),
     ],
 )
 def test_bad_usage_is_one_line_and_runs_nothing(

@@ -80,6 +80,16 @@ def test_names_that_tell_no_format_are_refused_before_the_solve(
     assert told in result.stderr
 
 
+def test_a_dash_is_no_folder_of_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = write_noisy_circle(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    result = run_here("solve", source, "-o", "-")
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert "-: nothing is written to the standard output" in result.stderr
+    assert not (tmp_path / "-").exists()
+
+
 @pytest.mark.parametrize(("option", "name"), [("--covariances", "sigmas.csv"), ("--view", "view.html")])
 def test_projective_worlds_have_neither_page_nor_covariances(tmp_path: Path, option: str, name: str) -> None:
     source = write_noisy_circle(tmp_path)

@@ -55,6 +55,15 @@ std::vector<std::string> warnings_about_baselines(const Problem& problem,
                                                   const linear::ObservationGraph& graph,
                                                   std::span<const char> of_others = {});
 
+// Whether at a state most points of all ranks have a parallax below the noise, of which `rms` tells
+// in standard deviations: an image set of one place has such points wherever it ends.
+std::vector<std::string> warnings_about_parallax(const Problem& problem,
+                                                 const linear::ObservationGraph& graph,
+                                                 const optim::State& state,
+                                                 double rms,
+                                                 Exchange& exchange = this_process(),
+                                                 std::span<const char> of_others = {});
+
 // The same of cameras whose observations are fewer than the six numbers of their pose, and of rows
 // of intrinsics whose aspect looks like a focal length.
 std::vector<std::string> warnings_about_cameras(const Problem& problem,

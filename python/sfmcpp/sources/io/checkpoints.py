@@ -27,7 +27,7 @@ from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_bytes, require_folder
 from sfmcpp.sources.io.npz import METADATA, read_members, write_member
 
 FORMAT_VERSION = 1
@@ -104,8 +104,7 @@ class CheckpointFolder:
         DatasetError
             If the folder cannot be written, has too little room, or holds checkpoints of another run.
         """
-        if self.path.exists() and not self.path.is_dir():
-            raise DatasetError(self.path, "is a file, a folder is wanted")
+        require_folder(self.path)
         self._require_none_of_ranks()
         with failures_named(self.path):
             self.path.mkdir(exist_ok=True)

@@ -170,6 +170,15 @@ def require_regular_file(path: Path) -> None:
         raise DatasetError(path, "is not a regular file")
 
 
+def require_folder(path: Path, purpose: str = "") -> None:
+    """Refuse what cannot become a folder of results: a file, and the name that elsewhere means the output."""
+    wanted = f"a folder is wanted{purpose}"
+    if path == Path("-"):
+        raise DatasetError(path, f"nothing is written to the standard output, {wanted}")
+    if path.exists() and not path.is_dir():
+        raise DatasetError(path, f"is a file, {wanted}")
+
+
 def compressed_writer(raw: IO[bytes], path: Path) -> AbstractContextManager[IO[bytes]]:
     """Open a stream into `raw` that compresses as the suffix of `path` asks; same content, same bytes."""
     suffix = path.suffix.lower()

@@ -27,7 +27,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.atomic import atomic_files, remove_leftovers
 from sfmcpp.sources.io.checks import require_valid
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.npz import members_of_problem, problem_of_members, read_members, write_members
 
@@ -199,8 +199,7 @@ def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
 
 
 def _make_folder(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(folder, "is a file, a folder is wanted for parts")
+    require_folder(folder, " for parts")
     with failures_named(folder):
         folder.mkdir(exist_ok=True)
 

@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import displaced_positions
+from sfmcpp.sensors import displaced_positions, without_leaps
 
 ASIDE = np.array([9.0, -12.0, 0.0])  # 15 m
 
@@ -73,3 +73,40 @@ def test_other_streams_and_no_sigma_are_refused() -> None:
         displaced_positions(SensorStream(t_s, np.ones((len(t_s), 1)), "speed"))
     with pytest.raises(InvalidArgument, match="sigma_m"):
         displaced_positions(SensorStream(t_s, places, "position"), 0.0)
+
+
+def positions(count: int = 60, sigma_m: float = 0.0) -> SensorStream:
+    """Ten metres a second eastwards, ten times a second."""
+    places = np.zeros((count, 3))
+    places[:, 0] = np.arange(count)
+    places += sigma_m * np.random.default_rng(0).standard_normal(places.shape)
+    return SensorStream(0.1 * np.arange(count), places, "position")
+
+
+@pytest.mark.parametrize("sigma_m", [0.0, 1.0, 5.0, 20.0])
+def test_noise_is_no_leap(sigma_m: float) -> None:
+    stream = positions(sigma_m=sigma_m)
+    assert without_leaps(stream, sigma_m) is stream
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [[0], [59], [30], [20, 40], [0, 1, 2, 30, 31, 57, 58, 59], [*range(10, 30)], [*range(40, 60)]],
+)
+def test_positions_far_from_where_they_can_be_are_left_out(lost: list[int]) -> None:
+    stream = positions()
+    stream.values[lost] = -6e6
+    kept = without_leaps(stream)
+    np.testing.assert_array_equal(kept.t_s, np.delete(stream.t_s, lost))
+    assert kept.max_gap_s == stream.max_gap_s
+
+
+def test_of_two_places_that_cannot_both_be_the_one_with_more_positions_is_believed() -> None:
+    stream = positions()
+    stream.values[25:, 1] += 1e4
+    np.testing.assert_array_equal(without_leaps(stream).t_s, stream.t_s[25:])
+
+
+def test_leaps_are_those_of_positions() -> None:
+    with pytest.raises(InvalidArgument, match="kind"):
+        without_leaps(SensorStream(np.arange(3.0), np.zeros(3), "speed"))

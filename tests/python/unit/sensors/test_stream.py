@@ -167,11 +167,30 @@ def test_a_stream_that_does_not_last_as_long_as_the_images_is_told() -> None:
     ]
 
 
-def test_rates_that_are_too_far_apart_are_told_and_positions_are_not() -> None:
+def test_rates_and_positions_that_are_too_far_apart_are_told_and_distances_are_not() -> None:
     slow = 1000 * T
     (told,) = describe_coverage([speeds(slow)], 0.0, 2.0)
-    assert "samples are 100 s apart" in told
-    assert describe_coverage([SensorStream(slow, np.zeros((len(T), 3)), "position")], 0.0, 2.0) == []
+    assert "samples are 100 s apart, too sparse to determine a motion" in told
+    (told,) = describe_coverage([SensorStream(slow, np.zeros((len(T), 3)), "position")], 0.0, 2.0)
+    assert "samples are 100 s apart, and between them the way is taken for straight" in told
+    assert describe_coverage([SensorStream(slow, slow, "distance")], 0.0, 2.0) == []
+
+
+def test_a_wrong_unit_of_positions_is_told_from_noise_between_samples() -> None:
+    t_s = np.arange(0.0, 3.0, 0.0005)
+    places = np.outer(10 * t_s, [1.0, 0.0, 0.0])
+    noisy = places + 0.1 * np.random.default_rng(0).standard_normal(places.shape)
+    SensorStream(t_s, noisy, "position")
+    with pytest.raises(InvalidArgument, match=r"median speed over a second of .* was it given in mm, cm, km"):
+        SensorStream(t_s, 100 * places, "position")
+    with pytest.raises(InvalidArgument, match="median speed over a second of 1000 m/s"):
+        SensorStream(t_s[:10], 100 * places[:10], "position")
+
+
+def test_positions_beyond_numbers_are_told_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    with pytest.raises(InvalidArgument, match="median speed over a second of inf m/s"):
+        SensorStream(T, 1e300 * np.outer(T, [1.0, -1.0, 0.0]), "position")
+    assert not recwarn
 
 
 @pytest.mark.parametrize("first", [1, 2, 10])

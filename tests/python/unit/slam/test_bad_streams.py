@@ -213,7 +213,7 @@ def test_an_odometer_that_tells_no_motion_is_named() -> None:
     dead = replace(drive.odometer, values=np.zeros_like(drive.odometer.values))
     result = run_slam(drive.sequence, sensors=[Odometer(dead)])
     assert not result.metric
-    assert "odometer: measures too little motion to scale the map to metres" in result.warnings
+    assert any(warning.startswith("odometer: measures too little motion") for warning in result.warnings)
 
 
 def test_a_sensor_of_ones_own_cannot_be_fed() -> None:

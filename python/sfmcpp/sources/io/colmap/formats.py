@@ -26,7 +26,7 @@ from sfmcpp.sources.io.colmap.rig_files import (
 from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
-from sfmcpp.sources.io.files import read_bytes
+from sfmcpp.sources.io.files import read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
 
@@ -126,9 +126,7 @@ _KINDS = (_TEXT, _BINARY)
 
 def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
     """Write these kinds, and any other that is there: a folder has one model, however often."""
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(folder, "is a file, a folder is wanted for a COLMAP model")
-    _require_no_rigs(folder)
+    _require_target(folder)
     tables = tables_from_problem(problem, folder)
     kinds = [kind for kind in _KINDS if kind in wanted or _has_any_file(folder, kind.names)]
     contents = list(chain.from_iterable(kind.named_contents(folder, problem, tables) for kind in kinds))
@@ -141,7 +139,9 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
         (folder / ORIGIN).unlink()
 
 
-def _require_no_rigs(folder: Path) -> None:
+def _require_target(folder: Path) -> None:
+    """Refuse a file, and a folder whose rigs would contradict the new poses."""
+    require_folder(folder, " for a COLMAP model")
     for name in (*TEXT_FILES, *BINARY_FILES):
         if (folder / name).exists():
             reason = "the model that is there would be replaced, and this file contradict the new poses"
@@ -179,7 +179,7 @@ TEXT = Format(
     read_colmap_text,
     write_colmap_text,
     _claims_text,
-    target_check=_require_no_rigs,
+    target_check=_require_target,
     lacks=_LACKS,
 )
 BINARY = Format(
@@ -189,7 +189,7 @@ BINARY = Format(
     read_colmap_binary,
     write_colmap_binary,
     _claims_binary,
-    target_check=_require_no_rigs,
+    target_check=_require_target,
     lacks=_LACKS,
 )
 
