@@ -388,6 +388,6 @@ def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:
     if told == kept:
         return []
     return [
-        f"stream {stream.name!r}: {told - kept} of {told} positions are where no vehicle can have got to from "
-        "the others: they get no weight"
+        f"stream {stream.name!r}: {told - kept} of {told} positions are where no vehicle can have got to "
+        "from the others: they get no weight"
     ]
