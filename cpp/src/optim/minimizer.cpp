@@ -139,10 +139,13 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    // One that much damping at the start makes short is tried: after a success the next is longer.
-    if (now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_) &&
-        (is_flat() || !summary_.iterations.back().accepted))
+    const bool is_short =
+        now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_);
+    // Steps that much damping makes short from the start on are tried: after a success the next is
+    // longer.
+    if (is_short && (was_long_ || is_flat() || !summary_.iterations.back().accepted))
       finish_negligible();
+    was_long_ |= !is_short;
   }
 
   void try_step() {
@@ -377,6 +380,7 @@ class Minimizer {
   Iteration now_;
   double cost_ = 0.0;
   double largest_prediction_ = 0.0;  // largest decrease that the model has predicted
+  bool was_long_ = false;            // a step so far
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;

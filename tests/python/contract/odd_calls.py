@@ -126,6 +126,7 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "sensors.position_at": {"stream": POSITION},
     "sensors.smoothed_positions": {"stream": POSITION},
     "sensors.displaced_positions": {"stream": POSITION},
+    "sensors.without_leaps": {"stream": POSITION},
     "sensors.register_by_distances": {"vision": POSES},
     "sensors.register_by_poses": {"vision": POSES, "measured": POSES},
     "sensors.register_by_positions": {"vision": POSES},
