@@ -139,13 +139,12 @@ class Minimizer {
     if (!result_.valid) return;
     now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
-    const bool is_short =
-        now_.step_norm <= options_.termination.parameter_tolerance * model_.size(state_);
-    // Steps that much damping makes short from the start on are tried: after a success the next is
-    // longer.
-    if (is_short && (was_long_ || is_flat() || !summary_.iterations.back().accepted))
+    const double length = options_.termination.parameter_tolerance * model_.size(state_);
+    const auto& past = summary_.iterations;
+    const bool was_long = std::ranges::any_of(past, [&](auto& i) { return i.step_norm > length; });
+    // Steps that damping makes short from the start on are tried: after a success they are longer.
+    if (now_.step_norm <= length && (was_long || is_flat() || !past.back().accepted))
       finish_negligible();
-    was_long_ |= !is_short;
   }
 
   void try_step() {
@@ -241,8 +240,7 @@ class Minimizer {
     numbers_.clear();
   }
 
-  // The strategy learns from the step it proposed, at unit length: one that fails without a line
-  // search was too long, and the next must be shorter, even if the search made something of it.
+  // The strategy learns from its own step, at unit length, whatever a line search made of it.
   void update_strategy() {
     if (unit_cost_ < cost_) {
       strategy_->accepted((cost_ - unit_cost_) / result_.predicted_decrease);
@@ -312,8 +310,7 @@ class Minimizer {
   }
   double negligible() const { return negligible_decrease(options_.termination, cost_); }
 
-  // A rejected step whose predicted and whose true effect are both below the tolerance: rounding
-  // decides, unless it is so short because longer ones have failed.
+  // A rejected step whose predicted and true effect are both below the tolerance: rounding decides.
   bool change_is_negligible() const {
     const double tolerated = options_.termination.function_tolerance * cost_;
     return result_.valid && result_.predicted_decrease <= tolerated &&
@@ -380,7 +377,6 @@ class Minimizer {
   Iteration now_;
   double cost_ = 0.0;
   double largest_prediction_ = 0.0;  // largest decrease that the model has predicted
-  bool was_long_ = false;            // a step so far
   double candidate_cost_ = 0.0;
   double unit_cost_ = 0.0;
   bool finished_ = false;
