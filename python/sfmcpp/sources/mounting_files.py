@@ -76,7 +76,8 @@ def clock_offset_of(given: str | Path | Mounting | None) -> float:
     """
     if given is None or isinstance(given, Mounting) or not _is_document(Path(given)):
         return 0.0
-    chain = _kalibr_camera(Path(given))
+    file, name = camera_file(Path(given))
+    chain = _kalibr_camera(read_document(file), name)
     node = None if chain is None else chain.part(_KALIBR_SHIFT)
     if node is None:
         return 0.0
@@ -96,10 +97,12 @@ def mounting_beside_camera(path: Path) -> Mounting | None:
     """
     if not _is_document(path):
         return None
-    node = read_document(camera_file(path)[0]).part(_POSE)
+    file, name = camera_file(path)
+    root = read_document(file)
+    node = root.part(_POSE)
     if node is not None:
         return _mounting_of_pose(_pose(node, _POSE))
-    chain = _kalibr_camera(path)
+    chain = _kalibr_camera(root, name)
     node = None if chain is None else chain.part(_KALIBR_POSE)
     if node is None:
         return None
@@ -112,10 +115,8 @@ def _is_document(path: Path) -> bool:
     return camera_file(path)[0].suffix.lower() in DOCUMENTS
 
 
-def _kalibr_camera(path: Path) -> Node | None:
-    """The camera of a chain of Kalibr that a path names; None if the chain was calibrated without an IMU."""
-    file, name = camera_file(path)
-    root = read_document(file)
+def _kalibr_camera(root: Node, name: str) -> Node | None:
+    """The camera of that name in a chain of Kalibr; None if the chain was calibrated without an IMU."""
     cameras = root.value.values() if isinstance(root.value, dict) else ()
     return chosen_camera(root, name) if any(camera.part(_KALIBR_POSE) for camera in cameras) else None
 
