@@ -9,7 +9,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
-from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing, shaped_array
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array, require_increasing, shaped_array
 from sfmcpp.model.checks import looked_up, require_not_negative
 
 # Faster than any road vehicle or train the package is meant for.
@@ -288,7 +288,11 @@ class SensorStream:
     def without(self, stretch: Gap) -> SensorStream | None:
         """Leave out the measurements of a stretch, both ends included; None if none are left."""
         kept = (self.t_s < stretch.start_s) | (self.t_s > stretch.end_s)
-        return replace(self, t_s=self.t_s[kept], values=self.values[kept]) if kept.any() else None
+        return self.only(kept) if kept.any() else None
+
+    def only(self, kept: BoolArray) -> SensorStream:
+        """The measurements where `kept`, (n,) bool, is true; at least one must be."""
+        return replace(self, t_s=self.t_s[kept], values=self.values[kept])
 
     def __repr__(self) -> str:
         span = f"{self.t_s[0]:.3f} to {self.t_s[-1]:.3f} s"

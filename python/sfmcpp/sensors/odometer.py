@@ -12,7 +12,14 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.stream import interpolate_vectors, measured_at, require_interval, require_kind, segments
+from sfmcpp.sensors.stream import (
+    interpolate_vectors,
+    measured_at,
+    require_interval,
+    require_kind,
+    running_median,
+    segments,
+)
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0
@@ -201,17 +208,10 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     # A second difference of white noise has six times its variance; a median ignores the leaps themselves.
     noise = 1.4826 * float(np.median(np.abs(np.diff(speeds, 2)))) / np.sqrt(6.0)
     rates = changes / period_s
-    alone = np.abs(rates - _running_median(rates)) * period_s
+    alone = np.abs(rates - running_median(rates, _NEIGHBOURS)) * period_s
     too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise
     too_sudden = alone > LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
-
-
-def _running_median(values: FloatArray) -> FloatArray:
-    """Median of each value and its two neighbours on either side, as far as there are any."""
-    reach = _NEIGHBOURS
-    padded = np.pad(values, reach, constant_values=np.nan)
-    return np.asarray(np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1))
 
 
 def _is_opposite_leap(speeds: FloatArray, opening: int, closing: int) -> bool:

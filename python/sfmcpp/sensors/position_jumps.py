@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +11,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import require_kind, running_median
 
 # The speed at a step is a median over so long, and over at least 2 and at most 5 steps on either side.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
@@ -61,7 +59,7 @@ def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[n
     half_window_s = 0.5 * _reach(period_s) * period_s
     limit_m = _NOISE * sigma_m + LARGEST_ACCELERATION_M_S2 * half_window_s**2
     left = _without_motion(stream.t_s, stream.values)
-    displaced = np.linalg.norm(left - _medians(left, _LEVEL), axis=1) > limit_m
+    displaced = np.linalg.norm(left - running_median(left, _LEVEL), axis=1) > limit_m
     rest = np.flatnonzero(~displaced)
     if len(rest) >= 2 * _LEVEL:
         changes = _level_changes(_without_motion(stream.t_s[rest], stream.values[rest]))
@@ -72,7 +70,8 @@ def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[n
 def _without_motion(t_s: FloatArray, positions: FloatArray) -> FloatArray:
     """Positions (n, 3) less the way that the speeds about each step make."""
     periods_s = np.diff(t_s)
-    speeds = _medians(np.diff(positions, axis=0) / periods_s[:, None], _reach(float(np.median(periods_s))))
+    reach = _reach(float(np.median(periods_s)))
+    speeds = running_median(np.diff(positions, axis=0) / periods_s[:, None], reach)
     way = np.concatenate([np.zeros((1, 3)), np.cumsum(speeds * periods_s[:, None], axis=0)])
     return np.asarray(positions - way)
 
@@ -80,13 +79,6 @@ def _without_motion(t_s: FloatArray, positions: FloatArray) -> FloatArray:
 def _reach(period_s: float) -> int:
     """Steps on either side that tell a speed."""
     return int(np.clip(_SPEED_WITHIN_S / period_s, _LEAST_REACH, _LARGEST_REACH))
-
-
-def _medians(rows: FloatArray, reach: int) -> FloatArray:
-    """Median of each row and of those about it, as far as there are any."""
-    padded = np.pad(rows, ((reach, reach), (0, 0)), constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
-    return np.asarray(np.nanmedian(windows, axis=-1))
 
 
 def _level_changes(left: FloatArray) -> FloatArray:
@@ -165,7 +157,7 @@ def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorS
     while at >= 0:
         kept[first[at] : last[at] + 1] = True
         at = int(before[at])
-    return replace(stream, t_s=t_s[kept], values=stream.values[kept])
+    return stream.only(kept)
 
 
 def _reachable(

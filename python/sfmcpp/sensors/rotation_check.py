@@ -8,7 +8,7 @@ magnitudes of the rates do not correlate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -234,7 +234,7 @@ def turns_at_offsets(
     """Rotations (offsets, n, 3, 3) of the camera between `times` (n, 2), each offset added to the stamps."""
     reach_s = np.abs(offsets).max() + stream.max_gap_s
     near = (stream.t_s >= times.min() - reach_s) & (stream.t_s <= times.max() + reach_s)
-    stream = replace(stream, t_s=stream.t_s[near], values=stream.values[near])
+    stream = stream.only(near)
     absolute = rotations_at_samples(stream, 1 / factor)
     shifted = times - offsets[:, None, None]
     start, end = (interpolate_rotations(stream.t_s, absolute, shifted[..., k].ravel()) for k in (0, 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -301,9 +301,7 @@ class Gps:
     @cached_property
     def believed(self) -> SensorStream:
         """The positions that have not, smoothed."""
-        kept = ~self.displaced
-        rest = replace(self.reachable, t_s=self.reachable.t_s[kept], values=self.reachable.values[kept])
-        return smoothed_positions(rest, self.likely_sigma_m)
+        return smoothed_positions(self.reachable.only(~self.displaced), self.likely_sigma_m)
 
     @property
     def likely_sigma_m(self) -> float:
