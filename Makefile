@@ -74,12 +74,12 @@ cpp-build: install
 	cmake --build $(PYTHON_BUILD)
 
 run_cpp_tests = processes=(); for shard in $$(seq 0 $$(($(TEST_PROCESSES) - 1))); do \
-	  GTEST_BRIEF=1 GTEST_TOTAL_SHARDS=$(TEST_PROCESSES) GTEST_SHARD_INDEX=$$shard $(1)/tests/cpp/sfmcpp_tests & processes+=($$!); \
+	  GTEST_BRIEF=1 GTEST_TOTAL_SHARDS=$(TEST_PROCESSES) GTEST_SHARD_INDEX=$$shard $(PYTHON_BUILD)/tests/cpp/sfmcpp_tests$(1) & processes+=($$!); \
 	done; for process in "$${processes[@]}"; do wait "$$process"; done; \
-	if [ -x $(1)/tests/cpp/sfmcpp_fault_tests ]; then GTEST_BRIEF=1 $(1)/tests/cpp/sfmcpp_fault_tests; fi
+	if [ -x $(PYTHON_BUILD)/tests/cpp/sfmcpp_fault_tests$(1) ]; then GTEST_BRIEF=1 $(PYTHON_BUILD)/tests/cpp/sfmcpp_fault_tests$(1); fi
 
 cpp-tests: cpp-build
-	$(call run_cpp_tests,$(PYTHON_BUILD))
+	$(call run_cpp_tests,)
 	ctest --test-dir $(PYTHON_BUILD) --label-regex bench --output-on-failure
 
 bench: cpp-build ## the C++ benchmarks
@@ -93,22 +93,19 @@ record-counts: cpp-build ## write bench/counts.json anew
 	tools/install_packages.sh valgrind
 	$(VENV)/bin/python bench/counts.py record $(PYTHON_BUILD)/bench/cpp/sfmcpp_counts
 
-asan: ## the C++ tests under the address and undefined-behaviour sanitizers
-tsan: ## the C++ tests that use threads, under the thread sanitizer
+asan: ## the C++ tests with a core under the address and undefined-behaviour sanitizers
+tsan: ## the C++ tests that use threads, with a core under the thread sanitizer
 
-asan tsan: $(BUILD_PACKAGES_STAMP)
-	cmake --preset $@
-	cmake --build --preset $@
-	$(call run_cpp_tests,build/$@)
+asan tsan: install
+	cmake --build $(PYTHON_BUILD) --target sfmcpp_tests_$@ sfmcpp_fault_tests_$@
+	$(call run_cpp_tests,_$@)
 
-# In the build folders of the C++ tests: the objects of the core are the same.
 asan-python: install ## the Python tests of the bindings under these sanitizers
 tsan-python: install ## the same under the thread sanitizer
 
 asan-python tsan-python:
-	cmake --preset $(@:-python=) $(with_python)
-	cmake --build --preset $(@:-python=) --target _core
-	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python build/$(@:-python=) tests/python/bindings \
+	cmake --build $(PYTHON_BUILD) --target _core_$(@:-python=)
+	tools/sanitized_pytest.sh $(@:-python=) $(CURDIR)/$(VENV)/bin/python $(PYTHON_BUILD)/cpp/$(@:-python=) tests/python/bindings \
 	  --numprocesses $(TEST_PROCESSES) --dist loadfile
 
 FUZZ_INPUTS ?= 1000000

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Usage: sanitized_pytest.sh asan|tsan PYTHON BUILD_FOLDER [PYTEST_ARGUMENT…]: runs tests with the _core of BUILD_FOLDER, which
+# Usage: sanitized_pytest.sh asan|tsan PYTHON FOLDER [PYTEST_ARGUMENT…]: runs tests with the _core of FOLDER, which
 # was built with that sanitizer, in place of an installed one.
 set -euo pipefail
 sanitizer=$1 python=$2 build=$3
@@ -10,7 +10,7 @@ cd "$(dirname "$0")/.."
 package=$build/package/sfmcpp
 rm -rf "$package" && mkdir -p "$package"
 find "$PWD/python/sfmcpp" -mindepth 1 -maxdepth 1 -not -name '_core*.so' -not -name __pycache__ -exec ln -s {} "$package" \;
-ln -s "$PWD/$build"/cpp/_core*.so "$package"
+ln -s "$PWD/$build"/_core*.so "$package"
 
 # Python itself is not sanitized: the runtime must be there before it starts, and libstdc++ before that looks for its throw.
 runtime="$("${CXX:-g++}" -print-file-name=lib$sanitizer.so) $("${CXX:-g++}" -print-file-name=libstdc++.so)"

@@ -15,16 +15,26 @@ function(sfmcpp_target_defaults target)
   if(SFMCPP_WARNINGS_AS_ERRORS)
     target_compile_options(${target} PRIVATE -Werror)
   endif()
-  if(SFMCPP_SANITIZE)
-    target_compile_options(${target} PRIVATE -fsanitize=${SFMCPP_SANITIZE} -fno-sanitize-recover=all
-                                             -fno-omit-frame-pointer)
-    target_link_options(${target} PUBLIC -fsanitize=${SFMCPP_SANITIZE})
+endfunction()
+
+# Variants of the core for tests, with assertions and these sanitizers.
+set(sfmcpp_variants asan tsan)
+set(sfmcpp_sanitizers_asan address,undefined)
+set(sfmcpp_sanitizers_tsan thread)
+
+# Nothing for a variant without a name.
+function(sfmcpp_sanitize target variant)
+  if(variant)
+    set(sanitize -fsanitize=${sfmcpp_sanitizers_${variant}})
+    target_compile_options(${target} PRIVATE -O1 -g1 -UNDEBUG ${sanitize} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+    target_link_options(${target} PRIVATE ${sanitize})
+    set_target_properties(${target} PROPERTIES EXCLUDE_FROM_ALL ON)
   endif()
 endfunction()
 
 # Each source becomes one object library per instruction set. The code must live in namespace
 # SFMCPP_ISA and define no symbol that another translation unit may share (see core/isa.hpp).
-function(sfmcpp_add_isa_sources target)
+function(sfmcpp_add_isa_sources target variant)
   set(levels "baseline\;2\;")
   if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
     list(APPEND levels "avx2\;4\;-march=x86-64-v3"
@@ -41,9 +51,8 @@ function(sfmcpp_add_isa_sources target)
     target_include_directories(${target}_${isa} PRIVATE "${CMAKE_CURRENT_SOURCE_DIR}/include")
     target_compile_definitions(${target}_${isa} PRIVATE SFMCPP_ISA=${isa} SFMCPP_LANES=${lanes})
     target_compile_options(${target}_${isa} PRIVATE ${flags} -ffp-contract=fast -fno-math-errno -fno-trapping-math)
-    if(NOT SFMCPP_SANITIZE)
-      target_compile_options(${target}_${isa} PRIVATE -O3)
-    endif()
+    target_compile_options(${target}_${isa} PRIVATE -O3)
+    sfmcpp_sanitize(${target}_${isa} "${variant}")
     target_sources(${target} PRIVATE $<TARGET_OBJECTS:${target}_${isa}>)
   endforeach()
 endfunction()

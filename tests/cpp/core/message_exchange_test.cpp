@@ -2,7 +2,6 @@
 #include "sfmcpp/core/message_exchange.hpp"
 
 #include <algorithm>
-#include <barrier>
 #include <cmath>
 #include <functional>
 #include <numeric>
@@ -10,13 +9,15 @@
 
 #include <gtest/gtest.h>
 
+#include "support/barrier.hpp"
+
 namespace sfmcpp::message_exchange_test {
 namespace {
 
 // Where the ranks lay out what they bring.
 struct Table {
   explicit Table(int num_ranks) : gate(num_ranks), brought(num_ranks), counts(num_ranks) {}
-  std::barrier<> gate;
+  support::Barrier gate;
   std::vector<std::span<const double>> brought;
   std::vector<std::span<const int>> counts;
 };

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <algorithm>
-#include <barrier>
 #include <exception>
 #include <functional>
 #include <numeric>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "sfmcpp/core/exchange.hpp"
+#include "support/barrier.hpp"
 
 namespace sfmcpp::support {
 
@@ -24,7 +24,7 @@ class ThreadedExchange final : public Exchange {
   struct Room {
     explicit Room(int num_ranks)
         : gate(num_ranks), calls(num_ranks), brought(num_ranks), counts(num_ranks) {}
-    std::barrier<> gate;
+    Barrier gate;
     std::vector<Call> calls;
     std::vector<std::vector<double>> brought;
     std::vector<std::vector<int>> counts;  // of what is delivered
