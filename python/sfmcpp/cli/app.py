@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 import sfmcpp
+from sfmcpp.cli.bag import bag
 from sfmcpp.cli.choices import (
     RIGS,
     Checkpoint,
@@ -192,4 +193,5 @@ app.command()(doctor)
 app.command()(synth)
 app.command()(evaluate)
 app.command()(slam)
+app.command()(bag)
 app.command()(reconstruct)

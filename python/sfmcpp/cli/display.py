@@ -18,7 +18,7 @@ from rich.text import Text
 
 from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
-from sfmcpp.cli.console import print_result, stderr_console
+from sfmcpp.cli.console import print_result, progress_is_seen, stderr_console
 from sfmcpp.cli.targets import Targets
 from sfmcpp.study.report_files import peak_memory_bytes
 
@@ -160,7 +160,7 @@ class RecentIterations:
 @contextmanager
 def shown_progress(*, quiet: bool) -> Iterator[Listener | None]:
     """Show the iterations given to the listener; None if nobody would see them."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or not progress_is_seen():
         yield None
         return
     recent = RecentIterations()
@@ -192,7 +192,7 @@ ShowStage = Callable[[str, int, int], None]
 @contextmanager
 def shown_stages(*, quiet: bool) -> Iterator[ShowStage]:
     """Show the stages of a run, each with a bar and the time that remains; on a terminal only."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or not progress_is_seen():
         yield lambda stage, done, total: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
