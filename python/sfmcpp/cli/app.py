@@ -22,6 +22,7 @@ from sfmcpp.cli.choices import (
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
+from sfmcpp.cli.info import info
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
@@ -189,6 +190,7 @@ def demo(
     return run_demo(output, seed)
 
 
+app.command()(info)
 app.command()(doctor)
 app.command()(synth)
 app.command()(evaluate)

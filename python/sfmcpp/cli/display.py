@@ -49,19 +49,22 @@ def print_summary(
     georeferenced: Iterable[Row] = (),
 ) -> None:
     """Print what was solved, how it ended, where the world is and what was written."""
+    rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]
+    rows += [("warning", Text(warning, style="yellow")) for warning in summary.warnings]
+    rows += [("written", str(path)) for path in targets]
+    if targets.problem is None:
+        rows.append(("result", "not saved; use -o FILE to write it"))
+    print_result(facts_text(rows))
+
+
+def facts_text(rows: Iterable[Row]) -> str:
+    """Lines of names and what there is to say of each."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]
     for name, value in rows:
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
-    for warning in summary.warnings:
-        table.add_row("warning", Text(warning, style="yellow"))
-    for path in targets:
-        table.add_row("written", Text(str(path)))
-    if targets.problem is None:
-        table.add_row("result", "not saved; use -o FILE to write it")
-    print_result(rendered(table))
+    return rendered(table)
 
 
 def rendered(table: Table) -> str:
