@@ -253,7 +253,8 @@ def _streams(streams: Iterable[SensorStream]) -> Iterator[Fact]:
 
     for stream in streams:
         name = next(sensor for sensor, kinds in SENSORS.items() if stream.kind in kinds)
-        gaps = f", {len(stream.gaps()):,} gaps" if stream.gaps() else ""
+        count = len(stream.gaps())
+        gaps = f", {count:,} gap{'s' * (count > 1)}" if count else ""
         yield name, f"{stream.kind.replace('_', ' ')}: {_span(stream.t_s)}{gaps}"
 
 

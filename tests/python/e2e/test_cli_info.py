@@ -69,7 +69,7 @@ def test_sensor_files_tell_each_stream_its_rate_and_its_gaps(tmp_path: Path) -> 
         "t [s],speed [km/h],wx [deg/s],wy [deg/s],wz [deg/s],air\n" + "\n".join(rows)
     )
     found = facts(tmp_path / "log.csv")
-    assert found["odometer"] == "speed: 40 in 4.900 s from 0.000 s on, 10 Hz, 1 gaps"
+    assert found["odometer"] == "speed: 40 in 4.900 s from 0.000 s on, 10 Hz, 1 gap"
     assert found["imu"].startswith("angular rate: 10 in 4.")
     assert found["left out"] == "columns of unknown names: air"
 

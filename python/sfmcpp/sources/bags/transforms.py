@@ -36,7 +36,9 @@ class StaticFrames:
             self._parents[child] = parent, np.column_stack([rotation_from_quaternion(quaternion)[0], centre])
 
     def pose(self, outer: str, inner: str) -> FloatArray | None:
-        """Pose (3, 4) outer_from_inner; None where the two are not joined."""
+        """Pose (3, 4) outer_from_inner; None where the two are not joined, or one has no name."""
+        if not (outer and inner):
+            return None
         if outer == inner:
             return np.eye(3, 4)
         ways = [self._way_up(name) for name in (outer, inner)]

@@ -39,6 +39,8 @@ IMAGE_FOLDER, CAMERA_FILE, SENSOR_FILE, MOUNTING_FILE = "images", "camera.yaml",
 _STATIC_TRANSFORMS = "/tf_static"
 # An antenna as far from the body's origin as a GPS without corrections cannot tell [m].
 _NOTEWORTHY_LEVER_M = 0.1
+# Whose frame is that of the body, if it is joined to the camera's: an IMU may lie in any way.
+_BODY = ("odometer", "gps", "imu")
 # Sensors whose times are closer share a row: seconds since 1970 have no more digits than for 240 ns.
 _ROUNDED_NS = 1000
 _CHECKED_EVERY = 64
@@ -96,7 +98,7 @@ def unpack_bag(
     folder : path-like
         Where to: it must be missing or empty. It gets ``images`` with files named by their times in
         nanoseconds, ``camera.yaml``, ``sensors.csv``, and ``mounting.txt`` where ``/tf_static`` joins the
-        camera to the body: the frame of the odometer, else of the IMU, else of the GPS.
+        camera to the body: the frame of the odometer, else of the GPS, else of the IMU.
     topics : sequence of str, optional
         Topics to take, one for images and one for each sensor. Default: those that there are.
     camera : bool
@@ -334,11 +336,13 @@ class _Unpacking:
         """Pose of the camera on the body, as `slam` takes it; turns the rates to the axes of the body."""
         if not self._streams:
             return None
-        body = next(self._frames[role] for role in COLUMNS if role in self._streams)
+        camera = self._frames.get(IMAGES, "")
+        bodies = [self._frames[role] for role in _BODY if role in self._streams]
+        joined = (name for name in bodies if self._static.pose(name, camera) is not None)
+        body = next(joined, bodies[0])
         for role in [name for name in self._streams if self._frames[name] != body]:
             self._join(role, body)
-        camera = self._frames.get(IMAGES)
-        if camera is None or not body:
+        if not camera:
             return None
         if camera == body:
             return "camera"

@@ -259,6 +259,31 @@ def test_static_transforms_give_the_mounting_and_the_axes_of_rates(tmp_path: Pat
     assert note.startswith("the antenna is 2.06 m from 'base_link'")
 
 
+def test_without_an_odometer_up_is_that_of_the_gps_not_of_an_imu_upside_down(tmp_path: Path) -> None:
+    made = messages_for("bag")
+    recorded: list[Any] = [
+        ("/tf_static", made.transforms(("gps", "cam", LOOKING_AHEAD, (0, 0, 0)))),
+        ("/tf_static", made.transforms(("gps", "imu", (0, 1, 0, 0), (0, 0, 0)))),
+        ("/image", made.image(START_NS, PIXELS)),
+        ("/imu", made.imu(START_NS, (0.5, 0.25, 1))),
+        ("/fix", made.fix(START_NS, (48, 11, 500))),
+    ]
+    unpacked(tmp_path, made, recorded)
+    mounting = mounting_of(tmp_path / "out" / MOUNTING_FILE)
+    assert mounting is not None
+    np.testing.assert_allclose(mounting.camera_from_body[:, 2], (0, -1, 0), atol=1e-12)
+    rates = read_sensor_csv(tmp_path / "out" / SENSOR_FILE)["angular_rate"].values
+    np.testing.assert_allclose(rates, [(0.5, -0.25, -1)], atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ["", "cam"])
+def test_a_frame_that_is_the_cameras_is_told_from_one_without_a_name(tmp_path: Path, frame: str) -> None:
+    made = messages_for("mcap")
+    recorded = [("/image", made.image(START_NS, PIXELS, frame=frame))]
+    recorded += [("/imu", made.imu(START_NS, (0, 0, 1), frame))]
+    assert unpacked(tmp_path, made, recorded).mounting == ("camera" if frame else None)
+
+
 def test_without_transforms_the_mounting_is_not_made_up(tmp_path: Path) -> None:
     made = messages_for("mcap")
     recorded = [("/image", made.image(START_NS, PIXELS)), ("/imu", made.imu(START_NS, (0, 0, 1)))]
