@@ -322,3 +322,19 @@ def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
     (out / "mine").unlink()
     unpack_bag(path, out)
     assert [file.name for file in out.iterdir()] == [SENSOR_FILE]
+
+
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
+    made = messages_for("bag")
+    path = write_bag(tmp_path / "drive.bag", made, [("/image", made.image(START_NS, PIXELS))])
+    seen: list[int] = []
+
+    def stop(done: int, total: int) -> None:
+        seen.append(total)
+        if done == total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        unpack_bag(path, tmp_path / "out", progress=stop)
+    assert seen == [1, 1]
+    assert [file.name for file in tmp_path.iterdir()] == ["drive.bag"]
