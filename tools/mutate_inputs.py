@@ -33,6 +33,7 @@ from scipy.io import savemat
 import sfmcpp
 from sfmcpp.errors import SfmcppError
 from sfmcpp.map.files import read_map
+from sfmcpp.sources.bags import unpack_bag
 from sfmcpp.sources.cameras import read_intrinsics
 from sfmcpp.sources.io.image_tracks import read_image_tracks
 from sfmcpp.sources.io.mat_files import mat_variables
@@ -183,7 +184,36 @@ def seeds(folder: Path) -> dict[str, tuple[Path, Reader]]:
             place.mkdir()
             (place / f"a.{suffix}").write_bytes(content.getvalue())
             found[f"{kind}/a.{suffix}"] = place / f"a.{suffix}", reader
+    return found | bags(folder)
+
+
+def bags(folder: Path) -> dict[str, tuple[Path, Reader]]:
+    """Small bags, written as the tests of their reader write them."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/python/e2e"))
+    from bag_writing import KINDS, START_NS, messages_for, write_bag
+
+    found: dict[str, tuple[Path, Reader]] = {}
+    for kind in KINDS:
+        made = messages_for(kind)
+        recorded = [("/tf_static", made.transforms(("body", "cam", (1, 0, 0, 0), (1, 0, 0))))]
+        for time_ns in range(START_NS, START_NS + 3_000_000, 1_000_000):
+            recorded += [
+                ("/c/image", made.image(time_ns, np.zeros((6, 8)))),
+                ("/c/camera_info", made.camera_info(time_ns, np.diag([9, 9, 1]))),
+                ("/odom", made.odometry(time_ns, (1, 0, 0), "body")),
+                ("/imu", made.imu(time_ns, (0, 0, 1), "body")),
+                ("/fix", made.fix(time_ns, (48, 11, 500), 0.5)),
+            ]
+        path = write_bag(folder / f"bag.{kind}", made, recorded)
+        file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix == path.suffix)
+        found[path.name] = file, unpack
     return found
+
+
+def unpack(path: Path) -> object:
+    """Unpack a bag into a folder that does not stay."""
+    with tempfile.TemporaryDirectory() as folder:
+        return unpack_bag(path, Path(folder) / "out")
 
 
 def read_and_convert(path: Path) -> object:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 import sfmcpp
+from sfmcpp.cli.bag import bag
 from sfmcpp.cli.choices import (
     RIGS,
     Checkpoint,
@@ -21,6 +22,7 @@ from sfmcpp.cli.choices import (
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
+from sfmcpp.cli.info import info
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
@@ -188,8 +190,10 @@ def demo(
     return run_demo(output, seed)
 
 
+app.command()(info)
 app.command()(doctor)
 app.command()(synth)
 app.command()(evaluate)
 app.command()(slam)
+app.command()(bag)
 app.command()(reconstruct)

@@ -83,6 +83,11 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
     return run
 
 
+def progress_is_seen() -> bool:
+    """Whether stderr, where progress is shown, is a terminal."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 def stderr_console() -> Console:
     """Make the console that progress is shown on."""
     from rich.console import Console

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
-from sfmcpp.cli.console import print_result, stderr_console
+from sfmcpp.cli.console import print_result, progress_is_seen, stderr_console
 from sfmcpp.cli.targets import Targets
 from sfmcpp.study.report_files import peak_memory_bytes
 
@@ -49,19 +49,22 @@ def print_summary(
     georeferenced: Iterable[Row] = (),
 ) -> None:
     """Print what was solved, how it ended, where the world is and what was written."""
+    rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]
+    rows += [("warning", Text(warning, style="yellow")) for warning in summary.warnings]
+    rows += [("written", str(path)) for path in targets]
+    if targets.problem is None:
+        rows.append(("result", "not saved; use -o FILE to write it"))
+    print_result(facts_text(rows))
+
+
+def facts_text(rows: Iterable[Row]) -> str:
+    """Lines of names and what there is to say of each."""
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]
     for name, value in rows:
         table.add_row(Text(name), value if isinstance(value, Text) else Text(value))
-    for warning in summary.warnings:
-        table.add_row("warning", Text(warning, style="yellow"))
-    for path in targets:
-        table.add_row("written", Text(str(path)))
-    if targets.problem is None:
-        table.add_row("result", "not saved; use -o FILE to write it")
-    print_result(rendered(table))
+    return rendered(table)
 
 
 def rendered(table: Table) -> str:
@@ -160,7 +163,7 @@ class RecentIterations:
 @contextmanager
 def shown_progress(*, quiet: bool) -> Iterator[Listener | None]:
     """Show the iterations given to the listener; None if nobody would see them."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or not progress_is_seen():
         yield None
         return
     recent = RecentIterations()
@@ -192,7 +195,7 @@ ShowStage = Callable[[str, int, int], None]
 @contextmanager
 def shown_stages(*, quiet: bool) -> Iterator[ShowStage]:
     """Show the stages of a run, each with a bar and the time that remains; on a terminal only."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or not progress_is_seen():
         yield lambda stage, done, total: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,7 +13,14 @@ import numpy as np
 
 from sfmcpp import slam
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.console import ExitCode, print_error, print_note, print_result, stderr_console
+from sfmcpp.cli.console import (
+    ExitCode,
+    print_error,
+    print_note,
+    print_result,
+    progress_is_seen,
+    stderr_console,
+)
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.targets import require_results_folder, writable_folder
 from sfmcpp.errors import InvalidArgument
@@ -106,7 +112,7 @@ def _show_nothing(frame: int, result: SlamResult, *, last: bool = False) -> None
 @contextmanager
 def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     """Show the frames given to the listener, on a terminal only: a bar and one line of numbers."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or not progress_is_seen():
         yield _show_nothing
         return
     from rich.progress import BarColumn, Progress, TextColumn

@@ -25,7 +25,7 @@ from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.camera_models import require_pinhole
+from sfmcpp.model.camera_models import camera_model, is_pinhole
 from sfmcpp.model.residual_group import Group, checked_groups
 
 # Causes before what follows from them: of one severity, findings stay in this order.
@@ -51,6 +51,8 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
 )
 # Those that ask neither for poses nor for lengths.
 _OF_PROJECTIVE_CAMERAS = (duplicates, connections, gauge)
+# Those that ask for no rays, which are known of pinholes alone.
+_OF_RAYLESS_CAMERAS = (units, duplicates, connections, solution, gauge)
 
 
 def diagnose(
@@ -79,14 +81,12 @@ def diagnose(
     Raises
     ------
     InvalidArgument
-        If a constraint is not a valid group, its function does not return residuals, or the camera model has
-        no rays. Errors of the problem itself are findings.
+        If a constraint is not a valid group, or its function does not return residuals. Errors of the problem
+        itself are findings.
     KeyboardInterrupt
         On Ctrl-C, during adjustments too.
     """
     groups = checked_groups(constraints)
-    if problem.is_metric:
-        require_pinhole(problem.camera_model)
     refused = _invalid_arrays(problem)
     if refused is not None:
         return Diagnosis([refused], ["all other checks: an array is invalid"])
@@ -94,10 +94,22 @@ def diagnose(
     case = Case(_without_faulty_observations(problem, faulty), groups, summary)
     findings = [*faulty, *_unsolvable(case)]
     with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
-        for examine in _EXAMINATIONS if problem.is_metric else _OF_PROJECTIVE_CAMERAS:
+        for examine in _examinations(case):
             findings += examine(case)
     findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
     return Diagnosis(findings, list(dict.fromkeys(case.skipped)))
+
+
+def _examinations(case: Case) -> tuple[Callable[[Case], Iterator[Finding]], ...]:
+    """Those that the camera model allows; what is left out is noted."""
+    if not case.problem.is_metric:
+        return _OF_PROJECTIVE_CAMERAS
+    model = case.problem.camera_model
+    if is_pinhole(model):
+        return _EXAMINATIONS
+    name = camera_model(model).name
+    case.skipped.append(f"calibration, conventions, outliers, angles: no rays are known of {name!r} cameras")
+    return _OF_RAYLESS_CAMERAS
 
 
 def _invalid_arrays(problem: Problem) -> Finding | None:

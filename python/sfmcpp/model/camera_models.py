@@ -97,10 +97,15 @@ def require_named(model: str | CameraFunction, what: str) -> str:
     return model
 
 
+def is_pinhole(model: str | CameraFunction) -> bool:
+    """Whether a camera model is a pinhole with a lens, of which rays are known."""
+    return not isinstance(model, CameraFunction) and camera_model(model).name in PINHOLE_MODELS
+
+
 def require_pinhole(model: str | CameraFunction) -> str:
     """The name of a camera model of which rays are known, a pinhole with a lens; else InvalidArgument."""
     name = camera_model(model).name
-    if isinstance(model, CameraFunction) or name not in PINHOLE_MODELS:
+    if not is_pinhole(model):
         rule = "must be 'calibrated', 'perspective' or 'bal'"
         raise InvalidArgument(f"camera_model = {name!r}: {rule}")
     return name

@@ -283,7 +283,7 @@ def test_what_needs_more_than_images_is_refused_by_name(tmp_path: Path) -> None:
     ]:
         with pytest.raises(InvalidArgument, match=message):
             sfmcpp.solve(problem, **options)
-    for refused in (sfmcpp.as_projective, sfmcpp.projection_matrices, sfmcpp.diagnose):
+    for refused in (sfmcpp.as_projective, sfmcpp.projection_matrices):
         with pytest.raises(InvalidArgument, match="camera_model = 'own'"):
             refused(problem)
     with pytest.raises(DatasetError, match="camera model 'own' is a function, which no file holds"):

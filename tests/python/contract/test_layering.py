@@ -53,7 +53,7 @@ PYTHON_FOREIGN = {
     "cli": {"rich", "typer", "matplotlib", "mpi4py"},
     "study": {"matplotlib", "viser"},
     "geometry": {"poselib"},
-    "sources": {"cv2", "PIL", "pycolmap", "yaml", "rerun"},
+    "sources": {"cv2", "PIL", "pycolmap", "yaml", "rerun", "rosbags", "lz4"},
 }
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)[>"]', re.MULTILINE)

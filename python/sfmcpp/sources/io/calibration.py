@@ -25,8 +25,9 @@ from sfmcpp.sources.io.intrinsics import (
 _MATRIX = ("camera_matrix", "cameraMatrix", "K")
 _OPENCV_DISTORTION = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")
 _COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
-# Names that the programs have for one and the same lens, and for none.
-_RADIAL_TANGENTIAL = ("radtan", "radial-tangential", "plumb_bob")
+# Names that the programs have for one and the same lens, and for none. ROS's rational polynomial is the same
+# where its denominator is 1: coefficients beyond k3 are refused below.
+_RADIAL_TANGENTIAL = ("radtan", "radial-tangential", "plumb_bob", "rational_polynomial")
 _NONE = ("none", "")
 # OpenCV's order; what follows belongs to lenses that the camera model does not hold.
 _ORDER = ("k1", "k2", "p1", "p2", "k3")

@@ -126,3 +126,19 @@ def _has_picture(folder: Path) -> bool:
 def unreadable(path: Path, error: OSError) -> DatasetError:
     """Error of the operating system for a file, as an error that names it."""
     return DatasetError(path, (error.strerror or str(error)).lower())
+
+
+def encode_png(pixels: NDArray[np.uint8], conversion: str | None = None) -> bytes:
+    """Content of a PNG file of grey levels (height, width) or blue, green, red (height, width, 3).
+
+    Parameters
+    ----------
+    pixels : array of uint8
+        The image.
+    conversion : str, optional
+        OpenCV's name of the conversion that makes it blue, green, red: ``"COLOR_RGB2BGR"``.
+    """
+    cv2 = load_cv2()
+    image = pixels if conversion is None else cv2.cvtColor(pixels, getattr(cv2, conversion))
+    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return bytes(data)

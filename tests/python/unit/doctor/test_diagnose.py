@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,20 @@ import pytest
 
 import sfmcpp
 from faults import halves
-from sfmcpp import ConstraintGroup, Problem, ResidualGroup, circle_scene, diagnose, linearize, perturb
+from sfmcpp import (
+    CameraFunction,
+    ConstraintGroup,
+    Problem,
+    ResidualGroup,
+    circle_scene,
+    diagnose,
+    linearize,
+    perturb,
+)
 from sfmcpp.doctor import SEVERITIES, repair
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.connections import parts
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.residual_group import Group
 
 
@@ -267,3 +278,55 @@ def test_a_diagnosis_shows_itself_in_one_line_and_in_a_notebook_as_its_list() ->
     found = sfmcpp.diagnose(problem)
     assert repr(found) == "Diagnosis(note gauge-freedoms)"
     assert found._repr_html_().startswith("<pre>1. note: gauge-freedoms: all 7 gauge freedoms")
+
+
+def far_away(problem: Problem) -> Problem:
+    """The whole scene far from the origin."""
+    problem.points += 1e9
+    problem.cameras[:, :, 3] += 1e9
+    return problem
+
+
+def twice_seen(problem: Problem) -> Problem:
+    """The first observation again."""
+    return problem.with_observations(np.r_[0, np.arange(problem.num_observations)])
+
+
+def pinhole_by_function(problem: Problem) -> Problem:
+    """The same cameras as a function, of which no rays are known."""
+
+    def project(points: FloatArray, intrinsics: FloatArray) -> FloatArray:
+        f, aspect, cx, cy = intrinsics.T[:4]
+        x, y, z = points.T
+        return np.stack([f * x / z + cx, f * aspect * y / z + cy], axis=1)
+
+    model = CameraFunction(project, ("f", "aspect", "cx", "cy", "skew"), name="own", free_by_default=())
+    return replace(problem, camera_model=model, fixed_intrinsics=np.ones_like(problem.fixed_intrinsics))
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (lambda problem: problem, "gauge-freedoms"),
+        (lambda problem: halves(problem, 0), "disconnected-parts"),
+        (far_away, "far-from-origin"),
+        (twice_seen, "duplicate-observations"),
+    ],
+)
+def test_what_needs_no_rays_is_found_with_a_camera_function_too(
+    fault: Callable[[Problem], Problem], code: str
+) -> None:
+    problem = fault(scene())
+    (known,) = [f.what for f in diagnose(problem).findings if f.code == code]
+    found = diagnose(pinhole_by_function(problem))
+    assert [f.what for f in found.findings if f.code == code] == [known]
+    assert found.skipped == ["calibration, conventions, outliers, angles: no rays are known of 'own' cameras"]
+
+
+def test_a_solution_of_a_camera_function_is_examined() -> None:
+    problem = pinhole_by_function(scene(pixel_sigma_px=0.5))
+    summary = sfmcpp.solve(problem)
+    assert [f.code for f in diagnose(problem, summary=summary).findings] == [
+        "worst-cameras",
+        "gauge-freedoms",
+    ]
