@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,9 +114,11 @@ class CameraFunction:
         pixels = self._pixels(points, intrinsics)
         if not jacobians:
             return pixels, None, None
-        by_point, by_intrinsics = (self.jacobians or self._differences)(points, intrinsics)
-        count = len(points)
-        label = f"camera_model {self.name!r}: derivatives"
+        count, label = len(points), f"camera_model {self.name!r}: derivatives"
+        found: Any = (self.jacobians or self._differences)(points, intrinsics)
+        if not isinstance(found, tuple | list) or len(found) != 2:
+            raise InvalidArgument(f"{label}: must be two arrays, by points and by intrinsics")
+        by_point, by_intrinsics = found
         return (
             pixels,
             finite_array(f"{label} by points", by_point, (count, 2, 3)),
