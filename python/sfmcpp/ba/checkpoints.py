@@ -222,7 +222,9 @@ def _store_of_rank(store: CheckpointStore | None, rank: int) -> SharedCheckpoint
     return store.of_rank(rank)
 
 
-def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+def facts_of_run(
+    run: str, *, problem: Mapping[str, Any], options: Mapping[str, Any], layout: str = ""
+) -> dict[str, Any]:
     """Facts that must be equal for a run to be resumed with the same bits.
 
     Parameters
@@ -233,6 +235,8 @@ def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, 
         Digests of its input, by name.
     options : mapping
         All its options.
+    layout : str
+        Digest of how its state is made up; versions under development have one number and several layouts.
 
     Returns
     -------
@@ -245,6 +249,7 @@ def facts_of_run(run: str, *, problem: Mapping[str, Any], options: Mapping[str, 
         "instruction_set": _core.INSTRUCTION_SET,
         "problem": dict(problem),
         "options": dict(options),
+        "layout": layout,
     }
 
 
@@ -264,17 +269,26 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterable[st
             f"is a checkpoint of another problem: {', '.join(differing)} differ "
             "(a run goes on from the problem as it was at its start)"
         )
+    before = _entries(then, "options")
     for name in _differing_entries(then, now, "options"):
         if name not in _MAY_CHANGE:
             yield (
                 "is a checkpoint of other options: "
-                f"{name} = {then['options'].get(name)!r}, this is {now['options'].get(name)!r}"
+                f"{name} = {before.get(name)!r}, this is {now['options'].get(name)!r}"
             )
+    if then.get("layout") != now["layout"]:
+        yield "was written by another version, which saved other things or called them otherwise"
 
 
 def _differing_entries(then: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[str]:
-    before, after = dict(then.get(part, {})), now[part]
+    before, after = _entries(then, part), now[part]
     return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
+
+
+def _entries(facts: Mapping[str, Any], part: str) -> Mapping[str, Any]:
+    """A part of the facts; whatever another version has in its place counts as none."""
+    found = facts.get(part)
+    return found if isinstance(found, Mapping) else {}
 
 
 def digest(value: Any) -> str:

@@ -6,6 +6,7 @@ A terminal that has gone, or a full disk behind it, ends no work.
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from enum import IntEnum
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
+# Controls, of which names may hold any, and marks that turn the direction of what follows.
+_OBEYED = re.compile(
+    r"\x1b(?!\[[\d;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)
 
 
 class ExitCode(IntEnum):
@@ -30,12 +35,17 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
+def printable(text: str) -> str:
+    """Text with what a terminal would obey written out, but for line breaks, tabs and colours."""
+    return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
 def print_result(text: str) -> None:
     """Write results to stdout, if anybody reads it: by then all files are written."""
     if sys.stdout is None:
         return
     try:
-        print(text, flush=True)
+        print(printable(text), flush=True)
     except OSError as error:
         discard_output(sys.stdout)
         if not isinstance(error, BrokenPipeError):
@@ -47,7 +57,7 @@ def print_note(message: str) -> None:
     if sys.stderr is None:
         return
     try:
-        print("sfmcpp: " + "\\n".join(message.splitlines()), file=sys.stderr, flush=True)
+        print("sfmcpp: " + printable("\\n".join(message.splitlines())), file=sys.stderr, flush=True)
     except OSError:  # the exit code tells
         discard_output(sys.stderr)
 

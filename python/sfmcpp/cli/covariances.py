@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfmcpp.ba import Summary, linearize
+from sfmcpp.cli.interrupts import stoppable
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.residual_group import Group
@@ -24,6 +25,7 @@ class Precision:
     def __init__(self) -> None:
         self._found: Covariances | None = None
         self._reason = ""
+        self.is_interrupted = self.is_written = False
 
     def write(
         self,
@@ -32,8 +34,9 @@ class Precision:
         summary: Summary,
         groups: Sequence[Group],
         options: dict[str, Any],
+        is_stopped: Callable[[], bool],
     ) -> None:
-        """Write covariances with the loss, the gauge and the constraints of the solve.
+        """Write covariances with the loss, the gauge and the constraints of the solve, unless it is stopped.
 
         Raises
         ------
@@ -45,7 +48,8 @@ class Precision:
         if summary.termination in _NO_MINIMUM:
             self._reason = f"not written: the solve ended by {summary.termination}, at no minimum"
             return
-        try:
+
+        def found() -> Covariances:
             model = linearize(
                 problem,
                 constraints=groups,
@@ -54,10 +58,17 @@ class Precision:
                 gauge=options.get("gauge", "auto"),
                 threads=options.get("threads", 0),
             )
-            self._found = Covariances.of(problem, model)
+            return Covariances.of(problem, model)
+
+        try:
+            self._found = stoppable(found, is_stopped)
+        except KeyboardInterrupt:
+            self.is_interrupted, self._reason = True, "not written: interrupted"
+            return
         except InvalidArgument as error:
             raise DatasetError(path, f"no covariances: {error}") from error
         write_covariances(path, self._found)
+        self.is_written = True
 
     def to_report(self) -> dict[str, Any]:
         """Entries of the report of a solve."""

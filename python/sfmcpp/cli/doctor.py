@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
+from sfmcpp.cli.interrupts import stoppable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -72,15 +73,15 @@ def _diagnose_problem(problem: Problem, solve: bool) -> Diagnosis:
     from sfmcpp.weighting import solve as solved
 
     if not solve:
-        return diagnose(problem)
+        return stoppable(lambda: diagnose(problem))
     copy = problem.copy()
     try:
         summary = solved(copy)
     except InvalidArgument:  # what a solve refuses is a finding
-        return diagnose(problem)
+        return stoppable(lambda: diagnose(problem))
     if summary.termination == "interrupted":
         raise KeyboardInterrupt
-    return diagnose(copy, summary=summary)
+    return stoppable(lambda: diagnose(copy, summary=summary))
 
 
 def _write_report(

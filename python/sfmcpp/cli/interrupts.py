@@ -12,12 +12,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future, TimeoutError
+from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 _AGAIN_S = 0.01
 _TOGETHER_S = 0.5
+_BETWEEN_QUESTIONS_S = 0.1
 # A request to terminate, and a terminal or a connection that is closed; nohup lets the latter be ignored.
 _REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 
@@ -114,6 +118,40 @@ def noted_interrupt() -> Iterator[Callable[[], bool]]:
         yield requested.is_set
     finally:
         restore()
+
+
+def stoppable(compute: Callable[[], T], is_stopped: Callable[[], bool] = lambda: False) -> T:
+    """Compute in a thread of its own, which is left to itself at a stop.
+
+    A long call of the core that is no solve answers no signal: in the main thread it would have to end first.
+
+    Parameters
+    ----------
+    compute : callable
+        Must leave alone what is used after a stop: it goes on until the process ends.
+    is_stopped : callable
+        Whether a stop was noted instead of raised.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        At a stop.
+    """
+    if not _in_main_thread():
+        return compute()
+    found: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            found.set_result(compute())
+        except BaseException as error:
+            found.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    while not is_stopped():
+        with suppress(TimeoutError):
+            return found.result(_BETWEEN_QUESTIONS_S)
+    raise KeyboardInterrupt
 
 
 @contextmanager

@@ -98,7 +98,7 @@ def solve_file(job: Job) -> ExitCode:
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
     summary = _solve(job, problem, georeferenced)
-    with noted_interrupt():
+    with noted_interrupt() as is_stopped:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
             note_changed(problem, job.targets.problem)
@@ -110,7 +110,8 @@ def solve_file(job: Job) -> ExitCode:
         groups = () if georeferenced is None else (georeferenced.group,)
         known = Precision()
         complaints += _write_complaints(
-            lambda path: known.write(path, problem, summary, groups, job.options), job.targets.covariances
+            lambda path: known.write(path, problem, summary, groups, job.options, is_stopped),
+            job.targets.covariances,
         )
         size = ProblemSize.of(problem)
         return _report_and_print(job, size, summary, seconds_read, complaints, gps=outcome, known=known)
@@ -167,7 +168,12 @@ def _report_and_print(
 
         placed = () if gps is None else (*gps_rows(gps), *(("warning", warning) for warning in gps.warnings))
         precise = () if known is None else known.rows()
-        print_summary(job.source, size, summary, seconds_read, job.targets, (*placed, *precise))
+        is_written = known is not None and known.is_written
+        targets = job.targets if is_written else replace(job.targets, covariances=None)
+        print_summary(job.source, size, summary, seconds_read, targets, (*placed, *precise))
+    if known is not None and known.is_interrupted and not complaints:
+        print_note("interrupted: the covariances are not written, all else is")
+        return ExitCode.INTERRUPTED
     return _exit_code(job, summary, complaints)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,6 +91,7 @@ def diagnose(
     refused = _invalid_arrays(problem)
     if refused is not None:
         return Diagnosis([refused], ["all other checks: an array is invalid"])
+    problem = replace(problem)  # its fields may have been set since: lists, subclasses of arrays
     faulty = [*duplicate_observations(problem), *no_image(problem)]
     case = Case(_without_faulty_observations(problem, faulty), groups, summary)
     findings = [*faulty, *_unsolvable(case)]

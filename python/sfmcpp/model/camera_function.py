@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray, finite_array, shaped_array
+from sfmcpp.model.checks import require_text
 
 if TYPE_CHECKING:
     from sfmcpp.model.problem import Problem
@@ -81,8 +82,7 @@ class CameraFunction:
         for name in self.free_by_default:
             if name not in self.intrinsics:
                 raise InvalidArgument(f"free_by_default: {name!r} is none of {', '.join(self.intrinsics)}")
-        if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {self.name!r}: must be text")
+        require_text("name", self.name)
         object.__setattr__(self, "name", self.name or getattr(self.project, "__name__", "function"))
 
     def __repr__(self) -> str:
@@ -114,9 +114,11 @@ class CameraFunction:
         pixels = self._pixels(points, intrinsics)
         if not jacobians:
             return pixels, None, None
-        by_point, by_intrinsics = (self.jacobians or self._differences)(points, intrinsics)
-        count = len(points)
-        label = f"camera_model {self.name!r}: derivatives"
+        count, label = len(points), f"camera_model {self.name!r}: derivatives"
+        found: Any = (self.jacobians or self._differences)(points, intrinsics)
+        if not isinstance(found, tuple | list) or len(found) != 2:
+            raise InvalidArgument(f"{label}: must be two arrays, by points and by intrinsics")
+        by_point, by_intrinsics = found
         return (
             pixels,
             finite_array(f"{label} by points", by_point, (count, 2, 3)),
@@ -227,6 +229,8 @@ def _names(label: str, value: object) -> tuple[str, ...]:
     names = (value,) if isinstance(value, str) else value
     if not isinstance(names, tuple | list) or not all(isinstance(name, str) and name for name in names):
         raise InvalidArgument(f"{label} = {value!r}: must be names")
+    for name in names:
+        require_text(label, name)
     if len(set(names)) < len(names):
         raise InvalidArgument(f"{label} = {value!r}: a name is there twice")
     return tuple(names)

@@ -27,6 +27,16 @@ def _is_finite(name: str, value: float) -> bool:
         raise InvalidArgument(f"{name} = {value!r}: must be a number") from None
 
 
+def require_text(name: str, value: object) -> None:
+    """Raise InvalidArgument unless `value` is text that the core can hold, in UTF-8."""
+    try:
+        if isinstance(value, str) and value.encode() is not None:
+            return
+    except UnicodeEncodeError:
+        pass
+    raise InvalidArgument(f"{name} = {value!a}: must be text that UTF-8 can hold")
+
+
 def require_finite(name: str, value: float) -> None:
     """Raise InvalidArgument unless `value` is finite."""
     if not _is_finite(name, value):

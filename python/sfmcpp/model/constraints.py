@@ -13,7 +13,7 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
-from sfmcpp.model.checks import looked_up, require_positive
+from sfmcpp.model.checks import looked_up, require_positive, require_text
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.names import ConstraintKindName
 
@@ -41,6 +41,7 @@ class MemberGroup:
         InvalidArgument
             If a field breaks a rule.
         """
+        require_text("name", self.name)
         self._check()
 
     def _check(self) -> None:

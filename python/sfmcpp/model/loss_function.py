@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray, shaped_array
+from sfmcpp.model.checks import require_text
 
 Curve: TypeAlias = Callable[[FloatArray], ArrayLike]
 
@@ -60,8 +61,7 @@ class LossFunction(_core.LossTable):
         for label, function in (("rho", rho), ("derivative", derivative)):
             if not callable(function):
                 raise InvalidArgument(f"{label} = {function!r}: must be callable")
-        if not isinstance(name, str):
-            raise InvalidArgument(f"name = {name!r}: must be text")
+        require_text("name", name)
         self.functions = rho, derivative
         knots, coefficients = _tabulated(derivative)
         super().__init__(

@@ -139,7 +139,7 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     Returns
     -------
     tuple of Gap
-        In order, not overlapping.
+        In order, not overlapping. That of a first sample which alone is wrong begins just before it.
 
     Raises
     ------
@@ -150,6 +150,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     leaps = _speed_leaps(t_s, speeds)
     found: list[Gap] = []
     at = 0
+    if _is_first_alone_wrong(speeds, leaps):
+        found.append(Gap(float(np.nextafter(stream.t_s[0], -np.inf)), float(t_s[1])))
+        at = 1
     while at < len(leaps):
         opening = leaps[at]
         closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
@@ -212,6 +215,17 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise
     too_sudden = alone > LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
+
+
+def _is_first_alone_wrong(speeds: FloatArray, leaps: list[int]) -> bool:
+    """Whether the first sample is a spike, not the only one before a lie: its speed does not come to last."""
+    if not leaps or leaps[0] != 0:
+        return False
+    back = next((k for k in leaps[1:] if _is_opposite_leap(speeds, 0, k)), None)
+    if back is None:
+        return True
+    following = next((k for k in leaps if k > back), len(speeds) - 1)
+    return following - back < back
 
 
 def _is_opposite_leap(speeds: FloatArray, opening: int, closing: int) -> bool:

@@ -15,6 +15,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.map.table import Table
 from sfmcpp.map.tracks import Tracks
 from sfmcpp.model import Gap
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
 from sfmcpp.sensors import Turn
@@ -192,6 +193,8 @@ class SlamCheckpoints:
         What steers the run.
     sensors : sequence of MotionSensor
         What measures the motion beside the camera.
+    begin : dict
+        State of the loop before the first frame.
 
     Raises
     ------
@@ -206,8 +209,9 @@ class SlamCheckpoints:
         source: FrameSource,
         settings: SlamSettings,
         sensors: Sequence[MotionSensor],
+        begin: State,
     ) -> None:
-        self._run = RunCheckpoints(save, resume, lambda: _run_facts(source, settings, sensors))
+        self._run = RunCheckpoints(save, resume, lambda: _run_facts(source, settings, sensors, begin))
         self._last: Frame | None = None
 
     def resumed(self) -> State | None:
@@ -242,11 +246,19 @@ class SlamCheckpoints:
 
 
 def _run_facts(
-    source: FrameSource, settings: SlamSettings, sensors: Sequence[MotionSensor]
+    source: FrameSource, settings: SlamSettings, sensors: Sequence[MotionSensor], begin: State
 ) -> dict[str, Any]:
     digests = {f"frames: {name}": digest(value) for name, value in source.identity().items()}
     digests |= {f"sensor {sensor.name!r}": digest(flatten(sensor)) for sensor in sensors}
-    return facts_of_run("slam", problem=digests, options=asdict(settings))
+    return facts_of_run(
+        "slam", problem=digests, options=asdict(settings), layout=_layout(source.intrinsics, begin)
+    )
+
+
+def _layout(intrinsics: FloatArray, begin: State) -> str:
+    """Digest of the names of all classes, attributes and entries of what is saved."""
+    names = {cls.__name__: [f.name for f in fields(cls)] for cls in _CLASSES if is_dataclass(cls)}
+    return digest(flatten((names, WorldMap(intrinsics), begin)))
 
 
 def _is_same_frame(a: Frame, b: Frame) -> bool:

@@ -63,7 +63,7 @@ def run_slam(
         checkpoint, or one of other frames, sensors, settings, of another version or instruction set.
     """
     slam = Slam(source.intrinsics, settings, sensors)
-    checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors)
+    checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors, slam.state())
     state = checkpoints.resumed()
     if state is not None:
         slam.restore(state)

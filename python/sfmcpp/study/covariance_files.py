@@ -104,9 +104,8 @@ def write_covariances(path: Path, found: Covariances) -> None:
         If the file cannot be written.
     """
     require_covariance_format(path)
-    content = _npz(found) if path.suffix.lower() == ".npz" else _csv(found).encode()
     with atomic_files(path) as (file,):
-        file.write(content)
+        file.write(_npz(found) if path.suffix.lower() == ".npz" else _csv(found).encode())
 
 
 def require_covariance_format(path: Path) -> None:

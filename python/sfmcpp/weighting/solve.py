@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
 from sfmcpp.ba.check import check
 from sfmcpp.ba.checkpoints import CheckpointStore
+from sfmcpp.ba.contradictions import contradiction_warnings
 from sfmcpp.ba.options import SolveOptions, takes_options
 from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, require_alike
 from sfmcpp.ba.ranks import Communicator, Ranks
@@ -129,7 +130,8 @@ def solve(
     if problem is None:
         raise InvalidArgument("problem = None: must be a Problem")
     weights = _choose_weights(problem, groups, weight, settings)
-    return weights.describe(adjust(problem, groups, settings, callback, checkpoint, resume))
+    summary = adjust(problem, groups, settings, callback, checkpoint, resume)
+    return weights.describe(summary, contradiction_warnings(problem, groups, summary, settings))
 
 
 def _checked_arguments(
@@ -155,8 +157,9 @@ class _Weights:
     chosen: list[WeightSelection]
     warnings: list[str]
 
-    def describe(self, summary: Summary) -> Summary:
-        return replace(summary, group_weights=self.chosen, warnings=[*summary.warnings, *self.warnings])
+    def describe(self, summary: Summary, contradictions: list[str]) -> Summary:
+        warnings = [*summary.warnings, *self.warnings, *contradictions]
+        return replace(summary, group_weights=self.chosen, warnings=warnings)
 
 
 def _choose_weights(
@@ -196,4 +199,6 @@ def _solve_on_ranks(
         weights = ranks.from_root(lambda: weigh(whole))
     for group, value in zip(groups, weights.all, strict=True):
         group.weight = value
-    return weights.describe(adjust_on_ranks(parts, groups, settings, callback, ranks, checkpoint, resume))
+    summary = adjust_on_ranks(parts, groups, settings, callback, ranks, checkpoint, resume)
+    far = contradiction_warnings(parts.mine, groups, summary, settings, whole=False)
+    return weights.describe(summary, far)

@@ -263,6 +263,9 @@ def test_pixels_that_cannot_be_used_are_named(answer: Any, message: str) -> None
             (np.zeros((240, 2, 3)), np.full((240, 2, 3), np.inf)),
             r"derivatives by intrinsics\[0, 0, 0\] = inf",
         ),
+        (None, "derivatives: must be two arrays, by points and by intrinsics"),
+        (np.zeros((2, 240, 2, 3)), "must be two arrays"),
+        ((np.zeros((240, 2, 3)),), "must be two arrays"),
     ],
 )
 def test_derivatives_that_cannot_be_used_are_named(answer: Any, message: str) -> None:

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 import weakref
 from pathlib import Path
@@ -16,8 +17,10 @@ import pytest
 from conftest import REPOSITORY
 
 import sfmcpp
-from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json
+import sfmcpp.doctor
+from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json, write_noisy_circle
 from sfmcpp.cli.interrupts import repeated_lost_interrupts
+from sfmcpp.study import covariance_files
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
@@ -169,6 +172,43 @@ def test_an_interrupt_that_was_lost_comes_before_the_command_has_ended() -> None
     with pytest.raises(KeyboardInterrupt), repeated_lost_interrupts():
         lose_an_interrupt()
     time.sleep(0.05)  # nothing comes any more
+
+
+@pytest.mark.parametrize(
+    ("arguments", "owner", "name"),
+    [
+        (["solve", "-o", "out.npz", "--covariances", "sigmas.csv"], covariance_files.Covariances, "of"),
+        (["doctor"], sfmcpp.doctor, "diagnose"),
+        (["doctor", "--solve"], sfmcpp.doctor, "diagnose"),
+    ],
+)
+def test_a_call_of_the_core_that_is_no_solve_is_left_at_a_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], owner: object, name: str
+) -> None:
+    source, ended, begun = write_noisy_circle(tmp_path), threading.Event(), threading.Event()
+
+    def as_long_as_it_takes(*_: object, **__: object) -> None:
+        begun.set()
+        ended.wait(TIMEOUT_S)
+
+    def stop() -> None:
+        begun.wait()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(owner, name, as_long_as_it_takes)
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    started = time.monotonic()
+    result = run_here(*arguments, source, cwd=tmp_path)
+    ended.set()
+    stopping.join()
+    assert time.monotonic() - started < TIMEOUT_S / 4
+    assert result.returncode == 130
+    if "solve" in arguments:
+        assert "interrupted: the covariances are not written, all else is" in result.stderr
+        assert "sigmas.csv" not in result.stdout
+        assert not (tmp_path / "sigmas.csv").exists()
+        sfmcpp.read(tmp_path / "out.npz")
 
 
 def test_solves_stopped_or_killed_at_random_moments_keep_what_they_say() -> None:

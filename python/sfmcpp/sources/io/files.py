@@ -59,6 +59,9 @@ def failures_named(path: Path) -> Iterator[None]:
         raise DatasetError(path, (error.strerror or str(error)).lower()) from error
     except MemoryError as error:
         raise DatasetError(path, "does not fit in memory") from error
+    except UnicodeEncodeError as error:  # a name that is no text
+        unfit = error.object[error.start : error.end]
+        raise DatasetError(path, f"{unfit!a} cannot be written as UTF-8: {error.reason}") from error
 
 
 def read_bytes(path: Path) -> bytes:

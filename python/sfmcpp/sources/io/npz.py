@@ -12,6 +12,7 @@ import math
 import struct
 import warnings
 import zipfile
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -76,7 +77,9 @@ def read_npz_share(path: Path, ranks: Ranks) -> Share | None:
     """
     with open_content(path) as file, zipfile.ZipFile(file) as archive:
         infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        if any(info.compress_type != zipfile.ZIP_STORED for info in infos.values()):
+        if len(infos) < len(archive.infolist()) or any(
+            info.compress_type != zipfile.ZIP_STORED for info in infos.values()
+        ):
             return None
         members = {name: _array(archive, info) for name, info in infos.items() if name not in _ROWS}
         stored = {name: _StoredRows.of(file, info) for name, info in infos.items() if name in _ROWS}
@@ -220,6 +223,7 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
             with warnings.catch_warnings(), zipfile.ZipFile(file) as archive:
                 warnings.simplefilter("error")
                 _require_plausible_sizes(path, archive, size, limit)
+                _require_each_once(path, archive)
                 return {
                     info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()
                 }
@@ -237,6 +241,14 @@ def _require_plausible_sizes(path: Path, archive: zipfile.ZipFile, size: int, li
         raise DatasetError(path, f"its members claim {stored} bytes, it has {size}: refused")
     if compressed > limit:
         raise DatasetError(path, expands_too_far(limit))
+
+
+def _require_each_once(path: Path, archive: zipfile.ZipFile) -> None:
+    """Refuse two members of one name: which of them counts would depend on the reader."""
+    counts = Counter(info.filename.removesuffix(".npy") for info in archive.infolist())
+    for name, count in counts.most_common(1):
+        if count > 1:
+            raise DatasetError(path, f"has {count} members called {name!r}: each must be there once")
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:

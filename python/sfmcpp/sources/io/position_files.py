@@ -53,9 +53,9 @@ def write_positions(
     """
     target = Path(path)
     require_positions_format(target, geodetic=named.geodetic)
-    content = _WRITERS[target.suffix.lower()](named, _facts(named, given)).encode()
+    content = _WRITERS[target.suffix.lower()](named, _facts(named, given))
     with atomic_files(target) as (file,):
-        file.write(content)
+        file.write(content.encode())
 
 
 def require_positions_format(path: Path, *, geodetic: bool) -> None:

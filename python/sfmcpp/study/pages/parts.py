@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 import struct
 import zlib
 from importlib.resources import files
@@ -30,8 +31,12 @@ def template(name: str) -> str:
 def filled_page(name: str, title: str, scene: Any) -> str:
     """Page of a scene in three dimensions: a template with its title, data and the script that turns it."""
     scripts = template("orbit.js") + template("gauges.js")
-    page = template(name).replace("{{orbit}}", scripts).replace("{{title}}", html.escape(title))
-    return page.replace("{{scene}}", script(scene))
+    return filled(name, orbit=scripts, title=html.escape(title), scene=script(scene))
+
+
+def filled(name: str, **given: str) -> str:
+    """A template with its places filled at once: a title may hold the name of another place."""
+    return re.sub("{{(" + "|".join(given) + ")}}", lambda place: given[place[1]], template(name))
 
 
 def save_page(text: str, path: str | PathLike[str]) -> None:

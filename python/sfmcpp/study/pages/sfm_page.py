@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfmcpp.study.pages.charts import top_view
-from sfmcpp.study.pages.parts import data_uri, png_bytes, template
+from sfmcpp.study.pages.parts import data_uri, filled, png_bytes
 from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, images, matches, section, settings_section
 from sfmcpp.study.pages.viewpoint import turn_upright
 
@@ -43,8 +43,7 @@ def sfm_page(report: SfmReport, thumbnails: Mapping[str, bytes] | None = None) -
     body += section("matches", "Matching pairs", matches(report))
     body += section("images", "Images", images(report, thumbnails or {}))
     body += section("how", "Input and options", settings_section(report))
-    page = template("sfm_page.html").replace("{{title}}", html.escape(title))
-    return page.replace("{{body}}", "\n".join(body))
+    return filled("sfm_page.html", title=html.escape(title), body="\n".join(body))
 
 
 def _head(report: SfmReport, title: str) -> str:

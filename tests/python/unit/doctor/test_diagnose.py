@@ -126,6 +126,15 @@ def test_many_outliers_are_told_with_the_loss_that_finds_them(share: float, loss
     assert found.measures["share"] == pytest.approx(share, abs=0.1 * share)
 
 
+def test_fields_that_were_set_since_are_taken_as_a_solve_takes_them() -> None:
+    problem = circle_scene(8, 60, camera_model="bal", seed=1)
+    expected = diagnose(problem.copy())
+    for name in ("fixed_cameras", "fixed_points"):
+        setattr(problem, name, getattr(problem, name).tolist())
+    assert str(diagnose(problem)) == str(expected)
+    assert isinstance(problem.fixed_cameras, list)
+
+
 def test_cameras_are_named_by_number_and_image() -> None:
     problem = scene()
     problem.metadata.image_names = [f"img_{k}.jpg" for k in range(8)]

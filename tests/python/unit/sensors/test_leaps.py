@@ -57,6 +57,31 @@ def test_two_lies_are_two_stretches() -> None:
     assert [round(gap.end_s) for gap in found] == [20, 45]
 
 
+@pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
+@pytest.mark.parametrize("later", [[], [200], [200, 350]])
+def test_a_spike_in_the_first_sample_is_as_any_other(later: list[int], kind: str) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    wrong = speeds(t_s)
+    wrong[[0, *later]] = 60.0
+    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
+    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * np.append(0.0, wrong))[:-1]}
+    stream = stream_of(t_s, values[kind], kind)
+    found = doubtful_stretches(stream)
+    assert [gap.end_s for gap in found] == pytest.approx(
+        [t_s[k] for k in [1, *[k + 1 for k in later]]], abs=0.11
+    )
+    assert all(gap.end_s - gap.start_s < 0.31 for gap in found)
+    if kind == "speed":
+        np.testing.assert_allclose(carried_over(stream, found).values[:, 0], speeds(t_s), rtol=0.01)
+
+
+def test_a_lie_from_the_second_sample_on_is_doubted() -> None:
+    t_s = np.arange(0, 60, 0.1)
+    lying = (t_s > 0) & (t_s < 10)
+    (found,) = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(lying, 2.0, 1.0)))
+    assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
+
+
 def test_two_samples_tell_nothing() -> None:
     assert doubtful_stretches(stream_of(np.array([0.0, 0.1]), np.array([1.0, 30.0]))) == ()
 

@@ -27,6 +27,7 @@ from sfmcpp.slam import (
     run_slam,
 )
 from sfmcpp.slam.checkpoints import flatten, unflatten
+from sfmcpp.slam.experience import Experience
 from slam_helpers import INTRINSICS, sequence_of
 from winding import AT_CAMERA, winding
 
@@ -139,6 +140,36 @@ def test_another_run_is_refused_by_name(tmp_path: Path) -> None:
     other, _ = RUNS["stereo"]()
     with pytest.raises(DatasetError, match="another problem: frames: begin, frames: pixels"):
         run_slam(other, SETTINGS, sensors, resume=kept)
+
+
+@pytest.mark.parametrize("cls", [SlamResult, Experience, WorldMap])
+def test_a_checkpoint_whose_classes_have_another_name_now_is_refused(tmp_path: Path, cls: type) -> None:
+    source, sensors = RUNS["winding"]()
+    kept = CheckpointFolder(tmp_path / "kept")
+    name, cls.__name__ = cls.__name__, "CalledOtherwise"
+    try:
+        run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 3, checkpoint=kept)
+    finally:
+        cls.__name__ = name
+    with pytest.raises(DatasetError, match=r"checkpoint-.\.npz: was written by another version"):
+        run_slam(source, SETTINGS, sensors, resume=kept)
+
+
+def test_a_checkpoint_whose_objects_have_other_attributes_now_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, sensors = RUNS["winding"]()
+    kept = CheckpointFolder(tmp_path / "kept")
+    run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 3, checkpoint=kept)
+    before = WorldMap.__init__
+
+    def with_another(self: Any, intrinsics: Any) -> None:
+        before(self, intrinsics)
+        self.later_added = True
+
+    monkeypatch.setattr(WorldMap, "__init__", with_another)
+    with pytest.raises(DatasetError, match="was written by another version"):
+        run_slam(source, SETTINGS, sensors, resume=kept)
 
 
 def test_images_that_have_changed_are_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

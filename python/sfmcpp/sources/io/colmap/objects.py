@@ -33,15 +33,19 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     Raises
     ------
     InvalidArgument
-        If it is no reconstruction, a sensor of a rig is no camera or has no pose, or a camera model is none
-        of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, or, alone, of SIMPLE_RADIAL_FISHEYE,
-        RADIAL_FISHEYE, OPENCV_FISHEYE.
+        If it is no reconstruction, or not a complete one, a sensor of a rig is no camera or has no pose, or
+        a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, or, alone, of
+        SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE.
     """
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__
         raise InvalidArgument(f"reconstruction is a {kind}, must be a pycolmap.Reconstruction")
     with _temporary_folder("reconstruction") as folder:
-        reconstruction.write_binary(str(folder))
+        try:
+            reconstruction.write_binary(str(folder))
+        except (TypeError, ValueError, RuntimeError) as error:  # half-built, or the class itself
+            reason = str(error).partition("\n")[0]
+            raise InvalidArgument(f"reconstruction: pycolmap cannot write it: {reason}") from error
         problem = read_colmap_binary(folder)
     images = reconstruction.images
     if names := [images[key].name for key in sorted(images) if not images[key].has_pose]:

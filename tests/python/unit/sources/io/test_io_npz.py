@@ -35,6 +35,16 @@ from sfmcpp.sources.io.files import MAX_EXPANDED
 from sfmcpp.sources.io.npz import members_of_problem, write_members
 
 
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize("again", ["cameras.npy", "points"])
+def test_two_members_of_one_name_are_refused(tmp_path: Path, again: str) -> None:
+    path = tmp_path / "twice.npz"
+    write(circle_scene(6, 30), path)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(again, archive.read(again.removesuffix(".npy") + ".npy"))
+    assert re.search("has 2 members called '(cameras|points)': each must be there once", str(refusal(path)))
+
+
 def full_problem(seed: int, model: str = "perspective", covariances: bool = False) -> Problem:
     """Random problem with all kinds of metadata and every optional array; one of σ and Σ."""
     rng = np.random.default_rng(seed)

@@ -272,6 +272,14 @@ def test_anything_else_is_refused_by_name() -> None:
         sfmcpp.from_pycolmap("sparse/0")
 
 
+def test_reconstructions_that_are_half_built_are_refused() -> None:
+    half_built = reconstruction()
+    half_built.frames[min(half_built.frames)].rig_from_world = None
+    for made in (half_built, pycolmap.Reconstruction):
+        with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: pycolmap cannot write it: "):
+            sfmcpp.from_pycolmap(made)
+
+
 def test_what_no_file_of_colmap_can_hold_is_refused_by_name() -> None:
     problem = scene()
     problem.points[3, 1] = np.nan
