@@ -2,6 +2,7 @@
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
+from sfmcpp.sensors.direction_check import DirectionClock, check_directions
 from sfmcpp.sensors.gps import (
     earth_centred,
     east_north_up,
@@ -42,6 +43,7 @@ from sfmcpp.sensors.stream import (
 __all__ = [
     "MOST_TURNS",
     "BendCheck",
+    "DirectionClock",
     "Gap",
     "Mounting",
     "PositionClock",
@@ -53,6 +55,7 @@ __all__ = [
     "camera_displacement",
     "carried_over",
     "check_bends",
+    "check_directions",
     "check_position_clock",
     "check_rotations",
     "check_turns",

@@ -49,12 +49,15 @@ class Turn:
         Start_from_end.
     direction : (3,) float64
         Unit vector along the step, in the camera's axes at the start; not a number where nothing tells it.
+    covariance : (3, 3) float64
+        Of `direction`; not a number where nothing tells it.
     """
 
     start_s: float
     end_s: float
     rotation: FloatArray
     direction: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,8 @@ class SensorSuite:
         # The motions that pairs of images have told, and the time up to which they were asked [s].
         self._turns: list[Turn] = []
         self.turns_until_s = -np.inf
+        # Motions from frame to frame with their covariances.
+        self.steps: list[Turn] = []
         # Whether no clock is in doubt any more.
         self._in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.sensors)
 
@@ -72,12 +74,14 @@ class SensorSuite:
             "biases": self._biases,
             "turns": self._turns,
             "turns_until_s": self.turns_until_s,
+            "steps": list(self.steps),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state; the sensors are as they were given."""
         self._moved_s, self._biases = state["moved_s"], state["biases"]
         self._turns, self.turns_until_s = state["turns"], state["turns_until_s"]
+        self.steps = state["steps"]
         self._apply_corrections()
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
         self._in_time = state["in_time"]

@@ -10,6 +10,7 @@ from scipy.io import loadmat, savemat
 from scipy.spatial.transform import Rotation
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.geometry import so3
 from sfmcpp.sensors import (
     Mounting,
     SensorStream,
@@ -53,7 +54,7 @@ def test_samples_without_a_time_and_tracks_not_seen_are_left_out(tmp_path: Path)
     content = small_drive()
     drive = read_kitti_mat(written(tmp_path, content))
     assert (len(drive.velocity), len(drive.angular_rate), len(drive.truth)) == (5, 5, 5)
-    np.testing.assert_array_equal(drive.velocity.values, content["v_vk_vk_i"].T[:5])
+    np.testing.assert_array_equal(drive.velocity.values, content["v_vk_vk_i"].T[:5] * [1, -1, 1])
     seen = set(zip(drive.frame_index.tolist(), drive.track_index.tolist(), strict=True))
     assert seen == {(f, j) for f in range(5) for j in range(3)} - {(2, 1)}
     row = int(np.flatnonzero((drive.frame_index == 3) & (drive.track_index == 1))[0])
@@ -129,6 +130,18 @@ def body_truth(drive: KittiDrive) -> Trajectory:
 NEAREST_END, FARTHEST_END = 0.007, 0.053
 
 
+def test_velocities_go_where_the_body_goes(drive: KittiDrive) -> None:
+    truth = body_truth(drive)
+    turns = np.swapaxes(truth.rotations[:-1], 1, 2) @ truth.rotations[1:]
+    halfway = truth.rotations[:-1] @ so3.exp(0.5 * so3.log(turns))
+    steps = np.einsum("nji,nj->ni", halfway, np.diff(truth.centres, axis=0))
+    told = 0.5 * (drive.velocity.values[1:] + drive.velocity.values[:-1])
+    moves = told[:, 0] > 2.0
+    sides = [x[moves, 1] / x[moves, 0] for x in (steps, told, told * [1, -1, 1])]
+    errors = [np.sqrt(np.mean((side - sides[0]) ** 2)) for side in sides[1:]]
+    assert errors[0] < errors[1]
+
+
 @pytest.mark.real
 def test_eulers_rule_ends_exactly_where_the_readme_of_the_data_says(data_dir: Path) -> None:
     ends = []
@@ -137,7 +150,8 @@ def test_eulers_rule_ends_exactly_where_the_readme_of_the_data_says(data_dir: Pa
         truth = body_truth(drive)
         turn, position = Rotation.from_matrix(truth.rotations[0]), truth.centres[0]
         for k, dt in enumerate(np.diff(drive.t_s)):
-            position = position + turn.apply(drive.velocity.values[k] * dt)
+            as_in_file = drive.velocity.values[k] * [1, -1, 1]
+            position = position + turn.apply(as_in_file * dt)
             turn = turn * Rotation.from_rotvec(drive.angular_rate.values[k] * dt)
         ends.append(np.linalg.norm(position - truth.centres[-1]) / truth.length_m)
     assert (round(min(ends), 3), round(max(ends), 3)) == (NEAREST_END, FARTHEST_END)
