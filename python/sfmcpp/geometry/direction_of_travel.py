@@ -14,7 +14,8 @@ from sfmcpp.model.arrays import FloatArray
 
 # Fewer matches leave the direction open.
 _FEWEST_MATCHES = 15
-_MOST_STEPS, _SMALL_STEP, _LARGEST_STEP = 15, 1e-8, 0.2
+# A tenth of a milliradian is a twentieth of what directions are off.
+_MOST_STEPS, _SMALL_STEP, _LARGEST_STEP = 15, 1e-4, 0.2
 # Noise of a match is no less [px]; off by as many standard deviations, it loses three quarters of its weight.
 _LEAST_NOISE_PX, _LOSS_SIGMAS = 0.05, 2.0
 _DIFFERENCE = 1e-6
@@ -68,21 +69,23 @@ def refine_travel(
     length = float(np.linalg.norm(camera[:, 3]))
     if len(matches) < _FEWEST_MATCHES or length == 0:
         return None
-    rays, rotation, direction = matches.rays, camera[:, :3], camera[:, 3] / length
+    first, second = (rays / rays[:, 2:] for rays in matches.rays)
+    rotation, direction = camera[:, :3], camera[:, 3] / length
+    step = np.full(5, np.inf)
     for _ in range(_MOST_STEPS):
         across = np.linalg.svd(direction[None])[2][1:].T
-        errors, slopes = _linearised(rays, rotation, direction, across, matches.focal_px)
+        errors, slopes = _linearised((first, second), rotation, direction, across, matches.focal_px)
         noise = max(1.4826 * float(np.median(np.abs(errors))), _LEAST_NOISE_PX)
         weighted = slopes * (1 + (errors / (_LOSS_SIGMAS * noise)) ** 2)[:, None] ** -2
         information = weighted.T @ slopes
         if np.linalg.cond(information) > 1 / _DIFFERENCE**2:
             return None
+        if np.linalg.norm(step) < _SMALL_STEP:
+            break
         step = -np.linalg.solve(information, weighted.T @ errors)
         if np.linalg.norm(step) > _LARGEST_STEP:
             return None
-        rotation, direction = _moved(rotation, direction, across, step)
-        if np.linalg.norm(step) < _SMALL_STEP:
-            break
+        rotation, direction = rotation @ so3.exp(step[:3]), _turned(direction, across, step[None, 3:])[0]
     covariance = across @ np.linalg.inv(information)[3:, 3:] @ across.T * noise**2
     return Travel(rotation, direction, np.asarray(covariance))
 
@@ -95,25 +98,21 @@ def _linearised(
     focal_px: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Errors (N,) [px], and their derivatives (N, 5) by the rotation and across the direction."""
-    errors = focal_px * _sampson(*rays, rotation, direction)
-    steps = _DIFFERENCE * np.eye(5)
-    moved = [focal_px * _sampson(*rays, *_moved(rotation, direction, across, step)) for step in steps]
-    return errors, (np.array(moved) - errors).T / _DIFFERENCE
+    steps = np.vstack([np.zeros(5), _DIFFERENCE * np.eye(5)])
+    essentials = so3.hat(_turned(direction, across, steps[:, 3:])) @ (rotation @ so3.exp(steps[:, :3]))
+    errors = focal_px * _sampson(*rays, essentials)
+    return errors[0], (errors[1:] - errors[0]).T / _DIFFERENCE
 
 
-def _moved(
-    rotation: FloatArray, direction: FloatArray, across: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    turned = direction + across @ step[3:]
-    return rotation @ so3.exp(step[:3]), turned / np.linalg.norm(turned)
+def _turned(direction: FloatArray, across: FloatArray, steps: FloatArray) -> FloatArray:
+    """Directions (n, 3) after steps (n, 2) across."""
+    turned = direction + steps @ across.T
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
 
-def _sampson(
-    first: FloatArray, second: FloatArray, rotation: FloatArray, direction: FloatArray
-) -> FloatArray:
-    """Signed Sampson errors (N,) at unit focal length."""
-    essential = np.cross(direction, rotation.T).T
-    first, second = first / first[:, 2:], second / second[:, 2:]
-    line_1, line_2 = second @ essential.T, first @ essential
-    slope = np.sqrt((line_1[:, :2] ** 2).sum(axis=1) + (line_2[:, :2] ** 2).sum(axis=1))
-    return np.asarray((first * line_1).sum(axis=1) / np.maximum(slope, np.finfo(float).tiny))
+def _sampson(first: FloatArray, second: FloatArray, essentials: FloatArray) -> FloatArray:
+    """Signed Sampson errors (n, N) at unit focal length, of N pairs of rays with third coordinate 1."""
+    line_1 = second @ essentials.transpose(0, 2, 1)
+    line_2 = first @ essentials
+    slope = np.sqrt((line_1[..., :2] ** 2).sum(axis=2) + (line_2[..., :2] ** 2).sum(axis=2))
+    return np.asarray((first * line_1).sum(axis=2) / np.maximum(slope, np.finfo(float).tiny))

@@ -12,6 +12,9 @@ from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 
+# More steps would tell the clock no better, and take memory as long as a run goes on.
+_MOST_STEPS = 10_000
+
 
 def remember_step(
     result: SlamResult, before: Frame, after: Frame, pose: FloatArray, sensors: SensorSuite
@@ -30,7 +33,7 @@ def remember_step(
         Whose `steps` grow.
     """
     world = result.world
-    if world is None or not _odometers(sensors):
+    if world is None or len(sensors.steps) >= _MOST_STEPS or not _odometers(sensors):
         return
     known = result.path.between.get(before.number, world.keyframes[-1].pose)
     camera = np.column_stack([known[:, :3].T @ pose[:, :3], known[:, :3].T @ (pose[:, 3] - known[:, 3])])
