@@ -57,6 +57,16 @@ def test_cost_is_that_of_the_definition(tmp_path: Path) -> None:
     assert cost(read(path)) == pytest.approx(0.5 * expected @ expected, rel=1e-13)
 
 
+def test_the_layout_that_gtsam_writes_is_read(tmp_path: Path) -> None:
+    """Blank lines after the header and about the cameras, observations by point, twenty digits (4.3.0)."""
+    numbers = [f"{float(x):.20g}" for block in CAMERAS + POINTS for x in block.split()]
+    blocks = [numbers[at : at + 9] for at in (0, 9)] + [numbers[18:21], numbers[21:]]
+    text = [*HEADER, "", *OBSERVATIONS, "", *("\n".join(block) + "\n" for block in blocks)]
+    path = tmp_path / "gtsam.txt"
+    path.write_text("\n".join(text))
+    assert_same_problem(read(path), read(bal_file(tmp_path)))
+
+
 def test_everything_is_free(tmp_path: Path) -> None:
     problem = read(bal_file(tmp_path))
     assert not problem.fixed_intrinsics.any()
