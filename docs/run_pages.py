@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from check_links import broken_links
+
 DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent
 BLOCK = re.compile(r"^```(python|sh)(?: (real|elsewhere))?\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
@@ -163,7 +165,7 @@ def with_links_of_site(text: str, source: Path, name: str) -> str:
 
 
 def main(output: Path, chosen: list[Path]) -> None:
-    """Run the pages, all or those chosen, and call Sphinx; if all were run, a warning of it is an error."""
+    """Run the pages, all or those chosen, and call Sphinx; of all, no warning or broken link may be left."""
     os.environ["MPLBACKEND"] = "Agg"
     tree, site = make_tree(output), output / "html"
     for page in chosen or pages():
@@ -176,6 +178,8 @@ def main(output: Path, chosen: list[Path]) -> None:
         target = site / view.relative_to(tree)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(view, target)
+    if not chosen and (broken := list(broken_links(site))):
+        sys.exit("\n".join(["run_pages.py: links that lead nowhere:", *broken]))
     print(f"run_pages.py: open {site / 'index.html'}")
 
 

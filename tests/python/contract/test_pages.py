@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import check_links
 import run_pages
 import sfmcpp
 
@@ -55,6 +56,12 @@ def test_the_code_of_a_page_runs_on_real_data(page: Path, tmp_path: Path, data_d
     for path in (data_dir / "kermit").glob("*.jpg"):
         (photos / path.name).symlink_to(path)
     run_pages.run_page(copy, real=True)
+
+
+def test_links_that_lead_nowhere_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text("<h1 id='top1'></h1><a href='b.html#there'></a><a href='#top1'></a>")
+    (tmp_path / "b.html").write_text("<p id='here'></p><a href='a.html'></a><img src='no.png'>")
+    assert list(check_links.broken_links(tmp_path)) == ["a.html: b.html#there", "b.html: no.png"]
 
 
 def test_pages_are_found() -> None:
