@@ -161,9 +161,17 @@ def open_bag(path: str | os.PathLike[str]) -> Iterator[Bag]:
             reader = make(source)
             reader.open()
         try:
+            with _faults_named(source):
+                _require_named_topics(reader)
             yield Bag(source, reader)
         finally:
             reader.close()
+
+
+def _require_named_topics(reader: Any) -> None:
+    for known in reader.connections:
+        if not (isinstance(known.topic, str) and isinstance(known.msgtype, str)):
+            raise ValueError(f"topic {known.topic!r} is of type {known.msgtype!r}: both must be text")
 
 
 def _reader_of(path: Path) -> Callable[[Path], Any]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +63,16 @@ def require_refused(path: Path, told: str = "") -> None:
 def test_what_is_whole_is_read(tmp_path: Path, name: str) -> None:
     result = unpack_bag(write(tmp_path, name), tmp_path / "out")
     assert result.counts == {"images": 1, "imu": 4}
+
+
+@pytest.mark.parametrize("column", ["name", "type"])
+def test_a_topic_whose_name_or_type_is_no_text_is_refused(tmp_path: Path, column: str) -> None:
+    path = tmp_path / "one" / "file.db3"
+    path.parent.mkdir()
+    shutil.copyfile(data_file(write(tmp_path, "plain.db3")), path)
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute(f"UPDATE topics SET {column} = x'41' WHERE id = 1")
+    require_refused(path, "is damaged, or no bag")
 
 
 @pytest.mark.parametrize("name", WAYS)
