@@ -12,7 +12,13 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, write
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, require_folder, require_regular_file
+from sfmcpp.sources.io.files import (
+    COMPRESSED_SUFFIXES,
+    failures_named,
+    require_folder,
+    require_regular_file,
+    scratch_folder_beside,
+)
 from sfmcpp.sources.io.format import Format
 
 PAGE_SUFFIXES = (".html", ".htm")
@@ -71,7 +77,7 @@ class Targets:
         # A problem that comes from a file fits formats that hold any, and, if they need poses, its own.
         if chosen.holds_every_model or (problem.is_metric and chosen.name == problem.metadata.source_format):
             return
-        with _scratch_beside(self.problem) as folder:
+        with scratch_folder_beside(self.problem) as folder:
             _try_to_write(problem, self.problem, Path(folder))
 
     def refuse_ranks(self) -> None:
@@ -144,11 +150,6 @@ def _require_distinct(targets: Targets, source: Path) -> None:
         if resolved in taken or (path != targets.problem and resolved == os.path.realpath(source)):
             raise DatasetError(path, "is named twice: input, output and all other files must differ")
         taken.append(resolved)
-
-
-def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
-    with failures_named(path):
-        return tempfile.TemporaryDirectory(prefix=".sfmcpp-", dir=path.parent)
 
 
 def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:

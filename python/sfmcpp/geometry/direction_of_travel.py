@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.geometry import so3
 from sfmcpp.geometry._matches import checked_matches
+from sfmcpp.geometry.epipolar import sampson_terms
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 
@@ -100,7 +101,8 @@ def _linearised(
     """Errors (N,) [px], and their derivatives (N, 5) by the rotation and across the direction."""
     steps = np.vstack([np.zeros(5), _DIFFERENCE * np.eye(5)])
     essentials = so3.hat(_turned(direction, across, steps[:, 3:])) @ (rotation @ so3.exp(steps[:, :3]))
-    errors = focal_px * _sampson(*rays, essentials)
+    algebraic, slope = sampson_terms(essentials[:, None], *rays)
+    errors = focal_px * algebraic / np.maximum(slope, np.finfo(float).tiny)
     return errors[0], (errors[1:] - errors[0]).T / _DIFFERENCE
 
 
@@ -108,11 +110,3 @@ def _turned(direction: FloatArray, across: FloatArray, steps: FloatArray) -> Flo
     """Directions (n, 3) after steps (n, 2) across."""
     turned = direction + steps @ across.T
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
-
-
-def _sampson(first: FloatArray, second: FloatArray, essentials: FloatArray) -> FloatArray:
-    """Signed Sampson errors (n, N) at unit focal length, of N pairs of rays with third coordinate 1."""
-    line_1 = second @ essentials.transpose(0, 2, 1)
-    line_2 = first @ essentials
-    slope = np.sqrt((line_1[..., :2] ** 2).sum(axis=2) + (line_2[..., :2] ** 2).sum(axis=2))
-    return np.asarray((first * line_1).sum(axis=2) / np.maximum(slope, np.finfo(float).tiny))

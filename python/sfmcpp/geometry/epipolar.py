@@ -58,13 +58,35 @@ def sampson_errors_px(
     (N,) float64
         Distance in the joint space of both images [px]; infinite where both points are epipoles.
     """
-    line_1 = np.einsum("...ij,...j->...i", fundamental, homogeneous(pixels_2))
-    line_2 = np.einsum("...ji,...j->...i", fundamental, homogeneous(pixels_1))
+    points = homogeneous(pixels_1), homogeneous(pixels_2)
+    algebraic, slope = sampson_terms(fundamental, *points, slopes_1, slopes_2)
+    errors: FloatArray = np.divide(np.abs(algebraic), slope, out=np.full_like(slope, np.inf), where=slope > 0)
+    return errors
+
+
+def sampson_terms(
+    matrix: FloatArray,
+    points_1: FloatArray,
+    points_2: FloatArray,
+    slopes_1: FloatArray | None = None,
+    slopes_2: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator, signed, and denominator (..., N) of Sampson errors.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) float64
+        Fundamental, or essential; its leading axes are those of the result.
+    points_1, points_2 : (N, 3) float64
+        Homogeneous image positions, the third coordinate 1.
+    slopes_1, slopes_2 : (N, 2, 2) float64, optional
+        See :func:`sampson_errors_px`.
+    """
+    line_1 = np.einsum("...ij,...j->...i", matrix, points_2)
+    line_2 = np.einsum("...ji,...j->...i", matrix, points_1)
     normal_1, normal_2 = _line_gradients(line_1, slopes_1), _line_gradients(line_2, slopes_2)
     slope = np.sqrt((normal_1**2).sum(-1) + (normal_2**2).sum(-1))
-    algebraic = np.abs((homogeneous(pixels_1) * line_1).sum(-1))
-    errors: FloatArray = np.divide(algebraic, slope, out=np.full_like(slope, np.inf), where=slope > 0)
-    return errors
+    return (points_1 * line_1).sum(-1), slope
 
 
 def _line_gradients(lines: FloatArray, slopes: FloatArray | None) -> FloatArray:

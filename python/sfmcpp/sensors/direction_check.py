@@ -18,7 +18,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import Turn
-from sfmcpp.sensors.stream import measured_at, require_kind
+from sfmcpp.sensors.stream import clock_text, measured_at, require_kind
 
 _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 _FEWEST_STEPS = 40
@@ -64,11 +64,8 @@ class DirectionClock:
     @property
     def complaint(self) -> str:
         """What the clock is, beside the camera's."""
-        side = "behind" if self.offset_s > 0 else "ahead of"
-        return (
-            f"by its directions its clock is {abs(self.offset_s):.2f} ± {_SAME_S:.2f} s {side} the camera's: "
-            f"{self.offset_s:.2f} s are added to the stamps"
-        )
+        clock = clock_text(self.offset_s, _SAME_S, "the camera's")
+        return f"by its directions {clock}: {self.offset_s:.2f} s are added to the stamps"
 
 
 @checked()

@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.inertial import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.stream import interpolate_rotations, require_kind
+from sfmcpp.sensors.stream import clock_text, interpolate_rotations, require_kind
 
 # An offset known less well than this counts as unknown.
 LARGEST_SIGMA_S = 0.02
@@ -105,8 +105,7 @@ class RotationCheck:
     @property
     def clock(self) -> str:
         """What the clock is, beside the camera's."""
-        side = "behind" if self.offset_s > 0 else "ahead of"
-        return f"its clock is {abs(self.offset_s):.2f} ± {self.sigma_s:.2f} s {side} the camera's"
+        return clock_text(self.offset_s, self.sigma_s, "the camera's")
 
     def complaint(self, name: str) -> str:
         """The fault of the sensor of that name and its remedy; empty if none is found."""

@@ -154,6 +154,12 @@ def _stream_faults(stream: SensorStream, start_s: float, end_s: float) -> Iterat
         )
 
 
+def clock_text(offset_s: float, sigma_s: float, reference: str) -> str:
+    """What a sensor's clock is beside `reference`, ``"the camera's"``; its stamps lack `offset_s` [s]."""
+    side = "behind" if offset_s > 0 else "ahead of"
+    return f"its clock is {abs(offset_s):.2f} ± {sigma_s:.2f} s {side} {reference}"
+
+
 def running_median(rows: FloatArray, reach: int) -> FloatArray:
     """Median of each row, (n,) or (n, k), and of `reach` on either side, as far as there are any."""
     padded = np.pad(rows, [(reach, reach), *[(0, 0)] * (rows.ndim - 1)], constant_values=np.nan)

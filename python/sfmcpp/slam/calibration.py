@@ -18,6 +18,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
 from sfmcpp.model.rigs import composed
 from sfmcpp.sensors import Turn, camera_displacement, check_bends, check_position_clock
+from sfmcpp.sensors.stream import clock_text
 from sfmcpp.slam.fusion import presumed_weights
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
@@ -167,11 +168,8 @@ def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensor
     if not clock.is_off:
         return []
     sensors.move_stamps([gps.name], clock.offset_s)
-    side = "behind" if clock.offset_s > 0 else "ahead of"
-    return [
-        f"{gps.name}: its clock is {abs(clock.offset_s):.2f} ± {clock.sigma_s:.2f} s {side} that of odometer "
-        f"and gyroscope: {clock.offset_s:.2f} s are to be added to its stamps"
-    ]
+    told = clock_text(clock.offset_s, clock.sigma_s, "that of odometer and gyroscope")
+    return [f"{gps.name}: {told}: {clock.offset_s:.2f} s are to be added to its stamps"]
 
 
 def _keyframe_rotations(world: WorldMap, sensors: SensorSuite) -> Trajectory:

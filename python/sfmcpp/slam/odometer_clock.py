@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sfmcpp.geometry.direction_of_travel import refine_travel
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
+from sfmcpp.model.rigs import relative
 from sfmcpp.sensors import Turn, check_directions
 from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
 from sfmcpp.slam.result import SlamResult
@@ -36,10 +35,9 @@ def remember_step(
     if world is None or len(sensors.steps) >= _MOST_STEPS or not _odometers(sensors):
         return
     known = result.path.between.get(before.number, world.keyframes[-1].pose)
-    camera = np.column_stack([known[:, :3].T @ pose[:, :3], known[:, :3].T @ (pose[:, 3] - known[:, 3])])
     in_before, in_after = common(before.view, after.view)
     pixels = before.view.pixels[in_before], after.view.pixels[in_after]
-    found = refine_travel(*pixels, world.intrinsics[0], camera)
+    found = refine_travel(*pixels, world.intrinsics[0], relative(known[None], pose[None])[0])
     if found is not None:
         motion = found.rotation, found.direction, found.covariance
         sensors.steps.append(Turn(before.t_s, after.t_s, *motion))

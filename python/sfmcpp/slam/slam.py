@@ -117,7 +117,8 @@ class Slam:
             self._track_without_map(frame, clock)
             return
         self._initialiser = None
-        remember_step(self.result, self._lately[-1], frame, pose, self._sensors)
+        if self.settings.trusts_declared:
+            remember_step(self.result, self._lately[-1], frame, pose, self._sensors)
         self._note_pose(frame, pose)
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -31,7 +30,12 @@ from sfmcpp.sources.bags.messages import (
 )
 from sfmcpp.sources.bags.transforms import StaticFrames
 from sfmcpp.sources.io.calibration import read_calibration
-from sfmcpp.sources.io.files import failures_named, require_folder
+from sfmcpp.sources.io.files import (
+    failures_named,
+    require_folder,
+    require_parent_folder,
+    scratch_folder_beside,
+)
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.vision.images import load_cv2
 
@@ -132,16 +136,13 @@ def _require_new_folder(folder: Path) -> None:
         require_folder(folder)
         if folder.exists() and any(folder.iterdir()):
             raise DatasetError(folder, "is not empty: name a new folder")
-        if not folder.parent.is_dir():
-            raise DatasetError(folder, f"the folder {str(folder.parent)!r} does not exist")
+        require_parent_folder(folder)
 
 
 @contextmanager
 def _new_folder(target: Path) -> Iterator[Path]:
     """A folder to write to, which takes the name `target` if the block ends well."""
-    with failures_named(target):
-        holder = tempfile.TemporaryDirectory(prefix=".sfmcpp-", dir=target.parent)
-    with holder as name:
+    with scratch_folder_beside(target) as name:
         scratch = Path(name) / "new"
         scratch.mkdir()
         with failures_named(target):

@@ -15,8 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, require_regular_file
+from sfmcpp.sources.io.files import failures_named, require_parent_folder, require_regular_file
 
 # Short names of their own: with a suffix, a target's could become too long.
 _TEMPORARY, _BEFORE = ".sfmcpp-new-", ".sfmcpp-old-"
@@ -87,8 +86,7 @@ def _make_folder(folder: Path) -> bool:
 def _resolved_target(target: Path) -> Path:
     with failures_named(target):
         require_regular_file(target)
-        if not target.parent.is_dir():
-            raise DatasetError(target, f"the folder {str(target.parent)!r} does not exist")
+        require_parent_folder(target)
         return Path(os.path.realpath(target))
 
 

@@ -12,6 +12,7 @@ import io
 import lzma
 import os
 import stat
+import tempfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -180,6 +181,18 @@ def require_folder(path: Path, purpose: str = "") -> None:
         raise DatasetError(path, f"nothing is written to the standard output, {wanted}")
     if path.exists() and not path.is_dir():
         raise DatasetError(path, f"is a file, {wanted}")
+
+
+def require_parent_folder(path: Path) -> None:
+    """Refuse a target in a folder that is not there."""
+    if not path.parent.is_dir():
+        raise DatasetError(path, f"the folder {str(path.parent)!r} does not exist")
+
+
+def scratch_folder_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
+    """A hidden folder beside a target, which goes at the end: what lies in it can take the target's name."""
+    with failures_named(path):
+        return tempfile.TemporaryDirectory(prefix=".sfmcpp-", dir=path.parent)
 
 
 def compressed_writer(raw: IO[bytes], path: Path) -> AbstractContextManager[IO[bytes]]:
