@@ -51,7 +51,8 @@ BundleModel::BundleModel(const Problem& problem,
                          std::vector<int> free_intrinsics,
                          ThreadPool& pool,
                          Exchange& exchange,
-                         linear::Precision stored)
+                         linear::Precision stored,
+                         bool compensated)
     : problem_(problem),
       graph_(graph),
       rows_(rows),
@@ -62,12 +63,12 @@ BundleModel::BundleModel(const Problem& problem,
       exchange_(exchange),
       images_(problem, graph, pool, exchange),
       of_images_alone_(moved_by_images_alone(map, rows)),
-      held_(images_, of_images_alone_),
+      held_(images_, of_images_alone_, compensated),
       refits_(images_, of_images_alone_),
       point_rescues_(images_, of_images_alone_),
       camera_rescues_(images_, map, free_intrinsics_),
       constraints_(problem, map, free_intrinsics_),
-      normal_(rows.graph(), map, pool, constraints_.pairs(), exchange, stored),
+      normal_(rows.graph(), map, pool, constraints_.pairs(), exchange, stored, compensated),
       algebraic_(images_, map, free_intrinsics_),
       bending_(images_, map, free_intrinsics_, rows.graph().num_observations()) {}
 
@@ -144,15 +145,15 @@ int BundleModel::linearize_part(const State& state,
   return behind;
 }
 
-ImageFit BundleModel::linearize_chunk(const State& state, int c) {
-  ImageFit fit;
-  ImageResiduals::Squares squares;
+ChunkFit BundleModel::linearize_chunk(const State& state, int c) {
+  ChunkFit fit;
+  residuals::SumOfSquares squares;
   normal_.fill(c, [&](const Chunk& part, double* jacobian, linear::PointRecord* records) {
     fit.behind_camera += linearize_part(state, part, jacobian, records);
     images_.add_squares(part.end - part.begin, records->row[0].by_point, squares);
     if (images_.is_robust()) apply_loss(part, jacobian, records, fit.cost);
   });
-  fit.sum_of_squares = squares.sum();
+  fit.sum_of_squares = squares.total();
   if (!images_.is_robust()) fit.cost = fit.sum_of_squares;
   return fit;
 }
@@ -163,7 +164,7 @@ ImageFit BundleModel::linearize_chunk(const State& state, int c) {
 void BundleModel::apply_loss(const Chunk& part,
                              double* jacobian,
                              linear::PointRecord* records,
-                             double& cost) {
+                             CompensatedSum& cost) {
   const double* inverse_sigma = images_.inverse_sigma(part);
   const int size = 2 * map_.camera_size;
   for (int k = 0; k < part.end - part.begin; ++k) {
@@ -251,11 +252,14 @@ double BundleModel::size(const State& state) const {
     const Eigen::Map<const PoseMatrix> pose(state.cameras.data() + problem_.camera_offset(i));
     cameras += pose.leftCols<3>().squaredNorm() + (pose.col(3) - origin).squaredNorm();
   }
-  const double points = pool_.sum_of_parts(graph_.num_points, kPart, [&](long begin, long end) {
-    const Eigen::Map<const Eigen::Matrix3Xd> part(state.points.data() + 3 * begin, 3, end - begin);
-    return (part.colwise() - origin).squaredNorm();
-  });
-  return std::sqrt(cameras + linear::squared_norm(pool_, state.intrinsics) + exchange_.sum(points));
+  const CompensatedSum points =
+      pool_.sum_of_parts(graph_.num_points, kPart, [&](long begin, long end) {
+        const Eigen::Map<const Eigen::Matrix3Xd> part(
+            state.points.data() + 3 * begin, 3, end - begin);
+        return (part.colwise() - origin).squaredNorm();
+      });
+  return std::sqrt(cameras + linear::squared_norm(pool_, state.intrinsics).value() +
+                   exchange_.sum(points));
 }
 
 void BundleModel::normalize(State& state) const {
@@ -273,8 +277,9 @@ void BundleModel::normalize(State& state) const {
 double BundleModel::slope(const State& start, const linear::Step& step, const State& candidate) {
   images_.prepare(candidate);
   const linear::Step here{step.camera, transported(start, step, candidate)};
-  const double observed = -pool_.sum(static_cast<int>(graph_.chunks.size()),
-                                     [&](int c) { return chunk_slope(candidate, here, c); });
+  const CompensatedSum observed = -pool_.sum(static_cast<int>(graph_.chunks.size()), [&](int c) {
+    return chunk_slope(candidate, here, c);
+  });
   return exchange_.sum(observed) + constraints_.slope(candidate, here);
 }
 

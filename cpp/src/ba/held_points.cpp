@@ -26,20 +26,33 @@ double growth_from(double before, double after) {
 
 }  // namespace
 
-double HeldPoints::growth_of(int chunk) const {
-  return growth_from(start_[chunk], candidate_[chunk]);
+double HeldPoints::growth() const {
+  if (by_camera_) return 0.5 * growth_of_cameras();
+  double sum = 0.0;
+  for (std::size_t c = 0; c < candidate_.size(); ++c) sum += growth_from(start_[c], candidate_[c]);
+  return 0.5 * images_.exchange().sum(sum);
 }
 
-double HeldPoints::growth() const {
+double HeldPoints::growth_of_cameras() const {
+  const linear::ObservationGraph& graph = images_.graph();
+  const auto cameras = static_cast<std::size_t>(graph.num_cameras);
+  std::vector<CompensatedSum> costs(2 * cameras);  // at the start, then at the candidate
+  for (std::size_t c = 0; c < candidate_.size(); ++c) {
+    const auto i = static_cast<std::size_t>(graph.chunks[c].camera);
+    costs[i] += start_[c];
+    costs[cameras + i] += candidate_[c];
+  }
+  images_.exchange().sum(costs);
   double sum = 0.0;
-  for (std::size_t c = 0; c < candidate_.size(); ++c) sum += growth_of(static_cast<int>(c));
-  return 0.5 * images_.exchange().sum(sum);
+  for (std::size_t i = 0; i < cameras; ++i)
+    sum += growth_from(costs[i].value(), costs[cameras + i].value());
+  return sum;
 }
 
 long HeldPoints::hold_back(const State& start, State& candidate) const {
   const std::vector<int> points = suspects(start, candidate);
   const auto count = static_cast<int>(points.size());
-  const double held =
+  const CompensatedSum held =
       images_.pool().sum((count + kHeldPointsPerTask - 1) / kHeldPointsPerTask, [&](int task) {
         double drawn = 0.0;
         const int end = std::min(count, (task + 1) * kHeldPointsPerTask);
@@ -54,7 +67,9 @@ std::vector<int> HeldPoints::suspects(const State& start, const State& candidate
   const double least = kLeastShareOfGrowth * 2.0 * growth();
   std::vector<char> suspected(static_cast<std::size_t>(images_.graph().num_points), 0);
   images_.pool().parallel_for(static_cast<int>(candidate_.size()), [&](int c) {
-    if (growth_of(c) > 0.0) suspect(start, candidate, c, least, suspected);
+    const bool may_grow = by_camera_ ? !(candidate_[c] < least)  // that much, or it is no number
+                                     : growth_from(start_[c], candidate_[c]) > 0.0;
+    if (may_grow) suspect(start, candidate, c, least, suspected);
   });
   std::vector<int> points;
   for (int p = 0; p < images_.graph().num_points; ++p) {

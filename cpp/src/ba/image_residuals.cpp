@@ -177,45 +177,48 @@ ImageFit ImageResiduals::fit(const State& state, std::vector<double>* costs) con
   return sum_over_chunks([&](int c) { return chunk_fit(state, graph_.chunks[c]); }, costs);
 }
 
-ImageFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
+ChunkFit ImageResiduals::chunk_fit(const State& state, const Chunk& chunk) const {
   if (is_plain()) {
     const auto [squares, behind] = cost_kernels_.cost(batch(state, chunk));
-    return {.cost = squares, .sum_of_squares = squares, .behind_camera = behind};
+    const CompensatedSum sum = squares.total();
+    return {.cost = sum, .sum_of_squares = sum, .behind_camera = behind};
   }
   ChunkResiduals r;
-  ImageFit fit;
+  ChunkFit fit;
   fit.behind_camera = residuals_of(state, chunk, r.u.data(), r.v.data());
   const int count = chunk.end - chunk.begin;
   for (int k = 0; k < count; ++k) fit.sum_of_squares += r.squared(k);
   fit.cost = fit.sum_of_squares;
   if (is_robust()) {
-    fit.cost = 0.0;
+    fit.cost = {};
     for (int k = 0; k < count; ++k) fit.cost += loss_.rho(r.squared(k));
   }
   return fit;
 }
 
-void ImageResiduals::add_squares(int count, const double* records, Squares& squares) const {
-  if (is_plain()) return cost_kernels_.add_squares(count, records, squares.lanes);
+void ImageResiduals::add_squares(int count,
+                                 const double* records,
+                                 residuals::SumOfSquares& squares) const {
+  if (is_plain()) return cost_kernels_.add_squares(count, records, squares);
   for (long k = 0; k < count; ++k) {
     const double ru = records[8 * k + 3], rv = records[8 * k + 7];
-    squares.lanes[0] += ru * ru + rv * rv;
+    add_compensated(squares.sums[0], squares.rests[0], ru * ru + rv * rv);
   }
 }
 
-ImageFit ImageResiduals::total(const std::vector<ImageFit>& fits) const {
-  std::array<double, 4> sums{};
-  for (const ImageFit& fit : fits) {
+ImageFit ImageResiduals::total(const std::vector<ChunkFit>& fits) const {
+  std::array<CompensatedSum, 4> sums{};
+  for (const ChunkFit& fit : fits) {
     sums[0] += fit.cost;
     sums[1] += fit.sum_of_squares;
     sums[2] += fit.behind_camera;
   }
   sums[3] = graph_.num_observations();
   exchange_.sum(sums);
-  return {.cost = 0.5 * sums[0],
-          .sum_of_squares = sums[1],
-          .observations = sums[3],
-          .behind_camera = sums[2]};
+  return {.cost = 0.5 * sums[0].value(),
+          .sum_of_squares = sums[1].value(),
+          .observations = sums[3].value(),
+          .behind_camera = sums[2].value()};
 }
 
 }  // namespace sfmcpp::ba

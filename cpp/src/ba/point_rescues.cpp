@@ -198,7 +198,7 @@ long PointRescues::rescue(State& state) const {
       }
       return rescued;
     };
-    const double rescued =
+    const CompensatedSum rescued =
         images_.pool().sum((count + kPointsPerTask - 1) / kPointsPerTask, rescued_in);
     return std::lround(images_.exchange().sum(rescued));
   });

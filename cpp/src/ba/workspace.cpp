@@ -298,7 +298,15 @@ Workspace::Workspace(const Problem& problem,
           problem, graph, rows, intrinsics, gauge_of(problem, graph, options, start, ranks))),
       precision(stored_precision(problem, options, ranks)),
       choice(choose_solver(*this, problem, options)),
-      model(problem, graph, rows, map, intrinsics, pool, ranks, precision) {
+      model(problem,
+            graph,
+            rows,
+            map,
+            intrinsics,
+            pool,
+            ranks,
+            precision,
+            choice.kind == linear::LinearSolverKind::kIterative && choice.with_blocks) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_determined(graph, map, model.constraints().num_equations(), exchange, [&] {
     return fixes_gauge(problem, options) ? 0L : num_world_freedoms(problem, graph, start, exchange);

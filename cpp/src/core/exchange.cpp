@@ -11,6 +11,7 @@ class ThisProcess final : public Exchange {
   int rank() const override { return 0; }
   int num_ranks() const override { return 1; }
   void sum(std::span<double>) override {}
+  void sum(std::span<CompensatedSum>) override {}
   void max(std::span<double>) override {}
   std::vector<double> gather(std::span<const double> values) override {
     return {values.begin(), values.end()};

@@ -20,18 +20,34 @@ void for_each_piece(std::span<double> values, std::size_t size, const F& f) {
     f(values.subspan(begin, std::min(size, values.size() - begin)));
 }
 
-// Σ of arrays that follow one another, in the first one's place.
-void add_to_first(std::span<double> arrays, std::size_t size) {
-  for (std::size_t begin = size; begin < arrays.size(); begin += size) {
-    for (std::size_t k = 0; k < size; ++k) arrays[k] += arrays[begin + k];
+void add(double* to, const double* from, std::size_t size) {
+  for (std::size_t k = 0; k < size; ++k) to[k] += from[k];
+}
+
+void add_compensated_sums(double* to, const double* from, std::size_t size) {
+  for (std::size_t k = 0; k < size; k += 2) {
+    add_compensated(to[k], to[k + 1], from[k]);
+    to[k + 1] += from[k + 1];
   }
+}
+
+// Σ of arrays that follow one another, in the first one's place.
+void add_to_first(std::span<double> arrays, std::size_t size, std::size_t width) {
+  const auto add_terms = width == 1 ? add : add_compensated_sums;
+  for (std::size_t begin = size; begin < arrays.size(); begin += size)
+    add_terms(arrays.data(), arrays.data() + begin, size);
 }
 
 }  // namespace
 
-void MessageExchange::sum(std::span<double> values) {
-  for_each_piece(values, kPiece, [this](std::span<double> piece) {
-    piece.size() <= kFew ? sum_few(piece) : sum_many(piece);
+void MessageExchange::sum(std::span<CompensatedSum> values) {
+  static_assert(sizeof(CompensatedSum) == 2 * sizeof(double) && kPiece % 2 == 0);
+  if (!values.empty()) sum_of({&values.front().sum, 2 * values.size()}, 2);
+}
+
+void MessageExchange::sum_of(std::span<double> values, std::size_t width) {
+  for_each_piece(values, kPiece, [&](std::span<double> piece) {
+    piece.size() <= kFew ? sum_few(piece, width) : sum_many(piece, width);
   });
 }
 
@@ -79,19 +95,20 @@ void MessageExchange::deliver(std::span<const double> values,
 
 bool MessageExchange::agree(bool mine) { return Exchange::max(mine ? 1.0 : 0.0) > 0.0; }
 
-void MessageExchange::sum_few(std::span<double> values) {
+void MessageExchange::sum_few(std::span<double> values, std::size_t width) {
   all_gather(values);
-  add_to_first(all_, values.size());
+  add_to_first(all_, values.size(), width);
   std::copy_n(all_.begin(), values.size(), values.begin());
 }
 
-void MessageExchange::sum_many(std::span<double> values) {
+void MessageExchange::sum_many(std::span<double> values, std::size_t width) {
   const auto ranks = static_cast<std::size_t>(num_ranks());
-  const std::size_t share = (values.size() + ranks - 1) / ranks;
+  const std::size_t terms = values.size() / width;
+  const std::size_t share = (terms + ranks - 1) / ranks * width;
   mine_.assign(values.begin(), values.end());
   mine_.resize(share * ranks);
   all_to_all();
-  add_to_first(received_, share);
+  add_to_first(received_, share, width);
   all_gather(std::span(received_).first(share));
   std::copy_n(all_.begin(), values.size(), values.begin());
 }

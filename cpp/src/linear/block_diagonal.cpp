@@ -26,35 +26,41 @@ CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
 void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<double>& rhs) {
   const ObservationGraph& graph = normal_.graph();
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
-    normal_.kernels().schur_diagonal(normal_.jacobian(),
-                                     graph.camera_begin[i],
-                                     graph.camera_begin[i + 1],
-                                     graph.point.data(),
-                                     factors,
-                                     normal_.unrounded_gradient(i),
-                                     camera_block(i),
-                                     camera_rhs(i));
+    normal_.kernels().schur_diagonal({.begin = graph.camera_begin[i],
+                                      .end = graph.camera_begin[i + 1],
+                                      .point = graph.point.data(),
+                                      .jacobian = normal_.jacobian(),
+                                      .factors = factors,
+                                      .gradient = normal_.unrounded_gradient(i),
+                                      .diagonal = camera_block(i),
+                                      .rhs = camera_rhs(i)});
   });
   gather(rhs, normal_.exchange());
 }
 
 void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {
-  rhs.assign(map_.num_columns, 0.0);
-  std::fill(blocks_.begin(), blocks_.end(), 0.0);
+  std::vector<CompensatedSum> sums(map_.num_columns), entries(blocks_.size());
   const bool is_root = ranks.is_root();
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
-    normal_.fold(camera_rhs(i), i, columns, rhs.data());
-    fold_block(i, camera_block(i), columns);
+    normal_.for_each_column(
+        i, columns, [&](int k, int column) { sums[column] += camera_rhs(i)[k]; });
+    fold_block(i, camera_block(i), columns, entries);
     normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
-      if (j == i && is_root) fold_block(i, block, columns);
+      if (j == i && is_root) fold_block(i, block, columns, entries);
     });
   });
-  ranks.sum(rhs);
-  ranks.sum(blocks_);
+  ranks.sum(sums);
+  ranks.sum(entries);
+  rhs.resize(sums.size());
+  std::ranges::transform(sums, rhs.begin(), &CompensatedSum::value);
+  std::ranges::transform(entries, blocks_.begin(), &CompensatedSum::value);
   normal_.camera_terms().add_rhs(map_, rhs);
 }
 
-void CameraBlockDiagonal::fold_block(int camera, const double* panels, Columns which) {
+void CameraBlockDiagonal::fold_block(int camera,
+                                     const double* panels,
+                                     Columns which,
+                                     std::vector<CompensatedSum>& entries) const {
   const int camera_size = map_.camera_size;
   const int* columns = map_.columns_of(camera);
   for (int c = 0; c < camera_size; ++c) {
@@ -64,7 +70,7 @@ void CameraBlockDiagonal::fold_block(int camera, const double* panels, Columns w
       const int b = map_.block_of[columns[r]];
       if (b != map_.block_of[columns[c]]) continue;
       const int first = map_.block_begin[b];
-      blocks_[offset_[b] + static_cast<long>(columns[c] - first) * size(b) + columns[r] - first] +=
+      entries[offset_[b] + static_cast<long>(columns[c] - first) * size(b) + columns[r] - first] +=
           panels[panel_index(camera_size, r, c)];
     }
   }

@@ -32,13 +32,35 @@ inline void set_zero(RowSums<D, kFirst, kWidth>& sums) {
   }
 }
 
+// D numbers of one camera, of each array.
+struct Sums {
+  const double* middles;
+  double finer;
+  double* coarse;
+  double* fine;
+
+  Sums(const GridOfSums& all, long of, long of_sum)
+      : middles(all.middles + of),
+        finer(all.finer),
+        coarse(all.coarse + of_sum),
+        fine(all.fine + of_sum) {}
+
+  template <int kWidth>
+  SFMCPP_INLINE void add(int k, Pack<kWidth> x) const {
+    const Pack<kWidth> middle = load<kWidth>(middles + k), second = middle * Pack<kWidth>(finer);
+    const Pack<kWidth> rounded = (x + middle) - middle;
+    store(coarse + k, load<kWidth>(coarse + k) + rounded);
+    store(fine + k, load<kWidth>(fine + k) + (((x - rounded) + second) - second));
+  }
+};
+
 // Of one block B, whose transpose lies in panels: `to_row` += B x and `other` += Bᵀ of_row.
 template <int D, int kFirst, int kWidth>
 inline void multiply(const float* block,
                      const double* x,
                      const double* of_row,
                      RowSums<D, kFirst, kWidth>& to_row,
-                     double* other) {
+                     const Sums& other) {
   if constexpr (kFirst < D) {
     const float* panel = block + kFirst * D;
     if constexpr (kWidth == 1) {
@@ -46,17 +68,17 @@ inline void multiply(const float* block,
       load_row(panel, values);
       load_row(of_row, factors);
       add_scaled(to_row.row, values, x[kFirst]);
-      other[kFirst] += dot(values, factors);
+      other.add(kFirst, Pack<1>(dot(values, factors)));
     } else {
       const Pack<kWidth> xs = load<kWidth>(x + kFirst);
-      Pack<kWidth> sum = load<kWidth>(other + kFirst);
+      Pack<kWidth> sum(0.0);
 #pragma GCC unroll 18
       for (int r = 0; r < D; ++r) {
         const Pack<kWidth> values = load<kWidth>(panel + r * kWidth);
         to_row.lanes[r] += values * xs;
         sum += values * of_row[r];
       }
-      store(other + kFirst, sum);
+      other.add(kFirst, sum);
       multiply(block, x, of_row, to_row.rest, other);
     }
   }
@@ -79,8 +101,13 @@ inline void add_to(double* out, const RowSums<D, kFirst, kWidth>& sums) {
 
 // Blocks follow one another in memory, which the processor foresees; the vectors lie anywhere.
 template <int D>
-void add_row(
-    int n, const float* blocks, const int* column, int i, int first, const double* x, double* out) {
+void add_row(int n,
+             const float* blocks,
+             const int* column,
+             int i,
+             int first,
+             const double* x,
+             const GridOfSums& out) {
   constexpr int kAhead = 4;
   double of_row[D];
   for (int r = 0; r < D; ++r) of_row[r] = x[static_cast<long>(D) * i + r];
@@ -90,12 +117,17 @@ void add_row(
     if (k + kAhead < n) {
       const long ahead = column[k + kAhead];
       __builtin_prefetch(x + D * ahead);
-      __builtin_prefetch(out + D * (ahead - first), 1);
+      __builtin_prefetch(out.coarse + D * (ahead - first), 1);
+      __builtin_prefetch(out.fine + D * (ahead - first), 1);
     }
     const long j = column[k];
-    multiply(blocks + static_cast<long>(D) * D * k, x + D * j, of_row, sums, out + D * (j - first));
+    const Sums other(out, D * j, D * (j - first));
+    multiply(blocks + static_cast<long>(D) * D * k, x + D * j, of_row, sums, other);
   }
-  add_to(out + static_cast<long>(D) * (i - first), sums);
+  double of_blocks[D] = {};
+  add_to(of_blocks, sums);
+  const Sums own(out, static_cast<long>(D) * i, static_cast<long>(D) * (i - first));
+  for (int r = 0; r < D; ++r) own.add(r, Pack<1>(of_blocks[r]));
 }
 
 template <int D, int kFirst = 0>

@@ -39,6 +39,14 @@ void add(const double* from, long count, double* to) {
   for (long k = 0; k < count; ++k) to[k] += from[k];
 }
 
+// The sums, and behind them what is rounded off.
+void add_compensated_sums(const double* from, long count, double* to) {
+  for (long k = 0; k < count; ++k) {
+    add_compensated(to[k], to[count + k], from[k]);
+    to[count + k] += from[count + k];
+  }
+}
+
 }  // namespace
 
 DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
@@ -104,7 +112,7 @@ void DistributedSchurRows::exchange() {
   normal_.pool().parallel_for_worker(static_cast<int>(sent_rows_.size()), [&](int k, int worker) {
     double* diagonal = sent.data() + sent_rows_[k].first;
     double* rhs = diagonal + size() * size();
-    rows_.form(sent_rows_[k].camera, worker, diagonal, rhs + size(), rhs);
+    rows_.form(sent_rows_[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
   });
   normal_.exchange().deliver(sent, sent_counts_, received_, received_counts_);
 }
@@ -115,7 +123,7 @@ void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blo
   std::fill_n(blocks, size() * size() * static_cast<long>(columns.size()), 0.0);
   if (!partition_.is_own(i)) {
     std::fill_n(diagonal, size() * size(), 0.0);
-    std::fill_n(rhs, size(), 0.0);
+    std::fill_n(rhs, 2 * size(), 0.0);
     return;
   }
   std::vector<int>& place = places_[worker];
@@ -134,8 +142,8 @@ void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blo
   for (const Received& row : received_rows_[i]) {
     const double* from = received_.data() + row.first;
     add(from, size() * size(), diagonal);
-    add(from + size() * size(), size(), rhs);
-    add_blocks(row.columns, from + size() * (size() + 1));
+    add_compensated_sums(from + size() * size(), size(), rhs);
+    add_blocks(row.columns, from + size() * (size() + 2));
   }
 }
 

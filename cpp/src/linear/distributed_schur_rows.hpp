@@ -1,6 +1,7 @@
 // Rows of S on the ranks that their cameras belong to: what the points of a rank add to rows of
 // others is sent to these in double precision, block by block, and a row is rounded only when it is
-// complete. So S hardly depends on how points are distributed.
+// complete. Sums are taken on a grid (sum_grid.hpp): S does not depend on how points are
+// distributed.
 #pragma once
 
 #include <memory>
@@ -21,6 +22,8 @@ class DistributedSchurRows {
                        const CameraPartition& partition,
                        const std::shared_ptr<const ReducedStructure>& structure);
 
+  // `grid` must outlive this object.
+  void sum_on(const SumGrid& grid) { rows_.sum_on(grid); }
   // The rows of this rank's cameras; of others the diagonal block, which is zero.
   const CameraPattern& pattern() const { return own_->pattern; }
   // Sends what the points here add to the rows of others, for the factors that the elimination
@@ -41,9 +44,10 @@ class DistributedSchurRows {
     long first;                // number of what was received
   };
   long size() const { return normal_.map().camera_size; }
-  // Numbers of a part of a row: the diagonal block, the right-hand side, other blocks.
+  // Numbers of a part of a row: the diagonal block, the right-hand side with what is rounded off,
+  // other blocks.
   long numbers_of(std::size_t blocks) const {
-    return size() * (size() + 1) + size() * size() * static_cast<long>(blocks);
+    return size() * (size() + 2) + size() * size() * static_cast<long>(blocks);
   }
   void send_headers();
   void read_headers(const std::vector<double>& headers, const std::vector<int>& counts);

@@ -22,11 +22,20 @@ constexpr double kMaxDiagonal = 1e32;
 constexpr int kAhead = 12;
 
 // Σ ‖Jc δc + A δp‖² over the observations of a chunk.
-double chunk_curvature(const NormalEquations& normal, const Chunk& chunk, const Step& step) {
+CompensatedSum chunk_curvature(const NormalEquations& normal,
+                               const Chunk& chunk,
+                               const Step& step) {
   double x[kMaxCameraSize];
   normal.map().expand(step.camera.data(), chunk.camera, x);
-  return normal.kernels().curvature(
-      normal.jacobian(), chunk.begin, chunk.end, normal.graph().point.data(), step.point.data(), x);
+  CompensatedSum sum;
+  normal.kernels().curvature(normal.jacobian(),
+                             chunk.begin,
+                             chunk.end,
+                             normal.graph().point.data(),
+                             step.point.data(),
+                             x,
+                             sum);
+  return sum;
 }
 
 template <class Row>
@@ -62,7 +71,7 @@ double sum_over_points(const NormalEquations& normal, double start, const F& add
   if (points == 0) return normal.exchange().sum(replicated);
   return normal.exchange().sum(
       normal.pool().sum_of_parts(points, kPointsPerSum, [&](long begin, long end) {
-        double sum = begin == 0 ? replicated : 0.0;
+        CompensatedSum sum = begin == 0 ? replicated : 0.0;
         for (long p = begin; p < end; ++p) add(static_cast<int>(p), sum);
         return sum;
       }));
@@ -90,19 +99,20 @@ NormalEquations::NormalEquations(const ObservationGraph& graph,
                                  ThreadPool& pool,
                                  CameraPairs camera_pairs,
                                  Exchange& exchange,
-                                 Precision stored)
+                                 Precision stored,
+                                 bool compensated)
     : graph_(graph),
       map_(map),
       pool_(pool),
       exchange_(exchange),
+      compensated_(compensated),
       kernels_(schur_kernels(map.camera_size, stored)),
       camera_terms_(graph.num_cameras, map.camera_size, std::move(camera_pairs)),
       shared_(shared_columns(map)) {
   const auto observations = static_cast<std::size_t>(graph.num_observations());
   if (stored == Precision::kSingle) {
     blocks_.emplace<Blocks<float>>().lost.resize(4 * observations);
-    gradients_.resize(static_cast<std::size_t>(graph.num_cameras) *
-                      static_cast<std::size_t>(map.camera_size));
+    gradients_.resize(static_cast<std::size_t>(graph.num_cameras * gradient_size()));
   }
   std::visit(
       [&](auto& blocks) {
@@ -111,7 +121,7 @@ NormalEquations::NormalEquations(const ObservationGraph& graph,
       },
       blocks_);
   point_blocks_.resize(static_cast<std::size_t>(graph.num_points));
-  chunk_sums_.resize(graph.chunks.size() * 2 * static_cast<std::size_t>(map.camera_size));
+  chunk_sums_.resize(graph.chunks.size() * static_cast<std::size_t>(chunk_size()));
 }
 
 Precision NormalEquations::precision() const {
@@ -135,7 +145,7 @@ const PointRecord& NormalEquations::point_record(int observation) const {
 }
 
 void NormalEquations::start(int chunk) {
-  std::fill_n(chunk_sums_.data() + 2L * map_.camera_size * chunk, 2 * map_.camera_size, 0.0);
+  std::fill_n(chunk_sums_.data() + chunk_size() * chunk, chunk_size(), 0.0);
 }
 
 NormalEquations::Place NormalEquations::place_of(const Chunk& part, Draft& draft) {
@@ -152,8 +162,9 @@ void NormalEquations::take(const Chunk& part,
                            int chunk) {
   const long size = 2L * map_.camera_size;
   const int count = part.end - part.begin;
-  double* sums = chunk_sums_.data() + size * chunk;
-  kernels_.camera_gradient(count, jacobian, records, sums, sums + map_.camera_size);
+  double* sums = chunk_sums_.data() + chunk_size() * chunk;
+  (compensated_ ? kernels_.compensated_gradient : kernels_.camera_gradient)(
+      count, jacobian, records, sums);
   if (auto* stored = std::get_if<Blocks<float>>(&blocks_)) {
     kernels_.round_jacobian(count, jacobian, stored->jacobian.data() + size * part.begin);
     kernels_.round_records(
@@ -162,14 +173,9 @@ void NormalEquations::take(const Chunk& part,
 }
 
 void NormalEquations::finish() {
-  const long size = map_.camera_size;
-  camera_rhs_.assign(map_.num_columns, 0.0);
-  camera_diagonal_.assign(map_.num_columns, 0.0);
   sum_gradients();
-  fold_chunks(chunk_sums_.data(), 2 * size, camera_rhs_.data());
-  fold_chunks(chunk_sums_.data() + size, 2 * size, camera_diagonal_.data());
-  exchange_.sum(camera_rhs_);
-  exchange_.sum(camera_diagonal_);
+  camera_rhs_ = sum_of_chunks(0);
+  camera_diagonal_ = sum_of_chunks(map_.camera_size);
   camera_terms_.add_rhs(map_, camera_rhs_);
   camera_terms_.add_diagonal(map_, camera_diagonal_);
   const double of_points = std::visit(
@@ -184,13 +190,43 @@ void NormalEquations::finish() {
       std::max(largest_magnitude(camera_rhs_.data(), camera_rhs_.size()), of_points);
 }
 
+// Of what lies `first` in the sums of a chunk, over all chunks and ranks.
+std::vector<double> NormalEquations::sum_of_chunks(long first) const {
+  std::vector<double> values(map_.num_columns, 0.0);
+  if (!compensated_) {
+    fold_chunks(chunk_sums_.data() + first, chunk_size(), values.data());
+    exchange_.sum(values);
+    return values;
+  }
+  std::vector<CompensatedSum> sums(map_.num_columns);
+  for_each_camera_in_order([&](int i, Columns columns) {
+    for (int chunk = graph_.chunk_begin[i]; chunk < graph_.chunk_begin[i + 1]; ++chunk) {
+      const double* sum = chunk_sums_.data() + chunk_size() * chunk + first;
+      const double* rest = sum + 2L * map_.camera_size;
+      for_each_column(
+          i, columns, [&](int k, int column) { sums[column] += CompensatedSum(sum[k], rest[k]); });
+    }
+  });
+  exchange_.sum(sums);
+  std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
+  return values;
+}
+
 void NormalEquations::sum_gradients() {
   if (gradients_.empty()) return;
   const long size = map_.camera_size;
   std::ranges::fill(gradients_, 0.0);
   for (std::size_t c = 0; c < graph_.chunks.size(); ++c) {
-    double* sum = gradients_.data() + size * graph_.chunks[c].camera;
-    for (long k = 0; k < size; ++k) sum[k] += chunk_sums_[2 * size * c + k];
+    const double* of_chunk = chunk_sums_.data() + chunk_size() * static_cast<long>(c);
+    double* sum = gradients_.data() + gradient_size() * graph_.chunks[c].camera;
+    for (long k = 0; k < size; ++k) {
+      if (!compensated_) {
+        sum[k] += of_chunk[k];
+        continue;
+      }
+      add_compensated(sum[k], sum[size + k], of_chunk[k]);
+      sum[size + k] += of_chunk[2 * size + k];
+    }
   }
 }
 
@@ -214,11 +250,7 @@ void NormalEquations::fold(const double* block,
                            int camera,
                            Columns columns,
                            double* reduced) const {
-  const int* column = map_.columns_of(camera);
-  for (int k = 0; k < map_.camera_size; ++k) {
-    if (column[k] == kNoColumn || is_shared(column[k]) != (columns == Columns::kShared)) continue;
-    reduced[column[k]] += block[k];
-  }
+  for_each_column(camera, columns, [&](int k, int column) { reduced[column] += block[k]; });
 }
 
 void NormalEquations::fold_chunks(const double* blocks, long stride, double* reduced) const {
@@ -242,16 +274,16 @@ double NormalEquations::max_diagonal() const {
 }
 
 Slopes NormalEquations::slopes(const Step& step) const {
-  const double point = sum_over_points(*this, 0.0, [&](int p, double& sum) {
+  const double point = sum_over_points(*this, 0.0, [&](int p, CompensatedSum& sum) {
     const double* b = point_block(p).rhs;
     const double* delta = step.point.data() + 3L * p;
     sum += b[0] * delta[0] + b[1] * delta[1] + b[2] * delta[2];
   });
-  return {-dot(pool_, camera_rhs_, step.camera), -point};
+  return {-dot(pool_, camera_rhs_, step.camera).value(), -point};
 }
 
 double NormalEquations::curvature(const Step& step) const {
-  const double observed = pool_.sum(static_cast<int>(graph_.chunks.size()), [&](int chunk) {
+  const CompensatedSum observed = pool_.sum(static_cast<int>(graph_.chunks.size()), [&](int chunk) {
     return chunk_curvature(*this, graph_.chunks[chunk], step);
   });
   return exchange_.sum(observed) + camera_terms_.quadratic_form(map_, step.camera);
@@ -267,7 +299,7 @@ double NormalEquations::predicted_decrease(const Step& step, const Damping& damp
   for (std::size_t k = 0; k < camera_rhs_.size(); ++k) {
     of_cameras += step.camera[k] * (camera_rhs_[k] + damping(camera_diagonal_[k]) * step.camera[k]);
   }
-  return 0.5 * sum_over_points(*this, of_cameras, [&](int p, double& sum) {
+  return 0.5 * sum_over_points(*this, of_cameras, [&](int p, CompensatedSum& sum) {
            const PointBlock& block = point_block(p);
            const std::array<double, 3> diagonal = block.diagonal();
            for (int k = 0; k < 3; ++k) {

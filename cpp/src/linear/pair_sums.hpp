@@ -87,12 +87,18 @@ void sum_pairs(const PairSums& in) {
     unwhiten(g, m, t);
     spread(t, in.whitened + kWhitenedNumbers * static_cast<long>(a - in.begin));
   }
+  Row<D> middles;
+  set_zero(middles);
+  if (in.grid != nullptr) middles = middles_of<D>(in.grid_of_row);
   const long last = in.pair_begin[in.num_blocks] - 1;
   for (int k = 0; k < in.num_blocks; ++k) {
     if (in.pair_begin[k] == in.pair_begin[k + 1]) continue;
     double* sum = in.blocks + static_cast<long>(k) * D * D;
+    const double* grid =
+        in.grid == nullptr ? nullptr : in.grid + static_cast<long>(D) * in.columns[k];
     Block<D> block;
     load_block(sum, block);
+    if (grid != nullptr) lift(middles, grid, block);
     for (long q = in.pair_begin[k]; q < in.pair_begin[k + 1]; ++q) {
       const long ahead = q + kPairsAhead;
       stored.prefetch(in.pairs[ahead < last ? ahead : last].second);
@@ -101,6 +107,7 @@ void sum_pairs(const PairSums& in) {
           in.whitened + kWhitenedNumbers * static_cast<long>(pair.first - in.begin);
       add_pair(stored, pair, spread_t, block);
     }
+    if (grid != nullptr) lower(middles, grid, block);
     store_block(block, sum);
   }
 }

@@ -3,6 +3,7 @@
 // linkage (core/isa.hpp).
 #pragma once
 
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/simd.hpp"
 #include "sfmcpp/linear/block_layout.hpp"
 
@@ -58,6 +59,26 @@ inline void add_squares(Row<D, kFirst>& row, const Row<D, kFirst>& x) {
     row.head += x.head * x.head;
     add_squares(row.tail, x.tail);
   }
+}
+
+// A row of compensated sums.
+template <int D, int kFirst = 0>
+inline void add_compensated(Row<D, kFirst>& sum, Row<D, kFirst>& rest, const Row<D, kFirst>& x) {
+  if constexpr (kFirst < D) {
+    add_compensated(sum.head, rest.head, x.head);
+    add_compensated(sum.tail, rest.tail, x.tail);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline void add_compensated_scaled(Row<D, kFirst>& sum,
+                                   Row<D, kFirst>& rest,
+                                   const Row<D, kFirst>& x,
+                                   double s) {
+  Row<D, kFirst> scaled;
+  set_zero(scaled);
+  add_scaled(scaled, x, s);
+  add_compensated(sum, rest, scaled);
 }
 
 // block += Σ_k a_kᵀ b_k: the rows of a lie in registers, the numbers of b (rank × D) are broadcast.
@@ -150,6 +171,71 @@ inline void store_block(const Block<D, kFirst, kWidth>& block, double* out) {
     } else {
       for (int c = 0; c < D; ++c) store(out + kFirst * D + c * kWidth, block.columns[c]);
       store_block(block.rest, out);
+    }
+  }
+}
+
+// Onto the grid of its sums (linear/sum_grid.hpp) and back, both exactly; `middles` are 1.5 times
+// the powers of the row.
+template <int D>
+inline void lift(const Row<D>& middles, const double* of_column, Block<D>& block) {
+  add_outer(block, middles, of_column);
+}
+template <int D>
+inline void lower(const Row<D>& middles, const double* of_column, Block<D>& block) {
+  Row<D> negative;
+  set_zero(negative);
+  add_scaled(negative, middles, -1.0);
+  add_outer(block, negative, of_column);
+}
+template <int D>
+inline Row<D> middles_of(const double* powers) {
+  Row<D> row, middles;
+  load_row(powers, row);
+  set_zero(middles);
+  add_scaled(middles, row, 1.5);
+  return middles;
+}
+
+template <int D, int kFirst = 0>
+inline void add_rounded(Row<D, kFirst>& sum,
+                        const Row<D, kFirst>& x,
+                        const Row<D, kFirst>& middle) {
+  if constexpr (kFirst < D) {
+    sum.head += (x.head + middle.head) - middle.head;
+    add_rounded(sum.tail, x.tail, middle.tail);
+  }
+}
+
+// block += aᵀ b of two rows of each, rounded to the grid before it is added: what lies halfway goes
+// the same way whatever the sum is.
+template <int D, int kFirst, int kWidth>
+inline void add_outer_on_grid(Block<D, kFirst, kWidth>& block,
+                              const Row<D, kFirst> (&a)[2],
+                              const double* b,
+                              const Row<D, kFirst>& middles,
+                              const double* of_column) {
+  if constexpr (kFirst < D) {
+    if constexpr (kWidth == 1) {
+      Row<D> first, second, of_columns, product, middle;
+      load_row(b, first);
+      load_row(b + D, second);
+      load_row(of_column, of_columns);
+      set_zero(product);
+      set_zero(middle);
+      add_scaled(product, first, a[0].head[0]);
+      add_scaled(product, second, a[1].head[0]);
+      add_scaled(middle, of_columns, middles.head[0]);
+      add_rounded(block.row, product, middle);
+    } else {
+#pragma GCC unroll 18
+      for (int c = 0; c < D; ++c) {
+        const Pack<kWidth> middle = middles.head * of_column[c];
+        const Pack<kWidth> product = a[0].head * b[c] + a[1].head * b[D + c];
+        block.columns[c] += (product + middle) - middle;
+      }
+      const Row<D, kFirst + kWidth> tails[2] = {a[0].tail, a[1].tail};
+      add_outer_on_grid(block.rest, tails, b, middles.tail, of_column);
     }
   }
 }

@@ -7,11 +7,10 @@ namespace sfmcpp::linear::SFMCPP_ISA {
 namespace {
 
 template <int D>
-void camera_gradient(
-    int n, const double* jacobian, const PointRecord* records, double* gradient, double* diagonal) {
+void camera_gradient(int n, const double* jacobian, const PointRecord* records, double* sums) {
   Row<D> sum, squares;
-  load_row(gradient, sum);
-  load_row(diagonal, squares);
+  load_row(sums, sum);
+  load_row(sums + D, squares);
   for (int a = 0; a < n; ++a) {
     for (int row = 0; row < 2; ++row) {
       Row<D> j;
@@ -20,8 +19,31 @@ void camera_gradient(
       add_squares(squares, j);
     }
   }
-  store_row(gradient, sum);
-  store_row(diagonal, squares);
+  store_row(sums, sum);
+  store_row(sums + D, squares);
+}
+
+template <int D>
+void compensated_gradient(int n, const double* jacobian, const PointRecord* records, double* sums) {
+  Row<D> sum, squares, rest_of_sum, rest_of_squares;
+  load_row(sums, sum);
+  load_row(sums + D, squares);
+  load_row(sums + 2 * D, rest_of_sum);
+  load_row(sums + 3 * D, rest_of_squares);
+  for (int a = 0; a < n; ++a) {
+    for (int row = 0; row < 2; ++row) {
+      Row<D> j, square;
+      load_row(jacobian + (2L * a + row) * D, j);
+      set_zero(square);
+      add_squares(square, j);
+      add_compensated_scaled(sum, rest_of_sum, j, records[a].row[row].residual);
+      add_compensated(squares, rest_of_squares, square);
+    }
+  }
+  store_row(sums, sum);
+  store_row(sums + D, squares);
+  store_row(sums + 2 * D, rest_of_sum);
+  store_row(sums + 3 * D, rest_of_squares);
 }
 
 template <int D, class T>
@@ -51,42 +73,55 @@ void round_records(int n, const PointRecord* records, void* stored, float* lost)
 }
 
 // diagonal = Σ Jᵀ (I − G Gᵀ) J and rhs = Σ Jᵀ r̄; where r is rounded, Σ Jᵀ r is given.
-template <int D, class T>
-void schur_diagonal(const StoredJacobian& jacobian,
-                    int begin,
-                    int end,
-                    const int* point,
-                    const PointFactor* factors,
-                    const double* gradient,
-                    double* diagonal,
-                    double* rhs) {
-  const Stored<D, T> stored(jacobian);
+template <int D, class T, bool kOnGrid>
+void sum_diagonal(const DiagonalSum& in) {
+  const Stored<D, T> stored(in.jacobian);
   Block<D> block;
   set_zero(block);
-  Row<D> sum;
+  Row<D> sum, rest, middles;
   set_zero(sum);
-  const bool rounded = gradient != nullptr;
-  if (rounded) load_row(gradient, sum);
-  for (long a = begin; a < end; ++a) {
+  set_zero(rest);
+  if constexpr (kOnGrid) middles = middles_of<D>(in.grid);
+  const bool rounded = in.gradient != nullptr;
+  if (rounded) load_row(in.gradient, sum);
+  if (rounded && in.compensated_gradient) load_row(in.gradient + D, rest);
+  const auto add_to_rhs = [&](const Row<D>& row, double s) {
+    if constexpr (kOnGrid) {
+      add_compensated_scaled(sum, rest, row, s);
+    } else {
+      add_scaled(sum, row, s);
+    }
+  };
+  for (long a = in.begin; a < in.end; ++a) {
     const Widened<D, T> j(stored.j(a));
     const PointRecordOf<T>& record = stored.record(a);
-    const PointFactor& m = factors[point[a]];
+    const PointFactor& m = in.factors[in.point[a]];
     double g[6];
     whiten(record, m, g);
     const Rows<D> rows(j.numbers);
     const double cross = -dot3(g, g + 3);
-    Row<D> weighted;
-    rows.combine(1.0 - dot3(g, g), cross, weighted);
-    add_outer(block, weighted, j.numbers);
-    rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted);
-    add_outer(block, weighted, j.numbers + D);
+    Row<D> weighted[2];
+    rows.combine(1.0 - dot3(g, g), cross, weighted[0]);
+    rows.combine(cross, 1.0 - dot3(g + 3, g + 3), weighted[1]);
+    if constexpr (kOnGrid) {
+      add_outer_on_grid(block, weighted, j.numbers, middles, in.grid);
+    } else {
+      add_outer(block, weighted[0], j.numbers);
+      add_outer(block, weighted[1], j.numbers + D);
+    }
     const double u = rounded ? 0.0 : record.row[0].residual;
     const double v = rounded ? 0.0 : record.row[1].residual;
-    add_scaled(sum, rows.first, u - dot3(g, m.y));
-    add_scaled(sum, rows.second, v - dot3(g + 3, m.y));
+    add_to_rhs(rows.first, u - dot3(g, m.y));
+    add_to_rhs(rows.second, v - dot3(g + 3, m.y));
   }
-  store_block(block, diagonal);
-  store_row(rhs, sum);
+  if constexpr (kOnGrid) store_row(in.rhs + D, rest);
+  store_block(block, in.diagonal);
+  store_row(in.rhs, sum);
+}
+
+template <int D, class T>
+void schur_diagonal(const DiagonalSum& in) {
+  in.grid == nullptr ? sum_diagonal<D, T, false>(in) : sum_diagonal<D, T, true>(in);
 }
 
 // Prefetches the observations that share the point of observation a. They lie anywhere in memory,
@@ -189,25 +224,24 @@ void schur_product(const StoredJacobian& jacobian,
 }
 
 template <int D, class T>
-double curvature(const StoredJacobian& jacobian,
-                 int begin,
-                 int end,
-                 const int* point,
-                 const double* shifts,
-                 const double* x) {
+void curvature(const StoredJacobian& jacobian,
+               int begin,
+               int end,
+               const int* point,
+               const double* shifts,
+               const double* x,
+               CompensatedSum& sum) {
   const Stored<D, T> stored(jacobian);
   Row<D> step;
   load_row(x, step);
-  double sum = 0.0;
   for (long a = begin; a < end; ++a) {
     const Rows<D> rows(stored.j(a));
     const auto& row = stored.record(a).row;
     const double* t = shifts + 3L * point[a];
     const double u = dot(rows.first, step) + dot3(t, row[0].by_point);
     const double v = dot(rows.second, step) + dot3(t, row[1].by_point);
-    sum += u * u + v * v;
+    sfmcpp::add_compensated(sum.sum, sum.rest, u * u + v * v);
   }
-  return sum;
 }
 
 template <class T>
@@ -271,6 +305,7 @@ constexpr auto sum_of_pairs() -> void (*)(const PairSums&) {
 template <int D, class T>
 SchurKernels kernels() {
   return {.camera_gradient = &camera_gradient<D>,
+          .compensated_gradient = &compensated_gradient<D>,
           .schur_row = &schur_row<D, T>,
           .sum_pairs = sum_of_pairs<D, T>(),
           .round_jacobian = &round_jacobian<D, T>,

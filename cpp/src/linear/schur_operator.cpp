@@ -26,7 +26,7 @@ class ImplicitSchur final : public SchurOperator {
     return touched;
   }
 
-  void add_product(const std::vector<double>& x, std::vector<double>& out) override {
+  void add_product(const std::vector<double>& x, ProductSums& out) override {
     const ObservationGraph& graph = normal_.graph();
     const long size = normal_.map().camera_size;
     shifts_.resize(3 * static_cast<std::size_t>(graph.num_points));
@@ -44,7 +44,7 @@ class ImplicitSchur final : public SchurOperator {
                                       elimination_.expanded(c.camera),
                                       sum);
     });
-    normal_.fold_chunks(chunk_sums_.data(), size, out.data());
+    normal_.fold_chunks(chunk_sums_.data(), size, out.coarse.data());
   }
 
  private:
@@ -105,9 +105,12 @@ BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
   const auto cameras = static_cast<std::size_t>(normal.graph().num_cameras);
   blocks_.resize(size * size * (static_cast<std::size_t>(pattern_.num_blocks()) - cameras));
-  sums_.resize(numbers_of(tasks_));
-  x_.resize(size * cameras);
-  out_.resize(size * cameras);
+  for (Sums* sums : {&sums_, &out_}) {
+    const std::size_t numbers = sums == &out_ ? size * cameras : numbers_of(tasks_);
+    sums->coarse.resize(numbers);
+    sums->fine.resize(numbers);
+  }
+  x_.assign(size * cameras, 0.0);  // stays zero where this rank touches no camera
   rows_.resize(normal.pool().num_threads());
 }
 
@@ -145,12 +148,14 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
   for (int count = kMostTasks;; count /= 2) {
     std::vector<RowTask> tasks =
         cut_rows(std::max(pattern_.num_blocks() / count + 1, kLeastBlocksPerTask));
-    const double of_sums = 2 * sizeof(double) * static_cast<double>(numbers_of(tasks));
+    const double of_sums = 4 * sizeof(double) * static_cast<double>(numbers_of(tasks));
     if (count == kFewestTasks || of_sums < kMostOfSums * bytes) return tasks;
   }
 }
 
 void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
+  grid_.set(normal_);
+  schur_rows_.sum_on(grid_);
   schur_rows_.exchange();
   normal_.pool().parallel_for_worker(pattern_.num_rows(),
                                      [&](int i, int worker) { form_row(i, worker, diagonal); });
@@ -163,13 +168,16 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   const auto num_blocks = static_cast<long>(columns_of_row(i).size());
   AlignedVector<double>& row = rows_[worker];
   row.resize(static_cast<std::size_t>(area() * num_blocks));
-  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
+  double rhs[2 * kMaxCameraSize];
+  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), rhs);
+  const int size = normal_.map().camera_size;
+  for (int k = 0; k < size; ++k) diagonal.camera_rhs(i)[k] = rhs[k] + rhs[size + k];
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
   for (long k = 0; k < num_blocks; ++k)
     kernels_.round(row.data() + area() * k, rounded + area() * k);
 }
 
-void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<double>& out) {
+void BlockSparseSchur::add_product(const std::vector<double>& x, ProductSums& out) {
   const ParameterMap& map = normal_.map();
   const long size = map.camera_size;
   normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
@@ -177,19 +185,27 @@ void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<dou
       if (touched_[i]) map.expand(x.data(), static_cast<int>(i), x_.data() + size * i);
     }
   });
+  product_grid_.set(normal_, grid_, x_.data());
   normal_.pool().parallel_for(static_cast<int>(tasks_.size()),
                               [&](int task) { multiply_rows(tasks_[task]); });
   normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
     add_up(static_cast<int>(i), static_cast<int>(end));
   });
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
-    if (touched_[i]) normal_.fold(out_.data() + size * i, i, columns, out.data());
+    if (!touched_[i]) return;
+    normal_.fold(out_.coarse.data() + size * i, i, columns, out.coarse.data());
+    normal_.fold(out_.fine.data() + size * i, i, columns, out.fine.data());
   });
 }
 
 void BlockSparseSchur::multiply_rows(const RowTask& task) {
-  double* sums = sums_.data() + task.first;
-  std::fill_n(sums, static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin), 0.0);
+  const long numbers = static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin);
+  const GridOfSums sums{.middles = product_grid_.middles.data(),
+                        .finer = product_grid_.finer,
+                        .coarse = sums_.coarse.data() + task.first,
+                        .fine = sums_.fine.data() + task.first};
+  std::fill_n(sums.coarse, numbers, 0.0);
+  std::fill_n(sums.fine, numbers, 0.0);
   for (int i = task.begin; i < task.end; ++i) {
     const std::span<const int> columns = columns_of_row(i);
     kernels_.add_row(static_cast<int>(columns.size()),
@@ -202,19 +218,34 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
   }
 }
 
-// The diagonal blocks, and the sums of the tasks in their order, for the cameras [begin, end).
+// The diagonal blocks, and the sums of the tasks, for the cameras [begin, end).
 void BlockSparseSchur::add_up(int begin, int end) {
   const long size = normal_.map().camera_size;
-  std::fill(out_.begin() + size * begin, out_.begin() + size * end, 0.0);
+  std::fill(out_.coarse.begin() + size * begin, out_.coarse.begin() + size * end, 0.0);
+  std::fill(out_.fine.begin() + size * begin, out_.fine.begin() + size * end, 0.0);
   for (int i = begin; i < end; ++i) {
-    if (touched_[i])
-      kernels_.add_block(diagonal_block(i), x_.data() + size * i, out_.data() + size * i);
+    if (touched_[i]) add_diagonal_block(i);
   }
   for (const RowTask& task : tasks_) {
     const long from = std::max(begin, task.begin), to = std::min(end, task.reach);
-    const double* sums = sums_.data() + task.first + size * (from - task.begin);
-    for (long k = 0; k < size * (to - from); ++k) out_[size * from + k] += sums[k];
+    const auto first = task.first + static_cast<std::size_t>(size * (from - task.begin));
+    for (long k = 0; k < size * (to - from); ++k) {
+      out_.coarse[size * from + k] += sums_.coarse[first + k];
+      out_.fine[size * from + k] += sums_.fine[first + k];
+    }
   }
+}
+
+void BlockSparseSchur::add_diagonal_block(int i) {
+  const long size = normal_.map().camera_size, first = size * i;
+  double product[kMaxCameraSize] = {};
+  kernels_.add_block(diagonal_block(i), x_.data() + first, product);
+  for (long k = 0; k < size; ++k)
+    add_on_grids(product[k],
+                 product_grid_.middles[first + k],
+                 product_grid_.finer,
+                 out_.coarse[first + k],
+                 out_.fine[first + k]);
 }
 
 namespace {
@@ -250,12 +281,12 @@ DistributedProduct::DistributedProduct(const NormalEquations& normal,
 
 void DistributedProduct::apply(const Vector& diagonal, const Vector& x, Vector& out) {
   const Vector& whole_x = columns_.with_ghosts(x);
-  whole_.resize(whole_x.size());
-  for (std::size_t k = 0; k < whole_.size(); ++k)
-    whole_[k] = columns_.is_own(k) ? diagonal[k] * whole_x[k] : 0.0;
-  schur_.add_product(whole_x, whole_);
-  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, whole_);
-  columns_.sum_ghosts(whole_, out);
+  sums_.set_zero(whole_x.size());
+  schur_.add_product(whole_x, sums_);
+  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, sums_.fine);
+  columns_.sum_ghosts(sums_, out);
+  columns_.take(diagonal, own_diagonal_);
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] += own_diagonal_[k] * x[k];
 }
 
 }  // namespace sfmcpp::linear

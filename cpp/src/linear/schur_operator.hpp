@@ -10,6 +10,7 @@
 #include "sfmcpp/linear/block_product_kernels.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
+#include "sfmcpp/linear/sum_grid.hpp"
 
 namespace sfmcpp::linear {
 
@@ -19,8 +20,9 @@ class SchurOperator {
   // For the factors that the elimination of the points has now: the diagonal blocks and the
   // right-hand side (CameraBlockDiagonal), and whatever the product needs.
   virtual void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) = 0;
-  // out += Pᵀ S P x of what this rank has of S; neither B of camera_terms.hpp nor λD.
-  virtual void add_product(const std::vector<double>& x, std::vector<double>& out) = 0;
+  // out += Pᵀ S P x of what this rank has of S, the sum of both parts; neither B of
+  // camera_terms.hpp nor λD.
+  virtual void add_product(const std::vector<double>& x, ProductSums& out) = 0;
   // Whether the product reads or adds to columns of each camera.
   virtual std::vector<char> touched_cameras() const = 0;
   // Whether entries of S are rounded to single precision.
@@ -44,7 +46,7 @@ class BlockSparseSchur final : public SchurOperator {
 
   // A row is formed in double precision and rounded when it is complete.
   void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;
-  void add_product(const std::vector<double>& x, std::vector<double>& out) override;
+  void add_product(const std::vector<double>& x, ProductSums& out) override;
   bool is_rounded() const override { return true; }
   std::vector<char> touched_cameras() const override { return touched_; }
 
@@ -69,6 +71,9 @@ class BlockSparseSchur final : public SchurOperator {
     int reach;          // one behind the last camera
     std::size_t first;  // of its sums, those of camera `begin`, in numbers
   };
+  struct Sums {
+    AlignedVector<double> coarse, fine;  // on both grids
+  };
   long area() const {
     return static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   }
@@ -78,6 +83,7 @@ class BlockSparseSchur final : public SchurOperator {
   void form_row(int i, int worker, CameraBlockDiagonal& diagonal);
   void multiply_rows(const RowTask& task);
   void add_up(int begin, int end);
+  void add_diagonal_block(int i);
 
   const NormalEquations& normal_;
   DistributedSchurRows schur_rows_;
@@ -85,10 +91,13 @@ class BlockSparseSchur final : public SchurOperator {
   std::vector<char> touched_;  // camera
   BlockProductKernels kernels_;
   std::vector<RowTask> tasks_;
-  AlignedVector<float> blocks_;              // above the diagonal, row after row
-  const double* diagonal_ = nullptr;         // of every camera
-  AlignedVector<double> sums_;               // of the tasks
-  AlignedVector<double> x_, out_;            // camera blocks
+  AlignedVector<float> blocks_;       // above the diagonal, row after row
+  const double* diagonal_ = nullptr;  // of every camera
+  SumGrid grid_;
+  ProductGrid product_grid_;
+  Sums sums_;                                // of the tasks
+  AlignedVector<double> x_;                  // camera blocks
+  Sums out_;                                 // likewise
   std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of one row
 };
 
@@ -111,7 +120,8 @@ class DistributedProduct {
   SchurOperator& schur_;
   std::vector<char> is_own_;  // camera
   ColumnPartition columns_;
-  Vector whole_;
+  ProductSums sums_;
+  Vector own_diagonal_;
 };
 
 }  // namespace sfmcpp::linear

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 
 namespace sfmcpp::linear {
@@ -97,25 +98,47 @@ void SchurRows::form(int i, int worker, double* diagonal, double* blocks, double
   const SchurKernels& kernels = normal_.kernels();
   Scratch& scratch = scratch_[worker];
   number_blocks(pattern_, i, -1, scratch.block_of_camera);
-  kernels.schur_diagonal(normal_.jacobian(),
-                         graph.camera_begin[i],
-                         graph.camera_begin[i + 1],
-                         graph.point.data(),
-                         elimination_.factors(),
-                         normal_.unrounded_gradient(i),
-                         diagonal,
-                         rhs);
+  kernels.schur_diagonal({.begin = graph.camera_begin[i],
+                          .end = graph.camera_begin[i + 1],
+                          .point = graph.point.data(),
+                          .jacobian = normal_.jacobian(),
+                          .factors = elimination_.factors(),
+                          .gradient = normal_.unrounded_gradient(i),
+                          .diagonal = diagonal,
+                          .rhs = rhs,
+                          .grid = grid_ ? grid_->of_camera(i) : nullptr,
+                          .compensated_gradient = normal_.is_compensated()});
   const long size = normal_.map().camera_size;
   std::fill_n(blocks, num_blocks_behind(i) * size * size, 0.0);
   if (!pairs_.empty()) return add_kept_pairs(i, scratch, blocks);
   if (kernels.sum_pairs != nullptr) return add_pairs_in_parts(i, scratch, blocks);
-  kernels.schur_row({.graph = graph.view(),
-                     .begin = graph.camera_begin[i],
-                     .end = graph.camera_begin[i + 1],
-                     .jacobian = normal_.jacobian(),
-                     .factors = elimination_.factors(),
-                     .block_of_camera = scratch.block_of_camera.data(),
-                     .blocks = blocks});
+  if (grid_) lift(i, 1.0, blocks);
+  add_row(i, scratch, blocks);
+  if (grid_) lift(i, -1.0, blocks);
+}
+
+void SchurRows::add_row(int i, const Scratch& scratch, double* blocks) const {
+  const ObservationGraph& graph = normal_.graph();
+  normal_.kernels().schur_row({.graph = graph.view(),
+                               .begin = graph.camera_begin[i],
+                               .end = graph.camera_begin[i + 1],
+                               .jacobian = normal_.jacobian(),
+                               .factors = elimination_.factors(),
+                               .block_of_camera = scratch.block_of_camera.data(),
+                               .blocks = blocks});
+}
+
+// Onto the grid, or with sign −1 back.
+void SchurRows::lift(int i, double sign, double* blocks) const {
+  const int size = normal_.map().camera_size;
+  const double* of_row = grid_->of_camera(i);
+  for (int k = 0; k < num_blocks_behind(i); ++k, blocks += static_cast<long>(size) * size) {
+    const double* of_column = grid_->of_camera(columns_behind(i)[k]);
+    for (int r = 0; r < size; ++r) {
+      for (int c = 0; c < size; ++c)
+        blocks[panel_index(size, r, c)] += sign * 1.5 * of_row[r] * of_column[c];
+    }
+  }
 }
 
 int SchurRows::num_blocks_behind(int i) const {
@@ -123,7 +146,8 @@ int SchurRows::num_blocks_behind(int i) const {
 }
 
 void SchurRows::add_kept_pairs(int i, Scratch& scratch, double* blocks) const {
-  add_pairs({.begin = normal_.graph().camera_begin[i],
+  add_pairs(i,
+            {.begin = normal_.graph().camera_begin[i],
              .end = normal_.graph().camera_begin[i + 1],
              .pairs = pairs_.pairs(),
              .pair_begin = pairs_.begin_of_row(pattern_.row_begin[i]),
@@ -138,7 +162,8 @@ void SchurRows::add_pairs_in_parts(int i, Scratch& scratch, double* blocks) cons
   while (begin < graph.camera_begin[i + 1]) {
     const int end = find_part(begin, graph.camera_begin[i + 1], scratch);
     sort_part(num_blocks_behind(i), scratch);
-    add_pairs({.begin = begin,
+    add_pairs(i,
+              {.begin = begin,
                .end = end,
                .pairs = scratch.pairs.data(),
                .pair_begin = scratch.pair_begin.data(),
@@ -171,7 +196,12 @@ void SchurRows::sort_part(int num_blocks, Scratch& scratch) {
   for (const FoundPair& found : scratch.found) scratch.pairs[begin[found.block + 1]++] = found.pair;
 }
 
-void SchurRows::add_pairs(PairSums sums, Scratch& scratch) const {
+void SchurRows::add_pairs(int i, PairSums sums, Scratch& scratch) const {
+  if (grid_) {
+    sums.grid = grid_->powers();
+    sums.grid_of_row = grid_->of_camera(i);
+    sums.columns = columns_behind(i);
+  }
   sums.point = normal_.graph().point.data();
   sums.jacobian = normal_.jacobian();
   sums.factors = elimination_.factors();

@@ -7,12 +7,10 @@
 namespace sfmcpp::linear {
 namespace {
 
-double dot(ThreadPool& pool, const Vector& a, const Vector& metric, const Vector& b) {
+CompensatedSum dot(ThreadPool& pool, const Vector& a, const Vector& metric, const Vector& b) {
   const auto size = static_cast<long>(a.size());
   return pool.sum_of_parts(size, kNumbersPerTask, [&](long begin, long end) {
-    double sum = 0.0;
-    for (long k = begin; k < end; ++k) sum += a[k] * metric[k] * b[k];
-    return sum;
+    return compensated_sum(begin, end, [&](long k) { return a[k] * metric[k] * b[k]; });
   });
 }
 
@@ -37,12 +35,12 @@ Vector of_points(const NormalEquations& normal, const F& value) {
 }  // namespace
 
 double dot(const NormalEquations& normal, const Step& a, const Step& b) {
-  return dot(normal.pool(), a.camera, b.camera) +
+  return dot(normal.pool(), a.camera, b.camera).value() +
          normal.exchange().sum(dot(normal.pool(), a.point, b.point));
 }
 
 double dot(const NormalEquations& normal, const Step& a, const Step& metric, const Step& b) {
-  return dot(normal.pool(), a.camera, metric.camera, b.camera) +
+  return dot(normal.pool(), a.camera, metric.camera, b.camera).value() +
          normal.exchange().sum(dot(normal.pool(), a.point, metric.point, b.point));
 }
 

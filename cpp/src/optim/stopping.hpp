@@ -139,8 +139,8 @@ inline bool kept_its_promise(double decrease, double promised, double negligible
 // Norm of all unknowns, over all ranks.
 inline double norm(const State& state, const linear::NormalEquations& normal) {
   ThreadPool& pool = normal.pool();
-  return std::sqrt(linear::squared_norm(pool, state.cameras) +
-                   linear::squared_norm(pool, state.intrinsics) +
+  return std::sqrt(linear::squared_norm(pool, state.cameras).value() +
+                   linear::squared_norm(pool, state.intrinsics).value() +
                    normal.exchange().sum(linear::squared_norm(pool, state.points)));
 }
 

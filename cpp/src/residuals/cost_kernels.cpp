@@ -31,35 +31,39 @@ SFMCPP_INLINE PackCost pack_cost(const ObservationBatch& batch, int first) {
 // Sums stay in the lanes until the end of the batch: no addition waits for another lane's.
 template <class Camera>
 BatchCost cost(const ObservationBatch& batch) {
-  Real squares(0.0), behind(0.0);
+  Real squares(0.0), rests(0.0), behind(0.0);
   int first = 0;
   for (; first + kLanes <= batch.count; first += kLanes) {
     const PackCost pack = pack_cost<Camera>(batch, first);
-    squares += pack.squares;
+    add_compensated(squares, rests, pack.squares);
     behind += pack.behind;
   }
   if (first < batch.count) {
     const PackCost pack = pack_cost<Camera>(batch, first);
     const Real zero(0.0), left = lanes_in_batch(batch, first);
-    squares += select_less(zero, left, pack.squares, zero);
+    add_compensated(squares, rests, select_less(zero, left, pack.squares, zero));
     behind += select_less(zero, left, pack.behind, zero);
   }
-  return {sum_of_lanes(squares), sum_of_lanes(behind)};
+  BatchCost result{.squares = {}, .behind_camera = sum_of_lanes(behind)};
+  store(result.squares.sums, squares);
+  store(result.squares.rests, rests);
+  return result;
 }
 
 constexpr int kRecord = 8, kResidualU = 3, kResidualV = 7;  // numbers; see JacobianOutput
 
-void add_squares(int count, const double* records, double* lanes) {
-  Real sums = load<kLanes>(lanes);
+void add_squares(int count, const double* records, SumOfSquares& sum) {
+  Real sums = load<kLanes>(sum.sums), rests = load<kLanes>(sum.rests);
   for (int first = 0; first < count; first += kLanes) {
     Real ru(0.0), rv(0.0);
     for (int lane = 0; lane < kLanes && first + lane < count; ++lane) {
       ru.v[lane] = records[kRecord * (first + lane) + kResidualU];
       rv.v[lane] = records[kRecord * (first + lane) + kResidualV];
     }
-    sums += squared(ru, rv);
+    add_compensated(sums, rests, squared(ru, rv));
   }
-  store(lanes, sums);
+  store(sum.sums, sums);
+  store(sum.rests, rests);
 }
 
 }  // namespace

@@ -15,12 +15,10 @@ CostKernels cost_kernels(const CameraModel& model) {
   return SFMCPP_FOR_ACTIVE_ISA(cost_kernels_for(model.compiled()));
 }
 
-// Halves first, as the kernels add the lanes of a pack; lanes that it does not have are zero.
-double sum_of_cost_lanes(const double* lanes) {
-  static_assert(kCostLanes == 8);
-  const double quarters[] = {
-      lanes[0] + lanes[4], lanes[1] + lanes[5], lanes[2] + lanes[6], lanes[3] + lanes[7]};
-  return (quarters[0] + quarters[2]) + (quarters[1] + quarters[3]);
+CompensatedSum SumOfSquares::total() const {
+  CompensatedSum total;
+  for (int lane = 0; lane < kCostLanes; ++lane) total += CompensatedSum(sums[lane], rests[lane]);
+  return total;
 }
 
 AlgebraicKernel algebraic_kernel(const CameraModel& model) {

@@ -47,6 +47,17 @@ class ThreadedExchange final : public Exchange {
       }
     });
   }
+  void sum(std::span<CompensatedSum> values) override {
+    const std::span<double> numbers{reinterpret_cast<double*>(values.data()), 2 * values.size()};
+    meet(Call::kSum, numbers, [&] {
+      check_sizes(numbers.size());
+      for (std::size_t k = 0; k < values.size(); ++k) {
+        values[k] = {};
+        for (const auto& theirs : room_.brought)
+          values[k] += CompensatedSum(theirs[2 * k], theirs[2 * k + 1]);
+      }
+    });
+  }
   void max(std::span<double> values) override {
     meet(Call::kMax, values, [&] {
       check_sizes(values.size());

@@ -21,7 +21,8 @@ namespace sfmcpp::ba {
 class BundleModel final : public optim::LeastSquaresModel {
  public:
   // The references must outlive the model, the constraints of the problem too. `rows`: on points,
-  // which the map knows. `free_intrinsics` as in mask.hpp; `stored`: how the Jacobian is, not auto.
+  // which the map knows. `free_intrinsics` as in mask.hpp; `stored`: how the Jacobian is, not auto;
+  // `compensated`: see normal_equations.hpp.
   BundleModel(const Problem& problem,
               const linear::ObservationGraph& graph,
               PointRows& rows,
@@ -29,7 +30,8 @@ class BundleModel final : public optim::LeastSquaresModel {
               std::vector<int> free_intrinsics,
               ThreadPool& pool,
               Exchange& exchange = this_process(),
-              linear::Precision stored = linear::Precision::kDouble);
+              linear::Precision stored = linear::Precision::kDouble,
+              bool compensated = false);
   BundleModel(const BundleModel&) = delete;
   BundleModel& operator=(const BundleModel&) = delete;
 
@@ -74,7 +76,7 @@ class BundleModel final : public optim::LeastSquaresModel {
  private:
   void make_room_for_weights();
   residuals::JacobianOutput jacobian_output(double* camera, double* point) const;
-  ImageFit linearize_chunk(const optim::State& state, int chunk);
+  ChunkFit linearize_chunk(const optim::State& state, int chunk);
   int linearize_part(const optim::State& state,
                      const linear::Chunk& part,
                      double* jacobian,
@@ -82,7 +84,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   void apply_loss(const linear::Chunk& part,
                   double* jacobian,
                   linear::PointRecord* records,
-                  double& cost);
+                  CompensatedSum& cost);
   // Of a robust loss, in stored order, where linearised last; else empty.
   std::span<const double> weights() const;
   double chunk_slope(const optim::State& state, const linear::Step& step, int chunk) const;

@@ -15,23 +15,24 @@ namespace sfmcpp::ba {
 class HeldPoints {
  public:
   // The references must outlive this object. `movable`: per point, whether it is one of these.
-  HeldPoints(const ImageResiduals& images, const std::vector<char>& movable)
-      : images_(images), movable_(movable) {}
+  // `by_camera`: whether growth() is of cameras, whose points any rank may have, or of chunks.
+  HeldPoints(const ImageResiduals& images, const std::vector<char>& movable, bool by_camera)
+      : images_(images), movable_(movable), by_camera_(by_camera) {}
 
   // Where the costs of the chunks are to be written: at the state where a step starts, and at its
   // candidate.
   std::vector<double>* at_start() { return &start_; }
   std::vector<double>* at_candidate() { return &candidate_; }
 
-  // What the chunks that cost more at the candidate cost more there, over all ranks: most points
-  // that matter show in it, without a look at any observation.
+  // What the chunks (or cameras) that cost more at the candidate cost more there, over all ranks:
+  // most points that matter show in it, without a look at any observation.
   double growth() const;
   // Draws back points of `candidate` that cost more there than at `start`; how many, over all
   // ranks. Of observations that make a ten-thousandth of the growth each: the others do not matter.
   long hold_back(const optim::State& start, optim::State& candidate) const;
 
  private:
-  double growth_of(int chunk) const;
+  double growth_of_cameras() const;
   std::vector<int> suspects(const optim::State& start, const optim::State& candidate) const;
   void suspect(const optim::State& start,
                const optim::State& candidate,
@@ -43,6 +44,7 @@ class HeldPoints {
 
   const ImageResiduals& images_;
   const std::vector<char>& movable_;
+  bool by_camera_;
   std::vector<double> start_, candidate_;  // of each chunk
 };
 

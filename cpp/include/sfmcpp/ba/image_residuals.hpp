@@ -27,6 +27,13 @@ struct ImageFit {
   double rms() const;  // sqrt(Σ‖r‖² / 2M), thesis eq. 3.27
 };
 
+// The same of one chunk; the cost is twice that.
+struct ChunkFit {
+  CompensatedSum cost;
+  CompensatedSum sum_of_squares;
+  double behind_camera = 0.0;
+};
+
 class ImageResiduals {
  public:
   // The references must outlive this object.
@@ -47,11 +54,11 @@ class ImageResiduals {
   // `of_chunk(c)` fits chunk c: their sum.
   template <class F>
   ImageFit sum_over_chunks(const F& of_chunk, std::vector<double>* costs = nullptr) const {
-    std::vector<ImageFit> fits(graph_.chunks.size());
+    std::vector<ChunkFit> fits(graph_.chunks.size());
     pool_.parallel_for(static_cast<int>(fits.size()), [&](int c) { fits[c] = of_chunk(c); });
     if (costs != nullptr) {
       costs->resize(fits.size());
-      for (std::size_t c = 0; c < fits.size(); ++c) (*costs)[c] = fits[c].cost;
+      for (std::size_t c = 0; c < fits.size(); ++c) (*costs)[c] = fits[c].cost.value();
     }
     return total(fits);
   }
@@ -76,11 +83,7 @@ class ImageResiduals {
                 const residuals::JacobianOutput& out) const;
   // Adds ‖r‖² of records that linearize() wrote, in the order in which fit() does: call it part by
   // part of a chunk, with the same sums.
-  struct Squares {
-    double lanes[residuals::kCostLanes] = {};
-    double sum() const { return residuals::sum_of_cost_lanes(lanes); }
-  };
-  void add_squares(int count, const double* records, Squares& squares) const;
+  void add_squares(int count, const double* records, residuals::SumOfSquares& squares) const;
   // In stored order, readable beyond the end: observed pixels.
   const AlignedVector<double>& u() const { return u_; }
   const AlignedVector<double>& v() const { return v_; }
@@ -102,8 +105,8 @@ class ImageResiduals {
                    double* rv) const;
   void copy_pixels();
   bool is_plain() const { return !is_robust() && whiteners_.shear.empty() && !function_images_; }
-  ImageFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
-  ImageFit total(const std::vector<ImageFit>& fits) const;
+  ChunkFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
+  ImageFit total(const std::vector<ChunkFit>& fits) const;
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;

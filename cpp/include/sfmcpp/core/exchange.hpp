@@ -15,6 +15,8 @@
 #include <span>
 #include <vector>
 
+#include "sfmcpp/core/compensated_sum.hpp"
+
 namespace sfmcpp {
 
 class Exchange {
@@ -28,6 +30,8 @@ class Exchange {
 
   // In place, over the ranks and in their order: the same bits on every rank.
   virtual void sum(std::span<double> values) = 0;
+  // The same bits for every number of ranks, too.
+  virtual void sum(std::span<CompensatedSum> values) = 0;
   virtual void max(std::span<double> values) = 0;
   // The values of all ranks, rank after rank; each may bring another number of them.
   virtual std::vector<double> gather(std::span<const double> values) = 0;
@@ -48,6 +52,10 @@ class Exchange {
   double sum(double value) {
     sum(std::span(&value, 1));
     return value;
+  }
+  double sum(CompensatedSum value) {
+    sum(std::span(&value, 1));
+    return value.value();
   }
   double max(double value) {
     max(std::span(&value, 1));

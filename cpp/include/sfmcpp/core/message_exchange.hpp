@@ -42,7 +42,8 @@ class MessageExchange final : public Exchange {
   using Exchange::sum;
   int rank() const override { return transport_.rank(); }
   int num_ranks() const override { return transport_.num_ranks(); }
-  void sum(std::span<double> values) override;
+  void sum(std::span<double> values) override { sum_of(values, 1); }
+  void sum(std::span<CompensatedSum> values) override;
   void max(std::span<double> values) override;
   std::vector<double> gather(std::span<const double> values) override;
   void deliver(std::span<const double> values,
@@ -54,8 +55,10 @@ class MessageExchange final : public Exchange {
   const Traffic& traffic() const { return traffic_; }
 
  private:
-  void sum_few(std::span<double> values);
-  void sum_many(std::span<double> values);
+  // Of terms of so many numbers: of two, they are compensated sums.
+  void sum_of(std::span<double> values, std::size_t width);
+  void sum_few(std::span<double> values, std::size_t width);
+  void sum_many(std::span<double> values, std::size_t width);
   // `all_` has those of every rank then.
   void all_gather(std::span<const double> mine);
   // `received_` has what each rank has for this one in `mine_` then.

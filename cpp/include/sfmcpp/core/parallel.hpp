@@ -18,6 +18,7 @@
 #include <thread>
 #include <vector>
 
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 
 namespace sfmcpp {
@@ -71,16 +72,16 @@ class ThreadPool {
   }
   static int num_parts(long size, long part) { return static_cast<int>((size + part - 1) / part); }
 
-  // Sum of f(task) over the tasks, added in the order of the tasks.
+  // Sum of f(task), a number or a sum, over the tasks, added in the order of the tasks.
   template <class F>
-  double sum(int count, const F& f) {
-    double total = 0.0;
-    for (double value : results(count, f)) total += value;
+  CompensatedSum sum(int count, const F& f) {
+    CompensatedSum total;
+    for (const CompensatedSum& part : results(sums_, count, f)) total += part;
     return total;
   }
   // The same with f(begin, end) over consecutive parts of [0, size).
   template <class F>
-  double sum_of_parts(long size, long part, const F& f) {
+  CompensatedSum sum_of_parts(long size, long part, const F& f) {
     return sum(num_parts(size, part),
                [&](int task) { return f(task * part, std::min((task + 1) * part, size)); });
   }
@@ -88,16 +89,16 @@ class ThreadPool {
   template <class F>
   double max(int count, const F& f) {
     double largest = 0.0;
-    for (double value : results(count, f)) largest = std::max(largest, value);
+    for (double value : results(numbers_, count, f)) largest = std::max(largest, value);
     return largest;
   }
 
  private:
-  template <class F>
-  const std::vector<double>& results(int count, const F& f) {
-    results_.resize(static_cast<std::size_t>(count));
-    parallel_for(count, [&](int task) { results_[static_cast<std::size_t>(task)] = f(task); });
-    return results_;
+  template <class T, class F>
+  const std::vector<T>& results(std::vector<T>& values, int count, const F& f) {
+    values.resize(static_cast<std::size_t>(count));
+    parallel_for(count, [&](int task) { values[static_cast<std::size_t>(task)] = f(task); });
+    return values;
   }
 
   struct Job {
@@ -139,7 +140,8 @@ class ThreadPool {
   std::exception_ptr failure_;  // of the job, if it has failed
   StopWatcher* watcher_ = nullptr;
   std::atomic<bool> stopping_{false};
-  std::vector<double> results_;
+  std::vector<double> numbers_;  // of the tasks of a region, as are the sums
+  std::vector<CompensatedSum> sums_;
   std::vector<std::thread> workers_;
 };
 

@@ -46,7 +46,10 @@ class CameraBlockDiagonal {
              const std::vector<int>& blocks) const;
 
  private:
-  void fold_block(int camera, const double* panels, Columns columns);
+  void fold_block(int camera,
+                  const double* panels,
+                  Columns columns,
+                  std::vector<CompensatedSum>& entries) const;
   template <class F>
   void for_each(const std::vector<int>& blocks, const F& f) const;
   int size(int b) const { return map_.block_begin[b + 1] - map_.block_begin[b]; }

@@ -78,13 +78,15 @@ inline constexpr int kCamerasPerTask = 64;
 class NormalEquations {
  public:
   // The references must outlive this object. `camera_pairs`: cameras that other residuals than
-  // observations relate. `stored`: not auto.
+  // observations relate. `stored`: not auto. `compensated`: gradient and diagonal have the same
+  // bits however points are divided among ranks, which conjugate gradients need for theirs.
   NormalEquations(const ObservationGraph& graph,
                   const ParameterMap& map,
                   ThreadPool& pool,
                   CameraPairs camera_pairs = {},
                   Exchange& exchange = this_process(),
-                  Precision stored = Precision::kDouble);
+                  Precision stored = Precision::kDouble,
+                  bool compensated = false);
 
   // Filling: first the Jacobian (schur_kernels.hpp), chunk by chunk, in any order. Of a few
   // observations at a time, write(part, jacobian, records) sets J and A|r in double precision,
@@ -115,13 +117,15 @@ class NormalEquations {
   const CameraModes& camera_modes() const { return camera_modes_; }
 
   Precision precision() const;
+  bool is_compensated() const { return compensated_; }
   // For the kernels.
   StoredJacobian jacobian() const;
   // Σ Jᵀ r of a camera before rounding, for the kernels; null in double precision, where they find
   // it. At a minimum it is a small difference of large numbers: its rounding error would move the
-  // state along the gauge and along other directions that damping alone determines.
+  // state along the gauge and along other directions that damping alone determines. What was
+  // rounded off comes behind it, where sums are compensated.
   const double* unrounded_gradient(int camera) const {
-    return gradients_.empty() ? nullptr : gradients_.data() + long{map_.camera_size} * camera;
+    return gradients_.empty() ? nullptr : gradients_.data() + gradient_size() * camera;
   }
   // J and A|r of an observation. Only where stored in double precision.
   const double* camera_jacobian(int observation) const;
@@ -156,6 +160,15 @@ class NormalEquations {
     for (int i = 0; map_.has_shared_columns && i < graph_.num_cameras; ++i)
       add(i, Columns::kShared);
   }
+  // Calls f(k, column) for those columns of a camera block.
+  template <class F>
+  void for_each_column(int camera, Columns columns, const F& f) const {
+    const int* column = map_.columns_of(camera);
+    for (int k = 0; k < map_.camera_size; ++k) {
+      if (column[k] != kNoColumn && is_shared(column[k]) == (columns == Columns::kShared))
+        f(k, column[k]);
+    }
+  }
   // Adds those columns of a camera block to reduced values (Pᵀ y).
   void fold(const double* block, int camera, Columns columns, double* reduced) const;
   // Σ Pᵀ y over the chunks, with y of each, a camera block, in `blocks`, added.
@@ -182,6 +195,10 @@ class NormalEquations {
   };
 
   void start(int chunk);
+  long gradient_size() const { return (compensated_ ? 2L : 1L) * map_.camera_size; }
+  // A gradient, a diagonal, and what is rounded off of both.
+  long chunk_size() const { return 2 * gradient_size(); }
+  std::vector<double> sum_of_chunks(long first) const;
   void sum_gradients();
   Place place_of(const Chunk& part, Draft& draft);
   void take(const Chunk& part, const double* jacobian, const PointRecord* records, int chunk);
@@ -192,6 +209,7 @@ class NormalEquations {
   const ParameterMap& map_;
   ThreadPool& pool_;
   Exchange& exchange_;
+  bool compensated_;
   SchurKernels kernels_;
   CameraTerms camera_terms_;
   CameraModes camera_modes_;

@@ -14,6 +14,7 @@
 // J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
 
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/precision.hpp"
 
@@ -69,7 +70,8 @@ struct SchurRow {
   double* blocks;              // added to
 };
 
-// The same with the pairs of these observations given, by block.
+// The same with the pairs of these observations given, by block. With a grid (sum_grid.hpp), sums
+// are taken on it.
 struct PairSums {
   int begin = 0, end = 0;  // observations of camera i
   const ObservationPair* pairs = nullptr;
@@ -79,17 +81,36 @@ struct PairSums {
   const int* point = nullptr;  // of every observation
   StoredJacobian jacobian{};
   const PointFactor* factors = nullptr;
-  double* whitened = nullptr;  // kWhitenedNumbers for each observation
+  double* whitened = nullptr;           // kWhitenedNumbers for each observation
+  const double* grid = nullptr;         // of every camera
+  const double* grid_of_row = nullptr;  // of camera i
+  const int* columns = nullptr;         // camera j of each block
+};
+
+// Block (i, i) of S and Σ Jᵀ r̄ of a camera, overwritten.
+struct DiagonalSum {
+  int begin, end;  // observations of camera i
+  const int* point;
+  StoredJacobian jacobian;
+  const PointFactor* factors;
+  const double* gradient;  // Σ Jᵀ r where the stored r is rounded, else null
+  double* diagonal;
+  double* rhs;
+  // Of camera i: sums are taken on it then, and that of the right-hand side is compensated: what is
+  // rounded off comes behind it, as behind the gradient if that is compensated too.
+  const double* grid = nullptr;
+  bool compensated_gradient = false;
 };
 
 // Observations [begin, end) are of one camera; `point` is that of every observation.
 struct SchurKernels {
-  // gradient += Jᵀ r, diagonal += column sums of J∘J, over n observations before they are stored.
-  void (*camera_gradient)(int n,
-                          const double* jacobian,
-                          const PointRecord* records,
-                          double* gradient,
-                          double* diagonal);
+  // Over n observations before they are stored, Jᵀ r and the column sums of J∘J are added to
+  // `sums`; compensated, what is rounded off of both is added behind them.
+  void (*camera_gradient)(int n, const double* jacobian, const PointRecord* records, double* sums);
+  void (*compensated_gradient)(int n,
+                               const double* jacobian,
+                               const PointRecord* records,
+                               double* sums);
   void (*schur_row)(const SchurRow& row);
   // The same by lists of pairs, in a fraction of the time; null where a block does not fit into the
   // registers.
@@ -98,16 +119,7 @@ struct SchurKernels {
   // four numbers each, of which the last means nothing.
   void (*round_jacobian)(int n, const double* jacobian, void* stored);
   void (*round_records)(int n, const PointRecord* records, void* stored, float* lost);
-  // Block (i, i) of S and Σ Jᵀ r̄, overwritten; `gradient` is Σ Jᵀ r where the stored r is rounded,
-  // else null.
-  void (*schur_diagonal)(const StoredJacobian& jacobian,
-                         int begin,
-                         int end,
-                         const int* point,
-                         const PointFactor* factors,
-                         const double* gradient,
-                         double* diagonal,
-                         double* rhs);
+  void (*schur_diagonal)(const DiagonalSum& sum);
   // Σ Gᵀ J x for the points [begin, end), with x of every camera in `steps`, D numbers each.
   void (*point_sums)(const GraphView& graph,
                      int begin,
@@ -124,13 +136,14 @@ struct SchurKernels {
                         const double* shifts,
                         const double* x,
                         double* out);
-  // Σ ‖J x + A t‖², likewise.
-  double (*curvature)(const StoredJacobian& jacobian,
-                      int begin,
-                      int end,
-                      const int* point,
-                      const double* shifts,
-                      const double* x);
+  // sum += Σ ‖J x + A t‖², likewise.
+  void (*curvature)(const StoredJacobian& jacobian,
+                    int begin,
+                    int end,
+                    const int* point,
+                    const double* shifts,
+                    const double* x,
+                    CompensatedSum& sum);
   // Σ Aᵀ h for the points [begin, end), with h of every observation in `residuals`, two numbers
   // each.
   void (*point_gradients)(const GraphView& graph,

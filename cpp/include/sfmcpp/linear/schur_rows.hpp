@@ -7,6 +7,7 @@
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
+#include "sfmcpp/linear/sum_grid.hpp"
 
 namespace sfmcpp::linear {
 
@@ -39,6 +40,9 @@ class SchurRows {
             const PointElimination& elimination,
             const CameraPattern& pattern);
 
+  // From now on sums are taken on this grid, and that of the right-hand side is compensated: what
+  // is rounded off comes behind it. `grid` must outlive this object.
+  void sum_on(const SumGrid& grid) { grid_ = &grid; }
   // Block (i, i), the blocks (i, j), j > i, of the pattern one after the other, and Σ Jᵀ r̄ of
   // camera i, all overwritten, for the factors that the elimination holds.
   void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
@@ -60,16 +64,22 @@ class SchurRows {
   };
 
   int num_blocks_behind(int i) const;
+  const int* columns_behind(int i) const {
+    return pattern_.column.data() + pattern_.row_begin[i] + 1;
+  }
+  void add_row(int i, const Scratch& scratch, double* blocks) const;
+  void lift(int i, double sign, double* blocks) const;
   void add_kept_pairs(int i, Scratch& scratch, double* blocks) const;
   void add_pairs_in_parts(int i, Scratch& scratch, double* blocks) const;
   int find_part(int begin, int last, Scratch& scratch) const;
   static void sort_part(int num_blocks, Scratch& scratch);
   // With all that is alike for all parts.
-  void add_pairs(PairSums sums, Scratch& scratch) const;
+  void add_pairs(int i, PairSums sums, Scratch& scratch) const;
 
   const NormalEquations& normal_;
   const PointElimination& elimination_;
   const CameraPattern& pattern_;
+  const SumGrid* grid_ = nullptr;
   PairLists pairs_;
   std::vector<Scratch> scratch_;
 };

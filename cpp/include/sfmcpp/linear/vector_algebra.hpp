@@ -1,8 +1,8 @@
-// Vectors in fixed parts on the threads of a pool. A product is summed in the order of its terms
-// within a part, and then in the order of the parts: its bits depend on nothing else.
+// Vectors in fixed parts on the threads of a pool. Products are compensated sums: conjugate
+// gradients amplify what is rounded off, and the bits are to be the same however ranks divide the
+// entries.
 #pragma once
 
-#include <numeric>
 #include <vector>
 
 #include <Eigen/Core>
@@ -29,14 +29,29 @@ void for_each_part(ThreadPool& pool, const Vector& x, const F& f) {
   pool.parallel_for_parts(static_cast<long>(x.size()), kNumbersPerTask, f);
 }
 
-inline double dot(ThreadPool& pool, const Vector& a, const Vector& b) {
+// Σ term(k) over [begin, end): as many sums beside each other as keep the processor busy.
+template <class F>
+CompensatedSum compensated_sum(long begin, long end, const F& term) {
+  constexpr int kSums = 8;
+  double sums[kSums] = {}, rests[kSums] = {};
+  long k = begin;
+  for (; k + kSums <= end; k += kSums) {
+    for (int s = 0; s < kSums; ++s) add_compensated(sums[s], rests[s], term(k + s));
+  }
+  for (; k < end; ++k) add_compensated(sums[0], rests[0], term(k));
+  CompensatedSum total;
+  for (int s = 0; s < kSums; ++s) total += CompensatedSum(sums[s], rests[s]);
+  return total;
+}
+
+inline CompensatedSum dot(ThreadPool& pool, const Vector& a, const Vector& b) {
   const auto size = static_cast<long>(a.size());
   return pool.sum_of_parts(size, kNumbersPerTask, [&](long begin, long end) {
-    return std::inner_product(a.begin() + begin, a.begin() + end, b.begin() + begin, 0.0);
+    return compensated_sum(begin, end, [&](long k) { return a[k] * b[k]; });
   });
 }
 
-inline double squared_norm(ThreadPool& pool, const Vector& x) { return dot(pool, x, x); }
+inline CompensatedSum squared_norm(ThreadPool& pool, const Vector& x) { return dot(pool, x, x); }
 
 // y ← y + s x
 inline void add_scaled(ThreadPool& pool, double s, const Vector& x, Vector& y) {

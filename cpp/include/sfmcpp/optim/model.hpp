@@ -30,8 +30,8 @@ class LeastSquaresModel {
   // The norm of all unknowns, over all ranks; steps are compared with it.
   virtual double size(const State& state) const {
     ThreadPool& pool = normal_equations().pool();
-    return std::sqrt(linear::squared_norm(pool, state.cameras) +
-                     linear::squared_norm(pool, state.intrinsics) +
+    return std::sqrt(linear::squared_norm(pool, state.cameras).value() +
+                     linear::squared_norm(pool, state.intrinsics).value() +
                      normal_equations().exchange().sum(linear::squared_norm(pool, state.points)));
   }
 

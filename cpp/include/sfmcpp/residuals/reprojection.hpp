@@ -3,6 +3,7 @@
 #pragma once
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/isa.hpp"
 
 namespace sfmcpp::residuals {
@@ -42,23 +43,27 @@ struct ReprojectionKernels {
 ReprojectionKernels reprojection_kernels(const CameraModel& model);
 
 // Sums over a batch alone, where no residual is asked for.
+// Σ ‖r‖² in compensated parts.
+inline constexpr int kCostLanes = 8;
+struct SumOfSquares {
+  double sums[kCostLanes] = {};
+  double rests[kCostLanes] = {};
+
+  CompensatedSum total() const;
+};
 struct BatchCost {
-  double squares;        // Σ ‖r‖²
+  SumOfSquares squares;
   double behind_camera;  // how many points are not in front of the camera
 };
-// Σ ‖r‖² in parts, as `cost` adds it up before the end.
-inline constexpr int kCostLanes = 8;
 
 struct CostKernels {
   BatchCost (*cost)(const ObservationBatch&);
-  // Adds ‖r‖² of `count` records of a Jacobian (JacobianOutput::point) to kCostLanes sums. A batch
-  // may come in parts, all but the last a multiple of kCostLanes long: sum_of_cost_lanes() has then
-  // the bits of `cost`.
-  void (*add_squares)(int count, const double* records, double* lanes);
+  // Adds ‖r‖² of `count` records of a Jacobian (JacobianOutput::point). A batch may come in parts,
+  // all but the last a multiple of kCostLanes long: the sum has then the bits of `cost`.
+  void (*add_squares)(int count, const double* records, SumOfSquares& sum);
 };
 
 CostKernels cost_kernels(const CameraModel& model);
-double sum_of_cost_lanes(const double* lanes);
 
 // Second derivatives of the projections of the observations of one camera along a step: that of α ↦
 // projection(x ⊞ α δ) at α = 0, times the weight of the residual. Exact, by jets (math/jet.hpp)
