@@ -32,27 +32,11 @@ inline void set_zero(RowSums<D, kFirst, kWidth>& sums) {
   }
 }
 
-// D numbers of one camera, of each array.
-struct Sums {
-  const double* middles;
-  double finer;
-  double* coarse;
-  double* fine;
-
-  Sums(const GridOfSums& all, long of, long of_sum)
-      : middles(all.middles + of),
-        finer(all.finer),
-        coarse(all.coarse + of_sum),
-        fine(all.fine + of_sum) {}
-
-  template <int kWidth>
-  SFMCPP_INLINE void add(int k, Pack<kWidth> x) const {
-    const Pack<kWidth> middle = load<kWidth>(middles + k), second = middle * Pack<kWidth>(finer);
-    const Pack<kWidth> rounded = (x + middle) - middle;
-    store(coarse + k, load<kWidth>(coarse + k) + rounded);
-    store(fine + k, load<kWidth>(fine + k) + (((x - rounded) + second) - second));
-  }
-};
+template <int kWidth>
+SFMCPP_INLINE void add_on_grid(Pack<kWidth> x, double middle, double* sum) {
+  const Pack<kWidth> m(middle);
+  store(sum, load<kWidth>(sum) + ((x + m) - m));
+}
 
 // Of one block B, whose transpose lies in panels: `to_row` += B x and `other` += Bᵀ of_row.
 template <int D, int kFirst, int kWidth>
@@ -60,7 +44,8 @@ inline void multiply(const float* block,
                      const double* x,
                      const double* of_row,
                      RowSums<D, kFirst, kWidth>& to_row,
-                     const Sums& other) {
+                     double middle,
+                     double* other) {
   if constexpr (kFirst < D) {
     const float* panel = block + kFirst * D;
     if constexpr (kWidth == 1) {
@@ -68,7 +53,7 @@ inline void multiply(const float* block,
       load_row(panel, values);
       load_row(of_row, factors);
       add_scaled(to_row.row, values, x[kFirst]);
-      other.add(kFirst, Pack<1>(dot(values, factors)));
+      add_on_grid(Pack<1>(dot(values, factors)), middle, other + kFirst);
     } else {
       const Pack<kWidth> xs = load<kWidth>(x + kFirst);
       Pack<kWidth> sum(0.0);
@@ -78,8 +63,8 @@ inline void multiply(const float* block,
         to_row.lanes[r] += values * xs;
         sum += values * of_row[r];
       }
-      other.add(kFirst, sum);
-      multiply(block, x, of_row, to_row.rest, other);
+      add_on_grid(sum, middle, other + kFirst);
+      multiply(block, x, of_row, to_row.rest, middle, other);
     }
   }
 }
@@ -107,7 +92,8 @@ void add_row(int n,
              int i,
              int first,
              const double* x,
-             const GridOfSums& out) {
+             double middle,
+             double* out) {
   constexpr int kAhead = 4;
   double of_row[D];
   for (int r = 0; r < D; ++r) of_row[r] = x[static_cast<long>(D) * i + r];
@@ -117,17 +103,16 @@ void add_row(int n,
     if (k + kAhead < n) {
       const long ahead = column[k + kAhead];
       __builtin_prefetch(x + D * ahead);
-      __builtin_prefetch(out.coarse + D * (ahead - first), 1);
-      __builtin_prefetch(out.fine + D * (ahead - first), 1);
+      __builtin_prefetch(out + D * (ahead - first), 1);
     }
     const long j = column[k];
-    const Sums other(out, D * j, D * (j - first));
-    multiply(blocks + static_cast<long>(D) * D * k, x + D * j, of_row, sums, other);
+    const float* block = blocks + static_cast<long>(D) * D * k;
+    multiply(block, x + D * j, of_row, sums, middle, out + D * (j - first));
   }
   double of_blocks[D] = {};
   add_to(of_blocks, sums);
-  const Sums own(out, static_cast<long>(D) * i, static_cast<long>(D) * (i - first));
-  for (int r = 0; r < D; ++r) own.add(r, Pack<1>(of_blocks[r]));
+  double* own = out + static_cast<long>(D) * (i - first);
+  for (int r = 0; r < D; ++r) add_on_grid(Pack<1>(of_blocks[r]), middle, own + r);
 }
 
 template <int D, int kFirst = 0>
@@ -148,10 +133,11 @@ void add_block(const double* block, const double* x, double* out) {
 }
 
 template <int D>
-void round_transposed(const double* block, float* out) {
+void round_transposed(const double* block, const double* rows, const double* columns, float* out) {
   for (int row = 0; row < D; ++row) {
     for (int column = 0; column < D; ++column) {
-      out[panel_index(D, column, row)] = static_cast<float>(block[panel_index(D, row, column)]);
+      const double scaled = block[panel_index(D, row, column)] * rows[row] * columns[column];
+      out[panel_index(D, column, row)] = static_cast<float>(scaled);
     }
   }
 }

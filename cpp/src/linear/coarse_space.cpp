@@ -158,7 +158,11 @@ void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums
   const float* block = schur_.blocks_of_row(i);
   for (int j : schur_.columns_of_row(i)) {
     add_product(
-        j, [&](int r, int c) { return block[place_[size() * c + r]]; }, sums_of(j));
+        j,
+        [&](int r, int c) {
+          return block[place_[size() * c + r]] * schur_.powers(i)[r] * schur_.powers(j)[c];
+        },
+        sums_of(j));
     block += place_.size();
   }
   if (!is_root) return;

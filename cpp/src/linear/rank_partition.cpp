@@ -65,11 +65,6 @@ void pick(const Vector& from, const std::vector<int>& columns, Vector& to) {
   for (std::size_t k = 0; k < columns.size(); ++k) to[k] = from[columns[k]];
 }
 
-std::vector<int> doubled(std::vector<int> counts) {
-  for (int& count : counts) count *= 2;
-  return counts;
-}
-
 void put(const Vector& from, const std::vector<int>& columns, Vector& to) {
   for (std::size_t k = 0; k < columns.size(); ++k) to[columns[k]] = from[k];
 }
@@ -139,23 +134,13 @@ const Vector& ColumnPartition::with_ghosts(const Vector& own) {
   return whole_;
 }
 
-// Both parts of a column side by side.
-void ColumnPartition::sum_ghosts(ProductSums& whole, Vector& own) {
-  if (!is_only_rank()) {
-    sent_.resize(2 * ghosts_.size());
-    for (std::size_t k = 0; k < ghosts_.size(); ++k) {
-      sent_[2 * k] = whole.coarse[ghosts_[k]];
-      sent_[2 * k + 1] = whole.fine[ghosts_[k]];
-    }
-    received_.resize(2 * sent_columns_.size());
-    exchange_.deliver(sent_, doubled(ghost_counts_), received_, doubled(sent_counts_));
-    for (std::size_t k = 0; k < sent_columns_.size(); ++k) {
-      whole.coarse[sent_columns_[k]] += received_[2 * k];
-      whole.fine[sent_columns_[k]] += received_[2 * k + 1];
-    }
-  }
-  for (std::size_t k = 0; k < whole.coarse.size(); ++k) whole.coarse[k] += whole.fine[k];
-  take(whole.coarse, own);
+void ColumnPartition::sum_ghosts(Vector& whole, Vector& own) {
+  if (is_only_rank()) return own.swap(whole);
+  pick(whole, ghosts_, sent_);
+  received_.resize(sent_columns_.size());
+  exchange_.deliver(sent_, ghost_counts_, received_, sent_counts_);
+  for (std::size_t k = 0; k < sent_columns_.size(); ++k) whole[sent_columns_[k]] += received_[k];
+  pick(whole, own_, own);
 }
 
 }  // namespace sfmcpp::linear

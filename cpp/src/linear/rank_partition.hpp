@@ -7,7 +7,6 @@
 
 #include "aggregates.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/linear/sum_grid.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
 
 namespace sfmcpp::linear {
@@ -50,9 +49,8 @@ class ColumnPartition {
   void gather(const Vector& own, Vector& whole) const;
   // Of all columns, those of this rank and those it touches. What is given lasts until the next.
   const Vector& with_ghosts(const Vector& own);
-  // The numbers of own columns, each the sum of both parts over the ranks that touch it; `whole` is
-  // used up.
-  void sum_ghosts(ProductSums& whole, Vector& own);
+  // The numbers of own columns, each the sum over the ranks that touch it; `whole` is used up.
+  void sum_ghosts(Vector& whole, Vector& own);
 
  private:
   void find_ghosts(const std::vector<char>& is_needed);

@@ -1,6 +1,7 @@
 #include "schur_operator.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/block_product_kernels.hpp"
@@ -26,7 +27,7 @@ class ImplicitSchur final : public SchurOperator {
     return touched;
   }
 
-  void add_product(const std::vector<double>& x, ProductSums& out) override {
+  void add_product(const std::vector<double>& x, std::vector<double>& out) override {
     const ObservationGraph& graph = normal_.graph();
     const long size = normal_.map().camera_size;
     shifts_.resize(3 * static_cast<std::size_t>(graph.num_points));
@@ -44,7 +45,7 @@ class ImplicitSchur final : public SchurOperator {
                                       elimination_.expanded(c.camera),
                                       sum);
     });
-    normal_.fold_chunks(chunk_sums_.data(), size, out.coarse.data());
+    normal_.fold_chunks(chunk_sums_.data(), size, out.data());
   }
 
  private:
@@ -75,6 +76,18 @@ constexpr long kLeastBlocksPerTask = 4096;
 // than this share of their bytes.
 constexpr double kMostOfSums = 0.15;
 
+// Blocks in the row and in the column of a camera, of the camera that has most.
+int most_blocks_of_camera(const CameraPattern& pattern) {
+  std::vector<int> count(pattern.num_rows(), 0);
+  for (int i = 0; i < pattern.num_rows(); ++i) {
+    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k) {
+      ++count[i];
+      ++count[pattern.column[k]];
+    }
+  }
+  return count.empty() ? 0 : *std::ranges::max_element(count);
+}
+
 // Cameras of the rows of this rank.
 std::vector<char> cameras_of(const CameraPattern& pattern, const CameraPartition& partition) {
   std::vector<char> result(pattern.num_rows(), 0);
@@ -101,16 +114,14 @@ BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
       pattern_(schur_rows_.pattern()),
       touched_(cameras_of(pattern_, partition)),
       kernels_(block_product_kernels(normal.map().camera_size)),
-      tasks_(choose_tasks()) {
+      tasks_(choose_tasks()),
+      most_terms_(most_blocks_of_camera(structure->pattern)) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
   const auto cameras = static_cast<std::size_t>(normal.graph().num_cameras);
   blocks_.resize(size * size * (static_cast<std::size_t>(pattern_.num_blocks()) - cameras));
-  for (Sums* sums : {&sums_, &out_}) {
-    const std::size_t numbers = sums == &out_ ? size * cameras : numbers_of(tasks_);
-    sums->coarse.resize(numbers);
-    sums->fine.resize(numbers);
-  }
+  sums_.resize(numbers_of(tasks_));
   x_.assign(size * cameras, 0.0);  // stays zero where this rank touches no camera
+  out_.resize(size * cameras);
   rows_.resize(normal.pool().num_threads());
 }
 
@@ -148,7 +159,7 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
   for (int count = kMostTasks;; count /= 2) {
     std::vector<RowTask> tasks =
         cut_rows(std::max(pattern_.num_blocks() / count + 1, kLeastBlocksPerTask));
-    const double of_sums = 4 * sizeof(double) * static_cast<double>(numbers_of(tasks));
+    const double of_sums = 2 * sizeof(double) * static_cast<double>(numbers_of(tasks));
     if (count == kFewestTasks || of_sums < kMostOfSums * bytes) return tasks;
   }
 }
@@ -174,38 +185,57 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   for (int k = 0; k < size; ++k) diagonal.camera_rhs(i)[k] = rhs[k] + rhs[size + k];
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
   for (long k = 0; k < num_blocks; ++k)
-    kernels_.round(row.data() + area() * k, rounded + area() * k);
+    kernels_.round(row.data() + area() * k,
+                   grid_.inverse_of_camera(i),
+                   grid_.inverse_of_camera(columns_of_row(i)[k]),
+                   rounded + area() * k);
 }
 
-void BlockSparseSchur::add_product(const std::vector<double>& x, ProductSums& out) {
-  const ParameterMap& map = normal_.map();
-  const long size = map.camera_size;
-  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
-    for (; i < end; ++i) {
-      if (touched_[i]) map.expand(x.data(), static_cast<int>(i), x_.data() + size * i);
-    }
-  });
-  product_grid_.set(normal_, grid_, x_.data());
+void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<double>& out) {
+  expand(x);
+  // No entry of a block is larger than 1.
+  const int size = normal_.map().camera_size;
+  middle_ = middle_of_sum(normal_.exchange().max(largest_of_x()), size * most_terms_);
   normal_.pool().parallel_for(static_cast<int>(tasks_.size()),
                               [&](int task) { multiply_rows(tasks_[task]); });
   normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
     add_up(static_cast<int>(i), static_cast<int>(end));
   });
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
-    if (!touched_[i]) return;
-    normal_.fold(out_.coarse.data() + size * i, i, columns, out.coarse.data());
-    normal_.fold(out_.fine.data() + size * i, i, columns, out.fine.data());
+    if (touched_[i]) normal_.fold(out_.data() + size * i, i, columns, out.data());
   });
 }
 
+void BlockSparseSchur::expand(const std::vector<double>& x) {
+  const ParameterMap& map = normal_.map();
+  const long size = map.camera_size;
+  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
+    for (; i < end; ++i) {
+      if (!touched_[i]) continue;
+      double* of_camera = x_.data() + size * i;
+      map.expand(x.data(), static_cast<int>(i), of_camera);
+      for (long k = 0; k < size; ++k) of_camera[k] *= powers(static_cast<int>(i))[k];
+    }
+  });
+}
+
+double BlockSparseSchur::largest_of_x() const {
+  const int size = normal_.map().camera_size;
+  return normal_.pool().max(
+      ThreadPool::num_parts(pattern_.num_rows(), kCamerasPerTask), [&](int task) {
+        const int end = std::min((task + 1) * kCamerasPerTask, pattern_.num_rows());
+        double largest = 0.0;
+        for (int i = task * kCamerasPerTask; i < end; ++i) {
+          for (int k = 0; k < size; ++k)
+            largest = std::max(largest, std::abs(x_[static_cast<std::size_t>(size) * i + k]));
+        }
+        return largest;
+      });
+}
+
 void BlockSparseSchur::multiply_rows(const RowTask& task) {
-  const long numbers = static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin);
-  const GridOfSums sums{.middles = product_grid_.middles.data(),
-                        .finer = product_grid_.finer,
-                        .coarse = sums_.coarse.data() + task.first,
-                        .fine = sums_.fine.data() + task.first};
-  std::fill_n(sums.coarse, numbers, 0.0);
-  std::fill_n(sums.fine, numbers, 0.0);
+  double* sums = sums_.data() + task.first;
+  std::fill_n(sums, static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin), 0.0);
   for (int i = task.begin; i < task.end; ++i) {
     const std::span<const int> columns = columns_of_row(i);
     kernels_.add_row(static_cast<int>(columns.size()),
@@ -214,6 +244,7 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
                      i,
                      task.begin,
                      x_.data(),
+                     middle_,
                      sums);
   }
 }
@@ -221,31 +252,27 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
 // The diagonal blocks, and the sums of the tasks, for the cameras [begin, end).
 void BlockSparseSchur::add_up(int begin, int end) {
   const long size = normal_.map().camera_size;
-  std::fill(out_.coarse.begin() + size * begin, out_.coarse.begin() + size * end, 0.0);
-  std::fill(out_.fine.begin() + size * begin, out_.fine.begin() + size * end, 0.0);
-  for (int i = begin; i < end; ++i) {
-    if (touched_[i]) add_diagonal_block(i);
-  }
+  std::fill(out_.begin() + size * begin, out_.begin() + size * end, 0.0);
   for (const RowTask& task : tasks_) {
     const long from = std::max(begin, task.begin), to = std::min(end, task.reach);
-    const auto first = task.first + static_cast<std::size_t>(size * (from - task.begin));
-    for (long k = 0; k < size * (to - from); ++k) {
-      out_.coarse[size * from + k] += sums_.coarse[first + k];
-      out_.fine[size * from + k] += sums_.fine[first + k];
-    }
+    const double* sums = sums_.data() + task.first + size * (from - task.begin);
+    for (long k = 0; k < size * (to - from); ++k) out_[size * from + k] += sums[k];
+  }
+  for (int i = begin; i < end; ++i) {
+    if (touched_[i]) finish_camera(i);
   }
 }
 
-void BlockSparseSchur::add_diagonal_block(int i) {
-  const long size = normal_.map().camera_size, first = size * i;
-  double product[kMaxCameraSize] = {};
-  kernels_.add_block(diagonal_block(i), x_.data() + first, product);
+// Adds the diagonal block on the grid, and takes the powers off.
+void BlockSparseSchur::finish_camera(int i) {
+  const long size = normal_.map().camera_size;
+  const double* inverse = grid_.inverse_of_camera(i);
+  double x[kMaxCameraSize] = {}, product[kMaxCameraSize] = {};
+  for (long k = 0; k < size; ++k) x[k] = x_[size * i + k] * inverse[k];
+  kernels_.add_block(diagonal_block(i), x, product);
+  double* out = out_.data() + size * i;
   for (long k = 0; k < size; ++k)
-    add_on_grids(product[k],
-                 product_grid_.middles[first + k],
-                 product_grid_.finer,
-                 out_.coarse[first + k],
-                 out_.fine[first + k]);
+    out[k] = (out[k] + ((product[k] * inverse[k] + middle_) - middle_)) * powers(i)[k];
 }
 
 namespace {
@@ -281,10 +308,10 @@ DistributedProduct::DistributedProduct(const NormalEquations& normal,
 
 void DistributedProduct::apply(const Vector& diagonal, const Vector& x, Vector& out) {
   const Vector& whole_x = columns_.with_ghosts(x);
-  sums_.set_zero(whole_x.size());
-  schur_.add_product(whole_x, sums_);
-  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, sums_.fine);
-  columns_.sum_ghosts(sums_, out);
+  whole_.assign(whole_x.size(), 0.0);
+  schur_.add_product(whole_x, whole_);
+  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, whole_);
+  columns_.sum_ghosts(whole_, out);
   columns_.take(diagonal, own_diagonal_);
   for (std::size_t k = 0; k < out.size(); ++k) out[k] += own_diagonal_[k] * x[k];
 }

@@ -20,9 +20,8 @@ class SchurOperator {
   // For the factors that the elimination of the points has now: the diagonal blocks and the
   // right-hand side (CameraBlockDiagonal), and whatever the product needs.
   virtual void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) = 0;
-  // out += Pᵀ S P x of what this rank has of S, the sum of both parts; neither B of
-  // camera_terms.hpp nor λD.
-  virtual void add_product(const std::vector<double>& x, ProductSums& out) = 0;
+  // out += Pᵀ S P x of what this rank has of S; neither B of camera_terms.hpp nor λD.
+  virtual void add_product(const std::vector<double>& x, std::vector<double>& out) = 0;
   // Whether the product reads or adds to columns of each camera.
   virtual std::vector<char> touched_cameras() const = 0;
   // Whether entries of S are rounded to single precision.
@@ -46,7 +45,7 @@ class BlockSparseSchur final : public SchurOperator {
 
   // A row is formed in double precision and rounded when it is complete.
   void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;
-  void add_product(const std::vector<double>& x, ProductSums& out) override;
+  void add_product(const std::vector<double>& x, std::vector<double>& out) override;
   bool is_rounded() const override { return true; }
   std::vector<char> touched_cameras() const override { return touched_; }
 
@@ -54,10 +53,12 @@ class BlockSparseSchur final : public SchurOperator {
   const BlockProductKernels& kernels() const { return kernels_; }
   // In panel layout; without B and λD.
   const double* diagonal_block(int i) const { return diagonal_ + area() * i; }
-  // The blocks (i, j), j > i, of row i as the kernels want them.
+  // The blocks (i, j), j > i, of row i as the kernels want them, divided by the powers of two of
+  // their rows and columns.
   const float* blocks_of_row(int i) const {
     return blocks_.data() + area() * (pattern_.row_begin[i] - i);
   }
+  const double* powers(int i) const { return grid_.of_camera(i); }
   std::span<const int> columns_of_row(int i) const {
     return {pattern_.column.data() + pattern_.row_begin[i] + 1,
             pattern_.column.data() + pattern_.row_begin[i + 1]};
@@ -71,9 +72,6 @@ class BlockSparseSchur final : public SchurOperator {
     int reach;          // one behind the last camera
     std::size_t first;  // of its sums, those of camera `begin`, in numbers
   };
-  struct Sums {
-    AlignedVector<double> coarse, fine;  // on both grids
-  };
   long area() const {
     return static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   }
@@ -82,8 +80,10 @@ class BlockSparseSchur final : public SchurOperator {
   std::vector<RowTask> choose_tasks() const;
   void form_row(int i, int worker, CameraBlockDiagonal& diagonal);
   void multiply_rows(const RowTask& task);
+  void expand(const std::vector<double>& x);
+  double largest_of_x() const;
   void add_up(int begin, int end);
-  void add_diagonal_block(int i);
+  void finish_camera(int i);
 
   const NormalEquations& normal_;
   DistributedSchurRows schur_rows_;
@@ -94,10 +94,10 @@ class BlockSparseSchur final : public SchurOperator {
   AlignedVector<float> blocks_;       // above the diagonal, row after row
   const double* diagonal_ = nullptr;  // of every camera
   SumGrid grid_;
-  ProductGrid product_grid_;
-  Sums sums_;                                // of the tasks
-  AlignedVector<double> x_;                  // camera blocks
-  Sums out_;                                 // likewise
+  int most_terms_;                           // blocks that add to a camera, at most
+  double middle_ = 0.0;                      // of the sums of this product
+  AlignedVector<double> sums_;               // of the tasks
+  AlignedVector<double> x_, out_;            // camera blocks, times powers and divided by them
   std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of one row
 };
 
@@ -120,8 +120,7 @@ class DistributedProduct {
   SchurOperator& schur_;
   std::vector<char> is_own_;  // camera
   ColumnPartition columns_;
-  ProductSums sums_;
-  Vector own_diagonal_;
+  Vector whole_, own_diagonal_;
 };
 
 }  // namespace sfmcpp::linear

@@ -66,18 +66,17 @@ void ClusterBlocks::assemble(int k,
                              const std::vector<double>& diagonal,
                              DenseCholesky& lower) const {
   const int size = normal_.map().camera_size;
-  const auto add = [&](int i, int j, const auto* block) {
-    const auto value = [&](int r, int c) {
-      return block[place_[i == j ? size * r + c : size * c + r]];
-    };
-    add_block(i, j, value, lower);
-  };
   for (int m = aggregates_.begin[k]; m < aggregates_.begin[k + 1]; ++m) {
     const int i = aggregates_.members[m];
-    add(i, i, schur_.diagonal_block(i));
+    const double* diagonal_block = schur_.diagonal_block(i);
+    add_block(
+        i, i, [&](int r, int c) { return diagonal_block[place_[size * r + c]]; }, lower);
     const float* block = schur_.blocks_of_row(i);
     for (int j : schur_.columns_of_row(i)) {
-      if (aggregates_.of_camera[j] == k) add(i, j, block);
+      const auto value = [&](int r, int c) {
+        return block[place_[size * c + r]] * schur_.powers(i)[r] * schur_.powers(j)[c];
+      };
+      if (aggregates_.of_camera[j] == k) add_block(i, j, value, lower);
       block += size * size;
     }
     normal_.camera_terms().for_each_block(i, [&](int j, const double* of_terms) {

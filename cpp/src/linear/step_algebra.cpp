@@ -10,7 +10,9 @@ namespace {
 CompensatedSum dot(ThreadPool& pool, const Vector& a, const Vector& metric, const Vector& b) {
   const auto size = static_cast<long>(a.size());
   return pool.sum_of_parts(size, kNumbersPerTask, [&](long begin, long end) {
-    return compensated_sum(begin, end, [&](long k) { return a[k] * metric[k] * b[k]; });
+    return compensated_sum(begin, end, [&]<int W>(long k) {
+      return load<W>(a.data() + k) * load<W>(metric.data() + k) * load<W>(b.data() + k);
+    });
   });
 }
 

@@ -115,6 +115,31 @@ TEST_P(MessagesOf, SumAndMaxGoInTheOrderOfTheRanks) {
   });
 }
 
+// Terms that cancel to rounding: any other sum depends on which rank has which.
+TEST_P(MessagesOf, CompensatedSumsHaveTheBitsOfAnyOrder) {
+  const auto [ranks, size] = GetParam();
+  const auto terms_of = [size = size](int place) {
+    std::vector<CompensatedSum> terms(size);
+    for (std::size_t k = 0; k < size; ++k) {
+      terms[k] += (place % 2 == 0 ? 1.0 : -1.0) * value_of(place / 2, k);
+      terms[k] += 1e-9 * value_of(place, k + 1);
+    }
+    return terms;
+  };
+  const auto summed = [&](int shift) {
+    std::vector<double> result;
+    on_ranks(ranks, [&](MessageExchange& exchange) {
+      std::vector<CompensatedSum> sums = terms_of((exchange.rank() + shift) % exchange.num_ranks());
+      exchange.sum(sums);
+      if (!exchange.is_root()) return;
+      result.resize(sums.size());
+      std::ranges::transform(sums, result.begin(), &CompensatedSum::value);
+    });
+    return result;
+  };
+  EXPECT_EQ(summed(1), summed(0));
+}
+
 TEST_P(MessagesOf, ListsOfAnyLengthFollowOneAnother) {
   const auto [ranks, size] = GetParam();
   std::vector<double> all;

@@ -22,10 +22,10 @@ TEST(ThreadPool, RunsEveryTaskExactlyOnce) {
 TEST(ThreadPool, SumHasTheSameBitsForEveryNumberOfThreads) {
   const auto term = [](int task) { return std::sin(task * 1.7) * std::exp2(task % 40); };
   ThreadPool one(1);
-  const double reference = one.sum(1000, term);
+  const double reference = one.sum(1000, term).value();
   for (int threads : {2, 3, 8}) {
     ThreadPool pool(threads);
-    for (int repeat = 0; repeat < 50; ++repeat) ASSERT_EQ(pool.sum(1000, term), reference);
+    for (int repeat = 0; repeat < 50; ++repeat) ASSERT_EQ(pool.sum(1000, term).value(), reference);
   }
 }
 

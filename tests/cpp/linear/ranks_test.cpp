@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "../../../cpp/src/linear/iterative_solver.hpp"
+#include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/block_diagonal.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "support/random_system.hpp"
@@ -110,6 +112,34 @@ TEST_P(Ranks, SolveForTheStepOfTheWhole) {
       if (rank == 0) first = mine.camera;
       EXPECT_EQ(mine.camera, first) << "the ranks have drifted apart";
     });
+  }
+}
+
+// Of systems with S in blocks, which is where conjugate gradients take many iterations.
+TEST_P(Ranks, HaveTheBitsOfTheWholeInConjugateGradients) {
+  if (active_isa() == Isa::kBaseline) GTEST_SKIP() << "needs fused multiplication";
+  for (const Precision stored : {Precision::kDouble, Precision::kSingle}) {
+    support::SystemOptions options = GetParam();
+    options.pairs.clear();
+    options.stored = stored;
+    options.compensated = true;
+    const auto solve = [&](Exchange& exchange) {
+      const RandomSystem system(options, exchange);
+      const auto structure = std::make_shared<ReducedStructure>(
+          ReducedStructure{.pattern = make_global_camera_pattern(
+                               system.graph, {}, system.normal().pool(), exchange)});
+      IterativeSolver solver(system.normal(), {.kind = LinearSolverKind::kIterative}, structure);
+      Step step;
+      EXPECT_TRUE(
+          solver.solve({1e-6, DampingMatrix::kDiagonal}, step, [] { return false; }).success);
+      return step;
+    };
+    const Step whole = solve(this_process());
+    for (int ranks = 2; ranks <= 4; ++ranks) {
+      support::play_ranks(ranks, [&](Exchange& exchange) {
+        EXPECT_EQ(solve(exchange).camera, whole.camera) << ranks << " ranks";
+      });
+    }
   }
 }
 

@@ -92,7 +92,7 @@ RandomSystem::RandomSystem(const SystemOptions& options, Exchange& exchange)
       map(make_map(options, exchange.rank(), exchange.num_ranks())),
       pool_(options.threads),
       exchange_(exchange),
-      normal_(graph, map, pool_, options.pairs, exchange, options.stored),
+      normal_(graph, map, pool_, options.pairs, exchange, options.stored, options.compensated),
       random_(options.seed) {
   exchange.sum(graph.of_camera_on_all_ranks);
   add_observations(options);

@@ -30,6 +30,7 @@ struct SystemOptions {
   linear::CameraPairs pairs{};  // that residuals relate; equal: of one camera alone
   bool dense = true;            // whether the dense Jacobian is made
   linear::Precision stored = linear::Precision::kDouble;  // single: coefficients are rounded too
+  bool compensated = false;  // whether the gradient has the same bits for any number of ranks
   int threads = 1;
   unsigned seed = 1;
 };

@@ -106,6 +106,11 @@ def test_preconditioners_are_those_of_one_process(count: int) -> None:
     require_success(case(count, "preconditioners"))
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_conjugate_gradients_have_the_bits_of_one_process(count: int) -> None:
+    require_success(case(count, "same_bits"))
+
+
 @pytest.mark.parametrize(
     ("name", "count"), [("parts_of_files", 2), ("parts_of_files", 4), ("bad_files", 3), ("slow_locks", 2)]
 )

@@ -28,37 +28,15 @@ class SumGrid {
   // 1.5 p_a p_b. Zero where a column is held.
   const double* powers() const { return powers_.data(); }
   const double* of_camera(int i) const { return powers_.data() + size_ * i; }
+  // 1 / p, or zero.
+  const double* inverse_of_camera(int i) const { return inverse_.data() + size_ * i; }
 
  private:
   long size_ = 0;  // D
-  AlignedVector<double> powers_;
+  AlignedVector<double> powers_, inverse_;
 };
 
-// Sums of S x over blocks, of which one row gets those of many ranks. The bound is of the largest
-// x, so that what one grid rounds off goes to a second and finer one.
-struct ProductGrid {
-  AlignedVector<double> middles;  // M of every camera column
-  double finer = 0.0;             // M of the second grid, of that of the first
-
-  // For the blocks x of all cameras that one of the ranks touches.
-  void set(const NormalEquations& normal, const SumGrid& grid, const double* x);
-};
-
-// A vector in two parts: multiples of the first grid and of the second.
-struct ProductSums {
-  std::vector<double> coarse, fine;
-
-  void set_zero(std::size_t size) {
-    coarse.assign(size, 0.0);
-    fine.assign(size, 0.0);
-  }
-};
-
-// Adds x to both parts.
-inline void add_on_grids(double x, double middle, double finer, double& coarse, double& fine) {
-  const double rounded = (x + middle) - middle;
-  coarse += rounded;
-  fine += ((x - rounded) + middle * finer) - middle * finer;
-}
+// M for Σ x of so many terms, none larger than that.
+double middle_of_sum(double largest, double terms);
 
 }  // namespace sfmcpp::linear

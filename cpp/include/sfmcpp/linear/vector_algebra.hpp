@@ -29,17 +29,16 @@ void for_each_part(ThreadPool& pool, const Vector& x, const F& f) {
   pool.parallel_for_parts(static_cast<long>(x.size()), kNumbersPerTask, f);
 }
 
-// Σ term(k) over [begin, end): as many sums beside each other as keep the processor busy.
+// Σ of the terms [begin, end), of which term<W>(k) gives W from k on.
 template <class F>
 CompensatedSum compensated_sum(long begin, long end, const F& term) {
   constexpr int kSums = 8;
-  double sums[kSums] = {}, rests[kSums] = {};
+  Pack<kSums> sums(0.0), rests(0.0);
   long k = begin;
-  for (; k + kSums <= end; k += kSums) {
-    for (int s = 0; s < kSums; ++s) add_compensated(sums[s], rests[s], term(k + s));
-  }
-  for (; k < end; ++k) add_compensated(sums[0], rests[0], term(k));
+  for (; k + kSums <= end; k += kSums)
+    add_compensated(sums, rests, term.template operator()<kSums>(k));
   CompensatedSum total;
+  for (; k < end; ++k) total += term.template operator()<1>(k)[0];
   for (int s = 0; s < kSums; ++s) total += CompensatedSum(sums[s], rests[s]);
   return total;
 }
@@ -47,7 +46,8 @@ CompensatedSum compensated_sum(long begin, long end, const F& term) {
 inline CompensatedSum dot(ThreadPool& pool, const Vector& a, const Vector& b) {
   const auto size = static_cast<long>(a.size());
   return pool.sum_of_parts(size, kNumbersPerTask, [&](long begin, long end) {
-    return compensated_sum(begin, end, [&](long k) { return a[k] * b[k]; });
+    return compensated_sum(
+        begin, end, [&]<int W>(long k) { return load<W>(a.data() + k) * load<W>(b.data() + k); });
   });
 }
 
