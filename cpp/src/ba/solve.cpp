@@ -82,11 +82,13 @@ optim::Events noting_the_start(const optim::Events& events,
   return noting;
 }
 
-void describe_end(const Workspace& work,
+// The solver's memory is free before the machine is measured, which takes some of its own.
+void describe_end(Workspace& work,
                   const Problem& problem,
                   const optim::State& state,
                   SolveSummary& summary) {
   summary.solver_changes = work.solver->changes();
+  work.solver.reset();
   summary.forecast_seconds = forecast_seconds(work.choice, work.pool);
   summary.loss_scale_px = work.model.images().loss().scale;
   const ImageFit fit = work.model.images().fit(state);

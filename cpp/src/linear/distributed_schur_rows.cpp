@@ -1,11 +1,15 @@
 #include "distributed_schur_rows.hpp"
 
 #include <algorithm>
-#include <numeric>
+#include <cmath>
 #include <utility>
 
 namespace sfmcpp::linear {
 namespace {
+
+// Numbers that are on their way at a time; more rounds than these would wait for one another.
+constexpr double kNumbersOfRound = 1 << 16;
+constexpr double kMostRounds = 8;
 
 using Structure = std::shared_ptr<const ReducedStructure>;
 
@@ -62,28 +66,48 @@ DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
   if (partition.are_all_own()) return;
   places_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
   parts_.resize(normal.pool().num_threads());
+  const std::vector<int> none(normal.exchange().num_ranks(), 0);
+  rounds_.assign(choose_rounds(), {.sent = {}, .sent_counts = none, .received_counts = none});
   send_headers();
 }
 
-// Of each row: its camera, how many blocks, and their columns.
+std::vector<int> DistributedSchurRows::rows_to(int rank) const {
+  std::vector<int> rows;
+  for (int i = 0; rank != normal_.exchange().rank() && i < normal_.graph().num_cameras; ++i) {
+    if (partition_.owner(i) == rank && normal_.graph().observations_of_camera(i) > 0)
+      rows.push_back(i);
+  }
+  return rows;
+}
+
+int DistributedSchurRows::choose_rounds() const {
+  double sent = 0.0;
+  for (int to = 0; to < normal_.exchange().num_ranks(); ++to) {
+    for (int i : rows_to(to))
+      sent += static_cast<double>(numbers_of(behind_diagonal(here_->pattern, i).size()));
+  }
+  const double rounds = std::ceil(normal_.exchange().max(sent) / kNumbersOfRound);
+  return static_cast<int>(std::clamp(rounds, 1.0, kMostRounds));
+}
+
+// Of each row: its camera, its round, how many blocks, and their columns.
 void DistributedSchurRows::send_headers() {
   const int ranks = normal_.exchange().num_ranks();
   std::vector<double> headers;
   std::vector<int> header_counts(ranks, 0), counts;
-  sent_counts_.assign(ranks, 0);
-  long first = 0;
   for (int to = 0; to < ranks; ++to) {
-    if (to == normal_.exchange().rank()) continue;
-    for (int i = 0; i < normal_.graph().num_cameras; ++i) {
-      if (partition_.owner(i) != to || normal_.graph().observations_of_camera(i) == 0) continue;
-      const std::span<const int> columns = behind_diagonal(here_->pattern, i);
-      const auto blocks = static_cast<double>(columns.size());
-      headers.insert(headers.end(), {static_cast<double>(i), blocks});
+    const std::vector<int> rows = rows_to(to);
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      const std::span<const int> columns = behind_diagonal(here_->pattern, rows[k]);
+      const std::size_t number = k * rounds_.size() / rows.size();
+      for (const auto value : {static_cast<std::size_t>(rows[k]), number, columns.size()})
+        headers.push_back(static_cast<double>(value));
       headers.insert(headers.end(), columns.begin(), columns.end());
-      header_counts[to] += 2 + static_cast<int>(columns.size());
-      sent_rows_.push_back({i, first});
-      first += numbers_of(columns.size());
-      sent_counts_[to] += static_cast<int>(numbers_of(columns.size()));
+      header_counts[to] += 3 + static_cast<int>(columns.size());
+      Round& round = rounds_[number];
+      round.sent.push_back({rows[k], round.num_sent});
+      round.num_sent += numbers_of(columns.size());
+      round.sent_counts[to] += static_cast<int>(numbers_of(columns.size()));
     }
   }
   read_headers(normal_.exchange().deliver(headers, header_counts, counts), counts);
@@ -91,30 +115,43 @@ void DistributedSchurRows::send_headers() {
 
 void DistributedSchurRows::read_headers(const std::vector<double>& headers,
                                         const std::vector<int>& counts) {
-  long first = 0;
   auto next = headers.begin();
-  for (int count : counts) {
-    const long before = first;
-    for (const auto end = next + count; next != end;) {
-      const int i = static_cast<int>(*next++), blocks = static_cast<int>(*next++);
-      received_rows_[i].push_back({.columns = {next, next + blocks}, .first = first});
+  for (std::size_t from = 0; from < counts.size(); ++from) {
+    for (const auto end = next + counts[from]; next != end;) {
+      const int i = static_cast<int>(*next++), number = static_cast<int>(*next++);
+      const int blocks = static_cast<int>(*next++);
+      Round& round = rounds_[number];
+      received_rows_[i].push_back(
+          {.columns = {next, next + blocks}, .round = number, .first = round.num_received});
       next += blocks;
-      first += numbers_of(static_cast<std::size_t>(blocks));
+      const long numbers = numbers_of(static_cast<std::size_t>(blocks));
+      round.num_received += numbers;
+      round.received_counts[from] += static_cast<int>(numbers);
     }
-    received_counts_.push_back(static_cast<int>(first - before));
   }
-  received_.resize(static_cast<std::size_t>(first));
+  std::vector<long> before = {0};  // each round
+  for (const Round& round : rounds_) before.push_back(before.back() + round.num_received);
+  for (std::vector<Received>& rows : received_rows_) {
+    for (Received& row : rows) row.first += before[row.round];
+  }
+  received_.resize(static_cast<std::size_t>(before.back()));
 }
 
 void DistributedSchurRows::exchange() {
-  if (partition_.are_all_own()) return;
-  AlignedVector<double> sent(std::reduce(sent_counts_.begin(), sent_counts_.end(), std::size_t{0}));
-  normal_.pool().parallel_for_worker(static_cast<int>(sent_rows_.size()), [&](int k, int worker) {
-    double* diagonal = sent.data() + sent_rows_[k].first;
-    double* rhs = diagonal + size() * size();
-    rows_.form(sent_rows_[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
-  });
-  normal_.exchange().deliver(sent, sent_counts_, received_, received_counts_);
+  std::span<double> received(received_);
+  AlignedVector<double> sent;
+  for (const Round& round : rounds_) {
+    sent.resize(static_cast<std::size_t>(round.num_sent));
+    normal_.pool().parallel_for_worker(static_cast<int>(round.sent.size()), [&](int k, int worker) {
+      double* diagonal = sent.data() + round.sent[k].first;
+      double* rhs = diagonal + size() * size();
+      rows_.form(round.sent[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
+    });
+    const auto count = static_cast<std::size_t>(round.num_received);
+    normal_.exchange().deliver(
+        sent, round.sent_counts, received.first(count), round.received_counts);
+    received = received.subspan(count);
+  }
 }
 
 void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blocks, double* rhs) {

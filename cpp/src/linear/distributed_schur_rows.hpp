@@ -27,8 +27,9 @@ class DistributedSchurRows {
   // The rows of this rank's cameras; of others the diagonal block, which is zero.
   const CameraPattern& pattern() const { return own_->pattern; }
   // Sends what the points here add to the rows of others, for the factors that the elimination
-  // holds.
+  // holds, in so many rounds that what is on its way is small.
   void exchange();
+  int num_rounds() const { return static_cast<int>(rounds_.size()); }
   // As SchurRows::form, for the rows of `pattern`; zero for cameras of others.
   void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
 
@@ -36,12 +37,18 @@ class DistributedSchurRows {
   // A part of a row for another rank.
   struct Sent {
     int camera;
-    long first;  // number of what is sent
+    long first;  // number of what is sent in its round
   };
   // One that another rank has formed.
   struct Received {
     std::vector<int> columns;  // of its blocks behind the diagonal one
-    long first;                // number of what was received
+    int round;
+    long first;  // number of what was received
+  };
+  struct Round {
+    std::vector<Sent> sent;
+    std::vector<int> sent_counts, received_counts;  // of each rank
+    long num_sent = 0, num_received = 0;
   };
   long size() const { return normal_.map().camera_size; }
   // Numbers of a part of a row: the diagonal block, the right-hand side with what is rounded off,
@@ -49,6 +56,9 @@ class DistributedSchurRows {
   long numbers_of(std::size_t blocks) const {
     return size() * (size() + 2) + size() * size() * static_cast<long>(blocks);
   }
+  // The rows of a rank that points here add to.
+  std::vector<int> rows_to(int rank) const;
+  int choose_rounds() const;
   void send_headers();
   void read_headers(const std::vector<double>& headers, const std::vector<int>& counts);
 
@@ -56,8 +66,7 @@ class DistributedSchurRows {
   const CameraPartition& partition_;
   std::shared_ptr<const ReducedStructure> here_, own_;  // of the points here; of own rows
   SchurRows rows_;
-  std::vector<Sent> sent_rows_;
-  std::vector<int> sent_counts_, received_counts_;
+  std::vector<Round> rounds_;
   std::vector<std::vector<Received>> received_rows_;  // of each camera, in the order of the ranks
   std::vector<double> received_;
   std::vector<std::vector<int>> places_;      // of each worker: number of a camera's block in a row

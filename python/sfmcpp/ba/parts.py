@@ -43,6 +43,10 @@ class Part:
     point_numbers: NDArray[np.int64]
     observation_numbers: NDArray[np.int64]
 
+    def without_numbers(self) -> Part:
+        """The same problem, which cannot be written as a part any more."""
+        return Part(self.problem, np.zeros(0, np.int64), np.zeros(0, np.int64))
+
     @property
     def rows_of_points(self) -> Rows:
         """Those of :func:`rows_of_points`, with the points' numbers in the whole."""

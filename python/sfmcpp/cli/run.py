@@ -125,6 +125,8 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
     ranks.from_root(job.targets.refuse_ranks)
     started = time.perf_counter()
     part = _part(job, ranks)
+    if job.targets.problem is None:
+        part = part.without_numbers()
     ranks.from_root(lambda: job.targets.check_fits(part.problem))
     size = ProblemSize.of(part.problem, ranks)
     seconds_read = time.perf_counter() - started

@@ -25,6 +25,15 @@ SystemOptions chain_in_halves() {
   return {.cameras = kCameras, .points = kPoints, .camera_size = 6, .sees = sees, .dense = false};
 }
 
+// Points of both ranks along all of a chain, each seen by many cameras: half of all rows are sent.
+SystemOptions chain_in_common() {
+  const auto sees = [](int camera, int point) {
+    const int place = point * kCameras / kPoints;
+    return camera >= place && camera < place + 8 * kWindow;
+  };
+  return {.cameras = kCameras, .points = kPoints, .camera_size = 6, .sees = sees, .dense = false};
+}
+
 std::shared_ptr<const ReducedStructure> structure_of(const RandomSystem& system) {
   return std::make_shared<ReducedStructure>(
       ReducedStructure{.pattern = make_global_camera_pattern(
@@ -52,33 +61,46 @@ TEST(CameraPartition, AreAlikeInSizeAndWhereTheObservationsAre) {
   });
 }
 
+// All rows of S, in their whole pattern, zero where they are another rank's; and in how many rounds
+// they were sent.
+std::pair<std::vector<double>, int> rows_of(const RandomSystem& system) {
+  const NormalEquations& normal = system.normal();
+  PointElimination elimination(normal);
+  elimination.factor({1e-3, DampingMatrix::kDiagonal});
+  const auto structure = structure_of(system);
+  const CameraPartition shares = shares_of(system, structure->pattern);
+  DistributedSchurRows rows(normal, elimination, shares, structure);
+  rows.exchange();
+  std::vector<double> numbers;
+  for (int i = 0; i < kCameras; ++i) {
+    const CameraPattern& whole = structure->pattern;
+    std::vector<double> row(6 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
+    rows.form(i, 0, row.data() + 6, row.data() + 42, row.data());
+    numbers.insert(numbers.end(), row.begin(), row.end());
+  }
+  return {numbers, rows.num_rounds()};
+}
+
 // The rows of all ranks are S, and of each what its own points make of them is a part.
+void expect_rows_of_one_rank(const SystemOptions& options, int least_rounds) {
+  const std::vector<double> whole = rows_of(RandomSystem(options)).first;
+  for (int ranks : {2, 3}) {
+    support::play_ranks(ranks, [&](Exchange& exchange) {
+      auto [mine, rounds] = rows_of(RandomSystem(options, exchange));
+      EXPECT_GE(rounds, least_rounds);
+      exchange.sum(mine);
+      ASSERT_EQ(mine.size(), whole.size());
+      for (std::size_t k = 0; k < whole.size(); ++k) EXPECT_NEAR(mine[k], whole[k], 1e-9);
+    });
+  }
+}
+
 TEST(DistributedSchurRows, AreThoseOfOneRankButForTheOrderOfSums) {
-  const RandomSystem alone(chain_in_halves());
-  const auto rows_of = [](const RandomSystem& system) {
-    const NormalEquations& normal = system.normal();
-    PointElimination elimination(normal);
-    elimination.factor({1e-3, DampingMatrix::kDiagonal});
-    const auto structure = structure_of(system);
-    const CameraPartition shares = shares_of(system, structure->pattern);
-    DistributedSchurRows rows(normal, elimination, shares, structure);
-    rows.exchange();
-    std::vector<double> numbers;
-    for (int i = 0; i < kCameras; ++i) {
-      const CameraPattern& whole = structure->pattern;
-      std::vector<double> row(6 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
-      rows.form(i, 0, row.data() + 6, row.data() + 42, row.data());
-      numbers.insert(numbers.end(), row.begin(), row.end());
-    }
-    return numbers;
-  };
-  const std::vector<double> whole = rows_of(alone);
-  support::play_ranks(2, [&](Exchange& exchange) {
-    std::vector<double> mine = rows_of(RandomSystem(chain_in_halves(), exchange));
-    exchange.sum(mine);
-    ASSERT_EQ(mine.size(), whole.size());
-    for (std::size_t k = 0; k < whole.size(); ++k) EXPECT_NEAR(mine[k], whole[k], 1e-9);
-  });
+  expect_rows_of_one_rank(chain_in_halves(), 1);
+}
+
+TEST(DistributedSchurRows, AreSentInRoundsWhereTheyAreMany) {
+  expect_rows_of_one_rank(chain_in_common(), 2);
 }
 
 TEST(ColumnPartition, SpreadAndCollectWhatIsTouchedAlone) {

@@ -361,6 +361,15 @@ def command_killed_at(iteration: int, rank: int, *words: str) -> None:
     sys.exit(main(["solve", *map(str, words)]))
 
 
+def libraries_of_command(*words: str) -> None:
+    """A solve of the command line, and which of the large libraries each rank has loaded for it."""
+    assert main(["solve", *words, "--quiet"]) == 0
+    large = {"cv2", "matplotlib", "PIL", "scipy"}
+    loaded = COMM.gather(sorted(large & set(sys.modules)))
+    if COMM.rank == 0:
+        print(loaded)
+
+
 def endless_command(source: str, output: str) -> None:
     """A solve of the command line that does not converge, and tells its steps on stderr."""
 

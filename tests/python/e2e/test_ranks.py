@@ -179,6 +179,17 @@ def test_the_command_line_solves_on_all_ranks_and_one_of_them_speaks(tmp_path: P
     assert len(content["peak_memory_bytes_of_ranks"]) == 2
 
 
+@pytest.mark.parametrize(("name", "loaded"), [("whole.parts", [[], []]), ("whole.npz", [["scipy"], []])])
+def test_a_rank_loads_no_library_that_it_does_not_need(
+    name: str, loaded: list[list[str]], tmp_path: Path
+) -> None:
+    """A rank pays for what it loads; SciPy orders the cameras of a whole file, for all ranks on one."""
+    sfmcpp.write(sfmcpp.circle_scene(8, 400, camera_model="bal"), tmp_path / name)
+    result = on_ranks(2, "rank_cases.py", "libraries_of_command", tmp_path / name)
+    require_success(result)
+    assert result.stdout.strip() == str(loaded)
+
+
 @pytest.mark.parametrize("solver", ["dense", "sparse"])
 def test_of_the_reduced_matrix_only_what_is_not_zero_is_sent(solver: str, tmp_path: Path) -> None:
     """In a corridor a camera shares points with some neighbours."""

@@ -113,6 +113,8 @@ def _owners(share: Share, observations: Rows, first: int, count: int, ranks: Ran
         return np.asarray(np.sum(ranks.everyones(work), axis=0))
 
     cameras, points = observations["camera_index"], observations["point_index"]
-    links = ranks.everyones(camera_links(cameras, points, share.cameras.num_cameras))
-    places = camera_places(np.unique(np.concatenate(links)), share.cameras.num_cameras)
+    count_of_cameras = share.cameras.num_cameras
+    links = ranks.collected(camera_links(cameras, points, count_of_cameras))
+    # By rank 0 alone: SciPy takes 25 MB of each process that loads it.
+    places = ranks.from_root(lambda: camera_places(np.unique(np.concatenate(links)), count_of_cameras))
     return Tracks(cameras, points, count, first, share.num_points).cut(places, ranks.size, summed)
