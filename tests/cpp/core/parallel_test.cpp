@@ -130,7 +130,7 @@ TEST(BorrowedPool, HasAsManyThreadsAsAskedFor) {
 
 TEST(ThreadPool, NoTaskIsNoWork) {
   ThreadPool pool(2);
-  EXPECT_EQ(pool.sum(0, [](int) { return 1.0; }), 0.0);
+  EXPECT_EQ(pool.sum(0, [](int) { return 1.0; }).value(), 0.0);
 }
 
 TEST(ResolveNumThreads, ARequestIsKeptAndSmallWorkGetsOneThread) {
