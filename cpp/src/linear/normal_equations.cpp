@@ -68,7 +68,7 @@ template <class F>
 double sum_over_points(const NormalEquations& normal, double start, const F& add) {
   const double replicated = normal.exchange().is_root() ? start : 0.0;
   const int points = normal.graph().num_points;
-  if (points == 0) return normal.exchange().sum(replicated);
+  if (points == 0) return normal.exchange().sum(CompensatedSum(replicated));
   return normal.exchange().sum(
       normal.pool().sum_of_parts(points, kPointsPerSum, [&](long begin, long end) {
         CompensatedSum sum = begin == 0 ? replicated : 0.0;

@@ -3,6 +3,7 @@
 // precision holds, so that nothing is lost by storing them.
 #include "sfmcpp/linear/schur_kernels.hpp"
 
+#include <numeric>
 #include <ostream>
 #include <random>
 
@@ -53,6 +54,7 @@ AlignedVector<double> random_numbers(std::size_t count, std::mt19937& random) {
 class SchurKernel : public testing::TestWithParam<Case> {
  protected:
   static constexpr int kCameras = 5, kPoints = 40;
+  static constexpr double kPower = 32.0;  // of a grid that bounds all sums
 
   SchurKernel() {
     std::bernoulli_distribution seen(0.6);
@@ -149,6 +151,16 @@ class SchurKernel : public testing::TestWithParam<Case> {
     EXPECT_LT((actual - expected).cwiseAbs().maxCoeff(),
               1e-12 * (1.0 + expected.cwiseAbs().maxCoeff()));
   }
+  DiagonalSum diagonal_of(int i) const {
+    return {.begin = graph.camera_begin[i],
+            .end = graph.camera_begin[i + 1],
+            .point = graph.point.data(),
+            .jacobian = stored(),
+            .factors = factors.data(),
+            .gradient = nullptr,
+            .diagonal = nullptr,
+            .rhs = nullptr};
+  }
   void expect_numbers(const AlignedVector<double>& actual, const VectorXd& expected) {
     expect_close(Eigen::Map<const VectorXd>(actual.data(), expected.size()), expected);
   }
@@ -165,15 +177,32 @@ class SchurKernel : public testing::TestWithParam<Case> {
 };
 
 TEST_P(SchurKernel, CameraGradientAddsGradientAndDiagonal) {
-  AlignedVector<double> gradient(size, 1.0), diagonal(size, 2.0);
-  kernels.camera_gradient(count, jacobian.data(), records.data(), gradient.data(), diagonal.data());
   VectorXd expected = VectorXd::Constant(size, 1.0), squares = VectorXd::Constant(size, 2.0);
   for (int a = 0; a < count; ++a) {
     expected += j_of(a).transpose() * record_of(a).col(3);
     squares += j_of(a).colwise().squaredNorm().transpose();
   }
-  expect_numbers(gradient, expected);
-  expect_numbers(diagonal, squares);
+  for (const auto kernel : {kernels.camera_gradient, kernels.compensated_gradient}) {
+    AlignedVector<double> sums(4UL * size, 0.0);
+    std::fill_n(sums.begin(), size, 1.0);
+    std::fill_n(sums.begin() + size, size, 2.0);
+    kernel(count, jacobian.data(), records.data(), sums.data());
+    expect_numbers(sums, expected);
+    expect_numbers({sums.begin() + size, sums.end()}, squares);
+  }
+}
+
+// In twice the precision: with what is rounded off, the sum of numbers that cancel has its last
+// digits too.
+TEST_P(SchurKernel, CompensatedGradientKeepsWhatIsRoundedOff) {
+  AlignedVector<double> sums(4UL * size, 0.0);
+  std::fill_n(sums.begin(), size, 1e17);
+  kernels.compensated_gradient(count, jacobian.data(), records.data(), sums.data());
+  VectorXd expected = VectorXd::Zero(size);
+  for (int a = 0; a < count; ++a) expected += j_of(a).transpose() * record_of(a).col(3);
+  for (int k = 0; k < size; ++k)
+    EXPECT_NEAR(
+        (sums[k] - 1e17) + sums[2 * size + k], expected[k], 1e-12 * (1.0 + std::abs(expected[k])));
 }
 
 TEST_P(SchurKernel, SchurRowAddsTheBlocksBehindTheDiagonalOne) {
@@ -209,51 +238,56 @@ TEST_P(SchurKernel, PairsByBlockAddTheSame) {
       begin.push_back(static_cast<long>(pairs.size()));
     }
     const std::size_t area = static_cast<std::size_t>(size) * size;
-    AlignedVector<double> blocks(area * (kCameras - i), 1.0);
-    AlignedVector<double> whitened(kWhitenedNumbers * count);
-    kernels.sum_pairs({.begin = graph.camera_begin[i],
-                       .end = graph.camera_begin[i + 1],
-                       .pairs = pairs.data(),
-                       .pair_begin = begin.data(),
-                       .num_blocks = kCameras - i - 1,
-                       .blocks = blocks.data(),
-                       .point = graph.point.data(),
-                       .jacobian = stored(),
-                       .factors = factors.data(),
-                       .whitened = whitened.data()});
-    for (int j = i + 1; j < kCameras; ++j)
-      expect_close(from_panels(&blocks[area * (j - i - 1)]), expected_block(i, j).array() + 1.0);
+    const AlignedVector<double> grid(static_cast<std::size_t>(size) * kCameras, kPower);
+    std::vector<int> columns(kCameras - i - 1);
+    std::iota(columns.begin(), columns.end(), i + 1);
+    for (const double* powers : {static_cast<const double*>(nullptr), grid.data()}) {
+      AlignedVector<double> blocks(area * (kCameras - i), 1.0);
+      AlignedVector<double> whitened(kWhitenedNumbers * count);
+      kernels.sum_pairs({.begin = graph.camera_begin[i],
+                         .end = graph.camera_begin[i + 1],
+                         .pairs = pairs.data(),
+                         .pair_begin = begin.data(),
+                         .num_blocks = kCameras - i - 1,
+                         .blocks = blocks.data(),
+                         .point = graph.point.data(),
+                         .jacobian = stored(),
+                         .factors = factors.data(),
+                         .whitened = whitened.data(),
+                         .grid = powers,
+                         .grid_of_row = powers,
+                         .columns = columns.data()});
+      for (int j = i + 1; j < kCameras; ++j)
+        expect_close(from_panels(&blocks[area * (j - i - 1)]), expected_block(i, j).array() + 1.0);
+    }
   }
 }
 
 TEST_P(SchurKernel, SchurDiagonalIsTheDiagonalBlockAlone) {
   for (int i = 0; i < kCameras; ++i) {
-    AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan(""));
-    AlignedVector<double> rhs(size, std::nan(""));
-    kernels.schur_diagonal(stored(),
-                           graph.camera_begin[i],
-                           graph.camera_begin[i + 1],
-                           graph.point.data(),
-                           factors.data(),
-                           nullptr,
-                           block.data(),
-                           rhs.data());
-    expect_close(from_panels(block.data()), expected_block(i, i));
-    expect_numbers(rhs, expected_rhs(i));
+    const AlignedVector<double> grid(static_cast<std::size_t>(size), kPower);
+    for (const double* powers : {static_cast<const double*>(nullptr), grid.data()}) {
+      AlignedVector<double> block(static_cast<std::size_t>(size) * size, std::nan(""));
+      AlignedVector<double> rhs(2UL * size, std::nan(""));
+      DiagonalSum sum = diagonal_of(i);
+      sum.diagonal = block.data();
+      sum.rhs = rhs.data();
+      sum.grid = powers;
+      kernels.schur_diagonal(sum);
+      expect_close(from_panels(block.data()), expected_block(i, i));
+      expect_numbers(rhs, expected_rhs(i));
+    }
   }
 }
 
 TEST_P(SchurKernel, AGradientThatIsGivenStandsForTheStoredResiduals) {
   const AlignedVector<double> gradient = random_numbers(size, random);
   AlignedVector<double> block(static_cast<std::size_t>(size) * size), rhs(size, std::nan(""));
-  kernels.schur_diagonal(stored(),
-                         graph.camera_begin[1],
-                         graph.camera_begin[2],
-                         graph.point.data(),
-                         factors.data(),
-                         gradient.data(),
-                         block.data(),
-                         rhs.data());
+  DiagonalSum sum = diagonal_of(1);
+  sum.gradient = gradient.data();
+  sum.diagonal = block.data();
+  sum.rhs = rhs.data();
+  kernels.schur_diagonal(sum);
   VectorXd expected = Eigen::Map<const VectorXd>(gradient.data(), size);
   for (int a = graph.camera_begin[1]; a < graph.camera_begin[2]; ++a)
     expected -= j_of(a).transpose() * g_of(a) * y_of(graph.point[a]);
@@ -322,9 +356,9 @@ TEST_P(SchurKernel, CurvatureIsTheSquareOfWhatTheResidualsMove) {
     const Eigen::Map<const Eigen::Vector3d> shift(&shifts[3UL * graph.point[a]]);
     expected += (j_of(a) * step + record_of(a).leftCols(3) * shift).squaredNorm();
   }
-  const double actual =
-      kernels.curvature(stored(), 0, count, graph.point.data(), shifts.data(), x.data());
-  EXPECT_NEAR(actual / expected, 1.0, 1e-12);
+  CompensatedSum actual;
+  kernels.curvature(stored(), 0, count, graph.point.data(), shifts.data(), x.data(), actual);
+  EXPECT_NEAR(actual.value() / expected, 1.0, 1e-12);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernels, SchurKernel, testing::ValuesIn(all_cases()));

@@ -55,12 +55,12 @@ TEST(VectorAlgebra, IsThatOfEigenInPartsOnAnyNumberOfThreads) {
   const VectorXd x = VectorXd::Random(3 * kNumbersPerTask + 17), y = VectorXd::Random(x.size());
   const Vector vx(x.begin(), x.end()), vy(y.begin(), y.end());
   ThreadPool alone(1);
-  const double expected = dot(alone, vx, vy);
+  const double expected = dot(alone, vx, vy).value();
   EXPECT_NEAR(expected, x.dot(y), 1e-11 * x.norm() * y.norm());
   for (int threads : {1, 2, 5}) {
     ThreadPool pool(threads);
-    EXPECT_EQ(dot(pool, vx, vy), expected);
-    EXPECT_NEAR(squared_norm(pool, vx) / x.squaredNorm(), 1.0, 1e-12);
+    EXPECT_EQ(dot(pool, vx, vy).value(), expected);
+    EXPECT_NEAR(squared_norm(pool, vx).value() / x.squaredNorm(), 1.0, 1e-12);
     Vector sum = vy, other = vy, scaled = vx;
     add_scaled(pool, -2.5, vx, sum);
     scale_and_add(pool, 0.5, vx, other);

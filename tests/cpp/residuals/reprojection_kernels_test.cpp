@@ -70,7 +70,7 @@ TEST_P(ReprojectionKernel, TheCostOfABatchIsTheSumOverItsObservationsAlone) {
       behind += image.depth <= 0.0;
     }
     const residuals::BatchCost cost = GetParam().isa.cost(GetParam().model).cost(batch.view());
-    EXPECT_NEAR(cost.squares, squares, 1e-12 * squares);
+    EXPECT_NEAR(cost.squares.total().value(), squares, 1e-12 * squares);
     EXPECT_EQ(cost.behind_camera, behind);
   }
 }
@@ -78,9 +78,11 @@ TEST_P(ReprojectionKernel, TheCostOfABatchIsTheSumOverItsObservationsAlone) {
 TEST_P(ReprojectionKernel, AResidualThatIsNoNumberMakesTheCostNone) {
   RandomBatch batch(GetParam().model, 11);
   for (auto* values : {&batch.u, &batch.v}) std::fill(values->begin() + 11, values->end(), kNaN);
-  EXPECT_TRUE(std::isfinite(GetParam().isa.cost(GetParam().model).cost(batch.view()).squares));
+  EXPECT_TRUE(std::isfinite(
+      GetParam().isa.cost(GetParam().model).cost(batch.view()).squares.total().value()));
   batch.v[10] = kNaN;
-  EXPECT_TRUE(std::isnan(GetParam().isa.cost(GetParam().model).cost(batch.view()).squares));
+  EXPECT_TRUE(
+      std::isnan(GetParam().isa.cost(GetParam().model).cost(batch.view()).squares.total().value()));
 }
 
 // So that a state costs the same, whether it is linearised there or not.
@@ -98,10 +100,10 @@ TEST_P(ReprojectionKernel, SquaresOfRecordsInPartsHaveTheBitsOfTheCost) {
                     .camera_size = size,
                     .camera = camera.data(),
                     .point = records.data()});
-    double lanes[residuals::kCostLanes] = {};
+    residuals::SumOfSquares lanes;
     for (int first = 0; first < count; first += 16)
       kernels.add_squares(std::min(16, count - first), records.data() + 8L * first, lanes);
-    EXPECT_EQ(residuals::sum_of_cost_lanes(lanes), kernels.cost(batch.view()).squares);
+    EXPECT_EQ(lanes.total().value(), kernels.cost(batch.view()).squares.total().value());
   }
 }
 
