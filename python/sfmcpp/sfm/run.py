@@ -23,6 +23,7 @@ from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
+from sfmcpp.sfm.focal_lengths import undetermined_focal_warnings
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.imported_matches import match_graph_of_database
@@ -327,6 +328,7 @@ def _finished_run(
             *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
+            *undetermined_focal_warnings(grown.models, scene.cameras, run.settings),
         ],
         interrupted=grown.interrupted,
     )
