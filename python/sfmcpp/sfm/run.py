@@ -30,9 +30,16 @@ from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
-from sfmcpp.sfm.outcome import guessed_focal_lengths, image_outcomes, warnings_of, warnings_of_folder
+from sfmcpp.sfm.outcome import (
+    guessed_focal_lengths,
+    image_outcomes,
+    warnings_of,
+    warnings_of_copies,
+    warnings_of_folder,
+)
 from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument
 from sfmcpp.sfm.refinement import Refinement, refine_models
+from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -247,6 +254,8 @@ def _scene_of_photos(
         progress=run.progress,
         seconds=run.seconds,
     )
+    graph, copies = without_resized_copies(graph)
+    run.warnings += warnings_of_copies(copies, "of another size")
     kept = {photo.name for photo in graph.photos}
     if len(kept) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
