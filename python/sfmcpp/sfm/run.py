@@ -26,6 +26,7 @@ from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cam
 from sfmcpp.sfm.focal_lengths import undetermined_focal_warnings
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
+from sfmcpp.sfm.held_cameras import held_camera_warnings
 from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
@@ -337,6 +338,7 @@ def _finished_run(
             *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
+            *held_camera_warnings(grown.models, scene.cameras),
             *undetermined_focal_warnings(grown.models, scene.cameras, run.settings),
         ],
         interrupted=grown.interrupted,

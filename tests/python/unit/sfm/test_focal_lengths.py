@@ -59,3 +59,15 @@ def test_views_from_all_sides_determine_it() -> None:
     assert not warnings_of_focals(run)
     assert run.model is not None
     assert not run.model.fixed_intrinsics[0, 0]
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(1.0, False), (1.3, True)])
+def test_a_held_focal_length_that_the_images_contradict_is_warned_of(factor: float, warned: bool) -> None:
+    truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)
+    graph = match_graph(truth, sigma_px=0.3, reach=2)
+    run = reconstruct(
+        graph, camera=factor * truth.intrinsics[0, 0], camera_model="fixed", subpixel=False, gps="none"
+    )
+    assert run.num_registered == 10
+    text = "\n".join(run.warnings)
+    assert ("the camera as given: the fixed f = 1300 px contradicts the images" in text) == warned
