@@ -295,3 +295,14 @@ def choose_positions(
     if not from_exif:
         raise InvalidArgument("gps = 'exif': no image tells its position with its height")
     return positions_of(names, from_exif, geodetic=True)
+
+
+def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:
+    """Warn of positions that the files tell, where they are too few to be used and were not refused."""
+    count = len(_exif_positions(photos))
+    if gps != "auto" or not 0 < count < LEAST_POSITIONS:
+        return []
+    return [
+        f"positions that the files tell are not used: {count} photos have one, {LEAST_POSITIONS} are needed; "
+        "the model is not in metres"
+    ]

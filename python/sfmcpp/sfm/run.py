@@ -38,7 +38,7 @@ from sfmcpp.sfm.outcome import (
     warnings_of_copies,
     warnings_of_folder,
 )
-from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument
+from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument, unused_positions
 from sfmcpp.sfm.refinement import Refinement, refine_models
 from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import SfmRun
@@ -173,6 +173,7 @@ def reconstruct(
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
     positions = wanted(scene.graph.photos)
+    run.warnings += unused_positions(gps, scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _reconstructed_models(scene, run, METHODS[method])

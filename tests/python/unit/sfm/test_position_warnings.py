@@ -7,7 +7,9 @@ import pytest
 
 from flights import flight, in_a_frame_of_its_own
 from sfmcpp.model import Problem
+from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import georeference
+from sfmcpp.sfm.positions import unused_positions
 
 SIGMA_M = 0.3
 
@@ -47,3 +49,13 @@ def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> Non
 )
 def test_a_stated_sigma_in_another_unit_is_told(stated_m: float, told: bool) -> None:
     assert (f"where {stated_m:.3g} m is stated" in warnings_of(stated_m=stated_m)) == told
+
+
+@pytest.mark.parametrize(
+    ("gps", "count", "told"), [("auto", 3, True), ("auto", 5, False), ("none", 3, False)]
+)
+def test_positions_of_files_that_are_too_few_are_named(gps: str, count: int, told: bool) -> None:
+    photos = [Photo(f"{k}.jpg", size=(640, 480), position=(46.0, 9.0, 300.0)) for k in range(count)]
+    assert [f"{count} photos have one, 5 are needed" in text for text in unused_positions(gps, photos)] == [
+        True
+    ] * told
