@@ -111,7 +111,7 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
             raise InvalidArgument(f"sigmas_m[{row}] = {sigmas_m[row]}: must be positive and finite")
     middle = np.asarray(np.median(rows[known], axis=0))
     metres = np.full(rows.shape, np.nan)
-    origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M
+    origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M + 0.0  # no -0
     metres[known] = east_north_up(rows[known], origin) if geodetic else rows[known] - origin
     lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
     metres[lost] = np.nan

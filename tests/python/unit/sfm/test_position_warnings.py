@@ -9,7 +9,7 @@ from flights import flight, in_a_frame_of_its_own
 from sfmcpp.model import Problem
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import georeference
-from sfmcpp.sfm.positions import unused_positions
+from sfmcpp.sfm.positions import local_positions, unused_positions
 
 SIGMA_M = 0.3
 
@@ -59,3 +59,7 @@ def test_positions_of_files_that_are_too_few_are_named(gps: str, count: int, tol
     assert [f"{count} photos have one, 5 are needed" in text for text in unused_positions(gps, photos)] == [
         True
     ] * told
+
+
+def test_an_origin_of_zero_has_no_sign() -> None:
+    assert not np.signbit(local_positions(np.full((5, 3), -30.0), geodetic=False).origin).any()
