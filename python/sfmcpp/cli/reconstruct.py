@@ -39,7 +39,8 @@ def _gps(text: str) -> str | Path:
 
 def _existing_file(text: str, option: str, others: str) -> Path:
     if not camera_file(text)[0].is_file():
-        raise typer.BadParameter(f"{text!r}: must be {others} or a file", param_hint=option)
+        missing = "; there is no such file" if camera_file(text)[0].suffix else ""
+        raise typer.BadParameter(f"{text!r}: must be {others} or a file{missing}", param_hint=option)
     return Path(text)
 
 

@@ -38,14 +38,16 @@ _RIDGE = 1e-12
 
 def calibration(case: Case) -> Iterator[Finding]:
     """Find fixed focal lengths and principal points that the images contradict."""
-    if case.is_misread or case.trial is None or not _may_be_tested(case.trial.problem):
+    if case.is_misread or case.lacks_distortion or case.trial is None:
+        return
+    if not _may_be_tested(case.trial.problem):
         return
     yield from list(_contradicted_intrinsics(case, case.trial)) or _principal_points_near_border(case)
 
 
 def _contradicted_intrinsics(case: Case, trial: Trial) -> Iterator[Finding]:
     good = without_gross_errors(case, trial)
-    given, freed = adjusted(good, case.constraints, "squared"), _adjusted_with_free_calibration(case, good)
+    given, freed = adjusted(good, case.constraints, "squared"), adjusted_with_free_calibration(case, good)
     if isinstance(given, str) or freed is None or not is_significant(case, given, freed):
         return
     yield from _calibration_finding(case, median_calibration(given), median_calibration(freed), given, freed)
@@ -57,7 +59,7 @@ def median_calibration(trial: Trial) -> FloatArray:
     return np.asarray(np.median(pinhole_rows(trial.problem.intrinsics)[rows, :4], axis=0))
 
 
-def _adjusted_with_free_calibration(case: Case, problem: Problem) -> Trial | None:
+def adjusted_with_free_calibration(case: Case, problem: Problem) -> Trial | None:
     """The adjustment with a free calibration, from that of an image of another size where it must be."""
     for scale in _SIZES:
         start = _with_free_calibration(problem)

@@ -38,6 +38,8 @@ class Case:
         self.skipped: list[str] = []
         # Whether the start is void or misread: what residuals say is then about that alone.
         self.is_misread = False
+        # Whether a distortion held at zero explains what wrong focal lengths might.
+        self.lacks_distortion = False
 
     def name_of_camera(self, camera: int) -> str:
         """Its number, and the name of its image if there is one."""

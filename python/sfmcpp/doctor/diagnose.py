@@ -15,6 +15,7 @@ from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
 from sfmcpp.doctor.connections import connections
 from sfmcpp.doctor.conventions import conventions, points_behind_cameras
+from sfmcpp.doctor.distortion import distortion
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
@@ -40,6 +41,7 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     points_behind_cameras,
     solution,
     image_fill,
+    distortion,
     calibration,
     principal_point,
     undetermined,

@@ -32,7 +32,9 @@ _CENTRE = slice(2, 4)
 def principal_point(case: Case) -> Iterator[Finding]:
     """Find principal points that, once free, change the focal length or halve the squared error."""
     trial = case.trial
-    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
+    if case.is_misread or case.lacks_distortion or trial is None:
+        return
+    if not _may_be_tested(trial.problem) or fits_poorly(case, trial):
         return
     given = adjusted(without_gross_errors(case, trial), case.constraints, "squared")
     if isinstance(given, str):

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.map import LocalProblem, Map
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
@@ -50,14 +52,20 @@ def adjusted(
         If Ctrl-C ended it.
     """
     problem = (world.whole_problem(2) if local is None else local).problem
-    images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
-    few = images < settings.intrinsics_images
-    if images.sum() >= settings.intrinsics_images:
-        problem.fixed_intrinsics[few, 1:] = True
-    else:
-        problem.fixed_intrinsics[few] = True
+    hold_of_few_images(problem, settings)
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **options)
     return summary.require_uninterrupted().final_cost
+
+
+def hold_of_few_images(problem: Problem, settings: IncrementalSettings) -> BoolArray:
+    """Fix the intrinsics of cameras with too few images but for the focal length; which (G,) they are.
+
+    Among too few other images, that too.
+    """
+    images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
+    few = np.asarray(images < settings.intrinsics_images)
+    problem.fixed_intrinsics[few, 1 if images.sum() >= settings.intrinsics_images else 0 :] = True
+    return few
 
 
 def _neighbours(world: Map, image: int, count: int) -> NDArray[np.intp]:

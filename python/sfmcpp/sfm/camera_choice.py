@@ -5,12 +5,14 @@ A model of too few parameters bends the scene, focal length and heights first; o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, adjusted
 from sfmcpp.sfm.cameras import PERSPECTIVE
@@ -27,7 +29,10 @@ _BENT = 1.15
 
 
 def choose_camera_model(
-    world: Map, settings: IncrementalSettings, positions: Positions | None = None
+    world: Map,
+    settings: IncrementalSettings,
+    positions: Positions | None = None,
+    simple: Sequence[int] | IndexArray = (),
 ) -> None:
     """Free more intrinsics of the cameras of a model, as long as that is worth it.
 
@@ -43,12 +48,16 @@ def choose_camera_model(
         Scale of the loss, and how many images a camera needs.
     positions : Positions, optional
         Where the images were taken.
+    simple : (k,) int
+        Cameras that stay simple: more intrinsics make worse of a focal length that nothing determines.
     """
     name, best = "simple-radial", adjusted(world, settings, **FINE)
     apart = _position_rms(world.poses, positions, settings)
     for intrinsics, richer in _STEPS:
         local = world.whole_problem(2)
-        estimated = ~local.problem.fixed_intrinsics.all(axis=1)
+        estimated = ~local.problem.fixed_intrinsics.all(axis=1) & ~np.isin(local.cameras, simple)
+        if not estimated.any():
+            break
         for intrinsic in intrinsics:
             local.problem.fixed_intrinsics[estimated, PERSPECTIVE.index(intrinsic)] = False
         freed = local.problem.fixed_intrinsics.copy()
@@ -60,7 +69,7 @@ def choose_camera_model(
             world.take(local)
             world.fixed_intrinsics[local.cameras] = freed
             name, best, apart = richer, cost, moved
-    for camera in np.flatnonzero(~world.fixed_intrinsics.all(axis=1)):
+    for camera in np.setdiff1d(np.flatnonzero(~world.fixed_intrinsics.all(axis=1)), simple):
         world.camera_names[camera] = name.upper().replace("-", "_")
 
 

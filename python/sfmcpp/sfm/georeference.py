@@ -25,7 +25,12 @@ from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE
-from sfmcpp.sfm.position_checks import evidence_of_swapped_axes, unchecked_positions, undecidable_positions
+from sfmcpp.sfm.position_checks import (
+    evidence_of_shifted_rows,
+    evidence_of_swapped_axes,
+    unchecked_positions,
+    undecidable_positions,
+)
 from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -51,6 +56,18 @@ _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 _UNCHECKED = (
     "the alignment of the model, such as its roll about the line of the other positions, depends on the "
     "position of {} alone: the others cannot verify it"
+)
+# So many positions, and so great a part of all, seldom lie each by itself.
+_MANY_LIES, _GREAT_PART = 3, 0.25
+_DOUBTFUL = (
+    "of {} that is more than lie by themselves: do not trust where the model is before it is known why (rows "
+    "of other images, wrong axes, another datum, a bent model)"
+)
+# No receiver is wrong about itself by such a factor where its unit is right.
+_OTHER_UNIT = 5.0
+_WRONG_SIGMA = (
+    "the positions scatter by {:.3g} m where {:.3g} m is stated: check the unit of the stated σ, and, if "
+    "they scatter more, times, lever arm and calibration (of stated σ only the ratios count)"
 )
 _NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
 _SWAPPED = {
@@ -242,7 +259,13 @@ def _georeferenced(
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
     alone = good & unchecked_positions(problem.centres[images], weights, good)
-    swapped = evidence_of_swapped_axes(problem.cameras, problem.centres[images], metres, seed=seed)
+    shifted = evidence_of_shifted_rows(problem.centres[images], metres, seed=seed)
+    warnings = [
+        *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
+        *_warnings_of_all(problem, images, stated, sigma_m, seed),
+        *(_UNCHECKED.format(names[image]) for image in images[alone]),
+        *_disagreement_warning([names[image] for image in images[~good]], len(images), shifted),
+    ]
     judged, sigmas_m = _centre_sigmas_m(problem, group, options)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
@@ -253,24 +276,39 @@ def _georeferenced(
         stated_sigma_m=stated.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
         sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
-        warnings=[
-            *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
-            *([f"{_SWAPPED[positions.geodetic]}: {swapped}"] if swapped else ()),
-            *(_UNCHECKED.format(names[image]) for image in images[alone]),
-            *_disagreement_warning([names[image] for image in images[~good]]),
-        ],
+        warnings=warnings,
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
 
 
-def _disagreement_warning(lies: list[str]) -> list[str]:
+def _warnings_of_all(
+    problem: Problem,
+    images: NDArray[np.intp],
+    positions: Positions,
+    sigma_m: float,
+    seed: int,
+) -> list[str]:
+    """What is wrong with the positions of `images` as a whole."""
+    centres, metres = problem.centres[images], positions.metres
+    warnings = []
+    if swapped := evidence_of_swapped_axes(problem.cameras, centres, metres, seed=seed):
+        warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
+    stated_m = positions.stated_sigma_m
+    if stated_m is not None and abs(np.log(sigma_m / stated_m)) > np.log(_OTHER_UNIT):
+        warnings.append(_WRONG_SIGMA.format(sigma_m, stated_m))
+    return warnings
+
+
+def _disagreement_warning(lies: list[str], count: int, shifted: str) -> list[str]:
     if not lies:
         return []
     count_text = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
-    return [
-        f"{count_text} with the images: left out {', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
-    ]
+    names = f"{', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
+    doubt = ""
+    if len(lies) >= _MANY_LIES and len(lies) > _GREAT_PART * count:
+        doubt = f"; {_DOUBTFUL.format(count)}{f'; {shifted}' * bool(shifted)}"
+    return [f"{count_text} with the images: left out {names}{doubt}"]
 
 
 def _require_enough(metres: FloatArray) -> None:

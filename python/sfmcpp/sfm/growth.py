@@ -19,6 +19,7 @@ from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
+from sfmcpp.sfm.focal_lengths import hold_undetermined_focals
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.scene import Scene
@@ -169,7 +170,10 @@ class Growth:
         """
         self._adjust_until_stable()
         if self._scene.cameras.model_is_open:
-            choose_camera_model(self.world, self._settings, self._scene.positions)
+            open_ones = hold_undetermined_focals(self.world, self._scene.cameras, self._settings)
+            if len(open_ones):
+                self._adjust_until_stable()
+            choose_camera_model(self.world, self._settings, self._scene.positions, open_ones)
             self._adjust_until_stable()
 
     def _adjust_until_stable(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
@@ -92,17 +94,22 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     -------
     list of str
     """
-    warnings = []
-    if copies := list(folder.copies.items()):
-        few = ", ".join(f"{name} of {first}" for name, first in copies[:_MOST_NAMED])
-        more = ", …" if len(copies) > _MOST_NAMED else ""
-        images = "1 image is a copy" if len(copies) == 1 else f"{len(copies)} images are copies"
-        warnings.append(f"{images}, byte for byte, and left out: {few}{more}")
+    warnings = warnings_of_copies(folder.copies, "byte for byte")
     if folder.videos:
         videos = "1 video is" if len(folder.videos) == 1 else f"{len(folder.videos)} videos are"
         names = ", ".join(folder.videos[:_MOST_NAMED])
         warnings.append(f"{videos} not read: {names}; {photos_of_video(folder.videos[0])}")
     return warnings
+
+
+def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:
+    """Name what was left out as a copy of another photo; nothing if nothing was."""
+    if not copies:
+        return []
+    few = ", ".join(f"{name} of {first}" for name, first in list(copies.items())[:_MOST_NAMED])
+    more = ", …" if len(copies) > _MOST_NAMED else ""
+    images = "1 image is a copy" if len(copies) == 1 else f"{len(copies)} images are copies"
+    return [f"{images}, {how}, and left out: {few}{more}"]
 
 
 def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSettings) -> list[str]:

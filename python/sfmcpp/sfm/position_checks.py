@@ -24,6 +24,7 @@ _UNEXPLAINED = 0.1
 # Of fewer pairs, honest ones of 1 m in a flat scene fit a mirrored model as well by chance.
 _LEAST_PAIRS = 8
 _MUCH_BETTER = 0.5
+_MOST = 0.9
 # Mean height of a direction of unit length over all cameras: of what is up in images, and of where they look.
 _HEADS_DOWN, _TO_THE_SKY = -0.3, 0.8
 _MIRROR = np.array([1.0, 1.0, -1.0])
@@ -118,10 +119,51 @@ def evidence_of_swapped_axes(poses: FloatArray, centres: FloatArray, metres: Flo
     return "the cameras look at the sky" if ahead > _TO_THE_SKY else ""
 
 
+def evidence_of_shifted_rows(centres: FloatArray, metres: FloatArray, *, seed: int) -> str:
+    """Evidence that each position is that of the image before or after it.
+
+    Parameters
+    ----------
+    centres, metres : (n, 3) float64
+        Centres of the cameras in the order of their images, and their positions.
+    seed : int
+        Of the search for those that agree.
+
+    Returns
+    -------
+    str
+        Half a sentence; empty if nothing does.
+    """
+    if len(centres) <= _LEAST_PAIRS:
+        return ""
+    as_they_are = _most_distances(centres, metres, seed)
+    shifted = {
+        "after": _most_distances(centres[1:], metres[:-1], seed),
+        "before": _most_distances(centres[:-1], metres[1:], seed),
+    }
+    side = min(shifted, key=shifted.__getitem__)
+    if shifted[side] < _MUCH_BETTER * as_they_are:
+        return (
+            f"each fits the image {side} it: nine in ten then fit to {shifted[side]:.2g} m instead of "
+            f"{as_they_are:.2g} m"
+        )
+    return ""
+
+
+def _most_distances(centres: FloatArray, metres: FloatArray, seed: int) -> float:
+    """Distance that nine in ten positions are within."""
+    return float(np.quantile(_distances(centres, metres, seed), _MOST))
+
+
 def _median_distance(centres: FloatArray, metres: FloatArray, seed: int) -> float:
+    return float(np.median(_distances(centres, metres, seed)))
+
+
+def _distances(centres: FloatArray, metres: FloatArray, seed: int) -> FloatArray:
+    """Distances (n,) from the positions by the similarity that most agree with."""
     good = agreeing_pairs(centres, metres, seed=seed)
     try:
         placed = fit_similarity(centres[good], metres[good])
     except InvalidArgument:  # on a line: there is no other hand
-        return np.inf
-    return float(np.median(np.linalg.norm(placed.apply(centres) - metres, axis=1)))
+        return np.full(len(centres), np.inf)
+    return np.asarray(np.linalg.norm(placed.apply(centres) - metres, axis=1))

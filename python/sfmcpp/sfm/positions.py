@@ -111,7 +111,7 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
             raise InvalidArgument(f"sigmas_m[{row}] = {sigmas_m[row]}: must be positive and finite")
     middle = np.asarray(np.median(rows[known], axis=0))
     metres = np.full(rows.shape, np.nan)
-    origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M
+    origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M + 0.0  # no -0
     metres[known] = east_north_up(rows[known], origin) if geodetic else rows[known] - origin
     lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
     metres[lost] = np.nan
@@ -295,3 +295,14 @@ def choose_positions(
     if not from_exif:
         raise InvalidArgument("gps = 'exif': no image tells its position with its height")
     return positions_of(names, from_exif, geodetic=True)
+
+
+def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:
+    """Warn of positions that the files tell, where they are too few to be used and were not refused."""
+    count = len(_exif_positions(photos))
+    if gps != "auto" or not 0 < count < LEAST_POSITIONS:
+        return []
+    return [
+        f"positions that the files tell are not used: {count} photos have one, {LEAST_POSITIONS} are needed; "
+        "the model is not in metres"
+    ]

@@ -23,15 +23,24 @@ from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
+from sfmcpp.sfm.focal_lengths import undetermined_focal_warnings
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
+from sfmcpp.sfm.held_cameras import held_camera_warnings
 from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.match_graph import MatchGraph
-from sfmcpp.sfm.outcome import guessed_focal_lengths, image_outcomes, warnings_of, warnings_of_folder
-from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument
+from sfmcpp.sfm.outcome import (
+    guessed_focal_lengths,
+    image_outcomes,
+    warnings_of,
+    warnings_of_copies,
+    warnings_of_folder,
+)
+from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument, unused_positions
 from sfmcpp.sfm.refinement import Refinement, refine_models
+from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -164,6 +173,7 @@ def reconstruct(
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
     positions = wanted(scene.graph.photos)
+    run.warnings += unused_positions(gps, scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
         grown = _reconstructed_models(scene, run, METHODS[method])
@@ -246,6 +256,8 @@ def _scene_of_photos(
         progress=run.progress,
         seconds=run.seconds,
     )
+    graph, copies = without_resized_copies(graph)
+    run.warnings += warnings_of_copies(copies, "of another size")
     kept = {photo.name for photo in graph.photos}
     if len(kept) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
@@ -327,6 +339,8 @@ def _finished_run(
             *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
+            *held_camera_warnings(grown.models, scene.cameras),
+            *undetermined_focal_warnings(grown.models, scene.cameras, run.settings),
         ],
         interrupted=grown.interrupted,
     )

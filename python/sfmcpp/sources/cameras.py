@@ -3,8 +3,9 @@
 ``calib.txt`` is KITTI's: rows of twelve numbers, the 3×4 projection matrices of rectified cameras that share
 one calibration matrix, each after a name such as ``P0:`` or ``P_rect_00:``, or without; other lines are left
 alone.
-``K.txt`` holds a 3×3 calibration matrix. YAML and XML are of OpenCV, Kalibr or EuRoC, and may have
-distortion; EuRoC's ``sensor.yaml`` lies one folder above the images.
+``K.txt``, or a file of any other name that has nine numbers alone, holds a 3×3 calibration matrix. YAML and
+XML are of OpenCV, Kalibr or EuRoC, and may have distortion; EuRoC's ``sensor.yaml`` lies one folder above the
+images.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ def read_camera(path: Path) -> Calibration:
         return read_calibration(file, camera)
     with failures_named(path):
         data = read_text_bytes(path)
-    matrices = _matrix_of_numbers(path, data) if path.name == "K.txt" else _projections(path, data)
+    rows = _projection_rows(data)
+    matrices = _projections(path, rows) if rows and path.name != "K.txt" else _matrix_of_numbers(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
@@ -116,15 +118,25 @@ def camera_file(path: str | Path) -> tuple[Path, str]:
 
 
 def _matrix_of_numbers(path: Path, data: bytes) -> FloatArray:
-    values = NumberText(path, data.replace(b",", b" "), comments=True).values
-    if len(values) != 9:
+    named = path.name == "K.txt"
+    try:
+        values = NumberText(path, data.replace(b",", b" "), comments=True).values
+    except DatasetError:
+        if named:
+            raise
+        values = np.empty(0)
+    if len(values) == 9:
+        return values.reshape(1, 3, 3)
+    if named:
         raise DatasetError(path, f"holds {len(values)} numbers: must be 9, a calibration matrix")
-    return values.reshape(1, 3, 3)
+    neither = "holds no row of 12 numbers, the projection matrix of a camera, nor 9, a calibration matrix"
+    raise DatasetError(path, neither)
 
 
-def _projections(path: Path, data: bytes) -> FloatArray:
+def _projection_rows(data: bytes) -> list[bytes]:
     lines = data.decode("utf-8", "replace").splitlines()
-    rows = [found[1].encode() for line in lines if (found := _PROJECTION.fullmatch(line.strip()))]
-    if not rows:
-        raise DatasetError(path, "holds no row of 12 numbers, the projection matrix of a camera")
+    return [found[1].encode() for line in lines if (found := _PROJECTION.fullmatch(line.strip()))]
+
+
+def _projections(path: Path, rows: list[bytes]) -> FloatArray:
     return NumberText(path, b"\n".join(rows)).values.reshape(-1, 3, 4)[:, :, :3]

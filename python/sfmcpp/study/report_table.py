@@ -56,10 +56,11 @@ def listed_names(names: Sequence[str]) -> str:
 
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
-    """σ of the positions, accuracy of the model, positions that were left out, origin."""
+    """σ of the positions, accuracy of the camera centres, positions that were left out, origin."""
     yield (
         "GPS",
-        f"σ {gps.sigma_m:.3g} m{_stated_accuracy(gps)}; accuracy of the model {gps.accuracy_m:.3g} m (1 σ)",
+        f"σ {gps.sigma_m:.3g} m{_stated_accuracy(gps)}; accuracy of the camera centres {gps.accuracy_m:.3g} "
+        "m (1 σ)",
     )
     if gps.outliers:
         yield "GPS left out", listed_names(gps.outliers)

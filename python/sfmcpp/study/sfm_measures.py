@@ -9,17 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import linearize, residuals, residuals_px
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.ba import residuals_px
 from sfmcpp.map import Map
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sources.io.colmap.camera_models import MODELS, held_by
 from sfmcpp.sources.io.intrinsics import smallest_model
 
-# Above these, σ of intrinsics would take longer than all the rest of a report.
-_MOST_IMAGES_FOR_SIGMA = 150
-_MOST_OBSERVATIONS_FOR_SIGMA = 300_000
 # Fewest observations of a cell whose mean residual says something.
 _FEWEST_OF_CELL = 5
 
@@ -177,32 +174,17 @@ class ModelMeasures:
 
     @cached_property
     def sigmas(self) -> dict[int, dict[str, float]]:
-        """Standard deviations of the free intrinsics of each camera; none for a large model.
-
-        From the inverse of the normal matrix, times the mean squared residual over the redundancy.
-        """
+        """Standard deviations of the free intrinsics of each camera; none for a large model."""
         local = self._local
-        if not 2 <= self.num_images <= _MOST_IMAGES_FOR_SIGMA:
+        found = sigmas_of_intrinsics(local.problem)
+        if found is None:
             return {}
-        if not 0 < self.num_observations <= _MOST_OBSERVATIONS_FOR_SIGMA:
-            return {}
-        problem = local.problem
-        places = [int(np.argmax(problem.intrinsics_index == row)) for row in range(len(local.cameras))]
-        try:
-            model = linearize(problem, gauge="fixed")
-            covariances = model.covariance(cameras=places).cameras
-        except InvalidArgument:  # something that nothing determines
-            return {}
-        redundancy = 2 * self.num_observations - model.num_columns
-        if redundancy <= 0:
-            return {}
-        variance = float((residuals(problem) ** 2).sum()) / redundancy
-        roots = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2) * variance, 0.0))
-        found = {}
-        for row, camera in enumerate(local.cameras.tolist()):
-            named = dict(zip(model.parameter_names, roots[row].tolist(), strict=True))
-            found[camera] = {name: named[name] for name in self.refined(camera) if named.get(name)}
-        return found
+        names = camera_model(self.world.camera_model).intrinsics
+        rows = (dict(zip(names, row, strict=True)) for row in found.tolist())
+        return {
+            camera: {name: row[name] for name in self.refined(camera) if row[name]}
+            for camera, row in zip(local.cameras.tolist(), rows, strict=True)
+        }
 
     def camera_dict(self, camera: int) -> dict[str, Any]:
         """Entries of a report about a camera."""

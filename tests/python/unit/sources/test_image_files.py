@@ -105,6 +105,7 @@ def test_a_video_with_fewer_frames_than_declared_is_counted_as_it_is(tmp_path: P
         ("calib.txt", f"calib_time: 09-Jan-2012\nS_rect_00: 1 2\nP_rect_00: {ROW.format(0)}\n",
          (700, 1.1, 600, 180, 0)),
         ("K.txt", "700 0.5 600\n0 770 180\n0 0 1", (700, 1.1, 600, 180, 0.5)),
+        ("Kfull.txt", "700 0.5 600\n0 770 180\n0 0 1", (700, 1.1, 600, 180, 0.5)),
         ("K.txt", "# a camera\n7e2, 0, 600\n0, 770, 180\n0, 0, 1\n", (700, 1.1, 600, 180, 0)),
     ],
 )  # fmt: skip

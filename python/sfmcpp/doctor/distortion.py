@@ -1,0 +1,93 @@
+"""Radial distortion that is held at zero and that the images show: the scene bends to absorb it.
+
+It comes before focal lengths and principal points, which take up a part of it where they are freed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sfmcpp.doctor.calibration import (
+    adjusted_with_free_calibration,
+    is_significant,
+    radii_px,
+    squared_error,
+    without_gross_errors,
+)
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.outliers import fits_poorly
+from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.model import Problem, camera_model
+from sfmcpp.model.camera_models import is_pinhole
+
+# Part of the squared error by which it must fall: that of lenses of a few tenths of a pixel falls by less.
+_NOTABLE = 0.1
+# Part of the image's radius that pixels at the border must move by for a scene to bend much.
+_BENDS = 0.02
+_NAMES = camera_model("perspective").intrinsics
+_F, _K1 = _NAMES.index("f"), _NAMES.index("k1")
+
+
+def distortion(case: Case) -> Iterator[Finding]:
+    """Find a radial distortion held at zero that explains the images better than any other focal length."""
+    trial = case.trial
+    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
+        return
+    good = without_gross_errors(case, trial)
+    given = adjusted(good, case.constraints, "squared")
+    if isinstance(given, str):
+        return
+    freed = adjusted(_with_free_distortion(given.problem), case.constraints, "squared")
+    if isinstance(freed, str) or not is_significant(case, given, freed, parameters=1):
+        return
+    less = 1 - squared_error(case, freed) / squared_error(case, given)
+    if less > _NOTABLE and not _focal_explains_more(case, good, freed):
+        case.lacks_distortion = True
+        yield _finding(given.problem, freed.problem, less)
+
+
+def _may_be_tested(problem: Problem) -> bool:
+    """Whether the cameras that observe are pinholes whose distortion is zero and stays so."""
+    if problem.camera_model == "bal" or not is_pinhole(problem.camera_model):
+        return False
+    rows = np.unique(problem.intrinsics_index[problem.camera_index])
+    lens = slice(_K1, None)
+    return bool(not problem.intrinsics[rows, lens].any() and problem.fixed_intrinsics[rows, lens].all())
+
+
+def _with_free_distortion(problem: Problem) -> Problem:
+    intrinsics = np.zeros((len(problem.intrinsics), len(_NAMES)))
+    intrinsics[:, : problem.intrinsics.shape[1]] = problem.intrinsics
+    fixed = np.ones(intrinsics.shape, dtype=np.bool_)
+    fixed[:, : problem.fixed_intrinsics.shape[1]] = problem.fixed_intrinsics
+    fixed[:, _K1] = False
+    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
+
+
+def _focal_explains_more(case: Case, good: Problem, freed: Trial) -> bool:
+    """Whether a held focal length and principal point, once free, explain more than the distortion does."""
+    if not good.fixed_intrinsics[:, _F].all():
+        return False
+    other = adjusted_with_free_calibration(case, good)
+    return other is not None and squared_error(case, other) < squared_error(case, freed)
+
+
+def _finding(given: Problem, freed: Problem, less: float) -> Finding:
+    rows = freed.intrinsics_index[np.unique(freed.camera_index)]
+    k1, f = np.median(freed.intrinsics[rows][:, [_K1, _F]], axis=0)
+    radii = radii_px(freed)
+    row = freed.intrinsics[freed.intrinsics_index]
+    moved = np.abs(row[:, _K1]) * (radii / row[:, _F]) ** 2  # as a part of the radius
+    held = bool(given.fixed_intrinsics[rows, _F].all())
+    return Finding(
+        "missing-distortion",
+        "warning" if moved.max() > _BENDS else "note",
+        f"k1 is held at 0 and contradicts the images: {k1:.3g} fits them and moves pixels at the border by "
+        f"{(moved * radii).max():.2g} px; the squared error falls by {less:.0%}; without it the scene bends",
+        "refine it, with the focal length (--refine f,k1)" if held else "refine it (--refine f,k1)",
+        measures={"k1": float(k1), "focal_px": float(f), "less": less, "moved": float(moved.max())},
+    )

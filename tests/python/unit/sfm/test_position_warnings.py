@@ -1,0 +1,65 @@
+"""Positions that are wrong as a whole: of the images before or after, or with a σ in another unit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flights import flight, in_a_frame_of_its_own
+from sfmcpp.model import Problem
+from sfmcpp.model.photos import Photo
+from sfmcpp.sfm import georeference
+from sfmcpp.sfm.positions import local_positions, unused_positions
+
+SIGMA_M = 0.3
+
+
+def strips() -> Problem:
+    """Three strips there and back."""
+    along = np.arange(6) * 12.0
+    rows = [np.column_stack([a, np.full(6, 15.0 * k)]) for k, a in enumerate((along, along[::-1], along))]
+    return flight(np.concatenate(rows), seed=2)
+
+
+def warnings_of(shift: int = 0, wrong: int = 0, stated_m: float = SIGMA_M) -> str:
+    truth = strips()
+    random = np.random.default_rng(6)
+    gps = np.roll(truth.centres, -shift, axis=0) + random.normal(0, SIGMA_M, truth.centres.shape)
+    gps[3 : 3 + wrong] += random.uniform(20, 40, (wrong, 3))
+    sigmas = np.full(gps.shape, stated_m)
+    found = georeference(in_a_frame_of_its_own(truth, 2), gps, sigmas_m=sigmas)
+    return "\n".join(found.outcome.warnings)
+
+
+@pytest.mark.parametrize(("shift", "side"), [(1, "after"), (-1, "before")])
+def test_positions_of_the_next_image_are_doubted_and_the_shift_is_named(shift: int, side: str) -> None:
+    text = warnings_of(shift)
+    assert "do not trust where the model is" in text
+    assert f"each fits the image {side} it" in text
+
+
+def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> None:
+    text = warnings_of(wrong=2)
+    assert "2 positions disagree with the images" in text
+    assert "do not trust" not in text
+
+
+@pytest.mark.parametrize(
+    ("stated_m", "told"), [(SIGMA_M, False), (SIGMA_M / 3, False), (300.0, True), (0.003, True)]
+)
+def test_a_stated_sigma_in_another_unit_is_told(stated_m: float, told: bool) -> None:
+    assert (f"where {stated_m:.3g} m is stated" in warnings_of(stated_m=stated_m)) == told
+
+
+@pytest.mark.parametrize(
+    ("gps", "count", "told"), [("auto", 3, True), ("auto", 5, False), ("none", 3, False)]
+)
+def test_positions_of_files_that_are_too_few_are_named(gps: str, count: int, told: bool) -> None:
+    photos = [Photo(f"{k}.jpg", size=(640, 480), position=(46.0, 9.0, 300.0)) for k in range(count)]
+    assert [f"{count} photos have one, 5 are needed" in text for text in unused_positions(gps, photos)] == [
+        True
+    ] * told
+
+
+def test_an_origin_of_zero_has_no_sign() -> None:
+    assert not np.signbit(local_positions(np.full((5, 3), -30.0), geodetic=False).origin).any()
