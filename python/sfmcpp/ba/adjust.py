@@ -11,7 +11,7 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
-from sfmcpp.ba.check import observations_without_image
+from sfmcpp.ba.check import observations_without_image, with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
@@ -86,7 +86,8 @@ def adjust(
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)
     no_image = _warning_of_infinite_cost(problem, summary)
-    warnings = [*summary.warnings, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
+    about_input = with_ids_of_points(summary.warnings, problem)
+    warnings = [*about_input, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=warnings, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 

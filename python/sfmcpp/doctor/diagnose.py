@@ -93,7 +93,10 @@ def diagnose(
         return Diagnosis([refused], ["all other checks: an array is invalid"])
     problem = replace(problem)  # its fields may have been set since: lists, subclasses of arrays
     faulty = [*duplicate_observations(problem), *no_image(problem)]
-    case = Case(_without_faulty_observations(problem, faulty), groups, summary)
+    rows = np.setdiff1d(
+        np.arange(problem.num_observations), [row for finding in faulty for row in finding.observations]
+    )
+    case = Case(problem.with_observations(rows) if faulty else problem, groups, summary, rows)
     findings = [*faulty, *_unsolvable(case)]
     with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
         for examine in _examinations(case):
@@ -126,14 +129,6 @@ def _invalid_arrays(problem: Problem) -> Finding | None:
             "correct the program that wrote the array: a solve refuses it",
         )
     return None
-
-
-def _without_faulty_observations(problem: Problem, findings: Iterable[Finding]) -> Problem:
-    """The problem without the observations that are a fault by themselves."""
-    dropped = [row for finding in findings for row in finding.observations]
-    if not dropped:
-        return problem
-    return problem.with_observations(np.delete(np.arange(problem.num_observations), dropped))
 
 
 def _unsolvable(case: Case) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
@@ -29,7 +29,7 @@ def no_image(problem: Problem) -> Iterator[Finding]:
             f"{counted(len(rows), 'observation')} of a point at the camera centre or at depth zero: the cost "
             "is undefined",
             "use --fix to drop them, or triangulate these points again",
-            named("point", numbers(points)),
+            named_points(problem, numbers(points)),
             points=numbers(points),
             observations=numbers(rows),
         )
