@@ -13,6 +13,7 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
 from sfmcpp.ba.check import observations_without_image, with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
+from sfmcpp.ba.doubtful_input import warnings_about_calibration
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -81,7 +82,7 @@ def adjust(
         lambda: _run_facts(problem, constraints, arrays, options),
         _checkpoint_bytes(arrays),
     )
-    doubtful = list(_derivative_warnings(problem, constraints))
+    doubtful = [*_derivative_warnings(problem, constraints), *warnings_about_calibration(problem)]
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)

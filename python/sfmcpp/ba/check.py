@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.ba.doubtful_input import warnings_about_calibration
 from sfmcpp.ba.linearize import linearize
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
@@ -34,14 +35,15 @@ def check(problem: Problem) -> list[str]:
     -------
     list of str
         Warnings about valid but suspicious input: cameras or points without observations, points seen once,
-        parts that share no point.
+        parts that share no point, focal lengths that are not positive, pixels far outside of the images.
 
     Raises
     ------
     InvalidArgument
         If the problem is invalid: the message names the array, the position, the value and the rule.
     """
-    return with_ids_of_points(_core.check(core_arrays(problem)), problem)
+    about_input = with_ids_of_points(_core.check(core_arrays(problem)), problem)
+    return [*about_input, *warnings_about_calibration(problem)]
 
 
 def with_ids_of_points(warnings: Iterable[str], problem: Problem) -> list[str]:

@@ -63,14 +63,14 @@ class RigModel:
 
 
 def read_text_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
-    """Rigs and frames of rigs.txt and frames.txt; None if no rig has several sensors (`alone`: if one has)."""
+    """Rigs and frames of rigs.txt and frames.txt; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in TEXT_FILES)
     mounted = _wanted_rigs(_lines(rigs, _rig), alone) if rigs.exists() else ()
     return RigModel(mounted, tuple(_lines(frames, _frame)), rigs, frames) if mounted else None
 
 
 def read_binary_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
-    """Rigs and frames of rigs.bin and frames.bin; None if no rig has several sensors (`alone`: if one has)."""
+    """Rigs and frames of rigs.bin and frames.bin; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in BINARY_FILES)
     mounted = _wanted_rigs(_records(rigs, _rig), alone) if rigs.exists() else ()
     return RigModel(mounted, tuple(_records(frames, _frame)), rigs, frames) if mounted else None
