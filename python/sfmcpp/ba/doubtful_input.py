@@ -43,12 +43,12 @@ def _focal_lengths(problem: Problem) -> Iterator[str]:
 
 def _pixels(problem: Problem) -> Iterator[str]:
     outside = _far_outside(problem)
-    count = np.count_nonzero(outside)
+    count = int(np.count_nonzero(outside))
     if outside.size and count > _SHARE * outside.size:
-        worst = int(np.argmax(outside))
-        camera = problem.camera_index[worst]
-        x, y = problem.pixels[worst]
-        width, height = np.asarray(problem.metadata.image_sizes)[camera]
+        row = int(np.argmax(outside))
+        camera = int(problem.camera_index[row])
+        x, y = problem.pixels[row].tolist()
+        width, height = np.asarray(problem.metadata.image_sizes)[camera].tolist()
         yield (
             f"{count / outside.size:.0%} of the observations are far outside of their images: {x:.0f}, "
             f"{y:.0f} in the {width} × {height} px of camera {camera}; is the calibration of images of "
@@ -62,8 +62,9 @@ def _far_outside(problem: Problem) -> BoolArray:
     if sizes is None or np.shape(sizes) != (problem.num_cameras, 2) or "cx" not in names:
         return np.zeros(0, dtype=np.bool_)
     centre = problem.intrinsics[:, [names.index("cx"), names.index("cy")]][problem.intrinsics_index]
-    known = ((centre > 0) & (centre < sizes)).all(axis=1)[problem.camera_index]
-    size = np.asarray(sizes, dtype=np.float64)[problem.camera_index]
+    of_camera = np.asarray(sizes, dtype=np.float64)
+    known = np.all((centre > 0) & (centre < of_camera), axis=1)[problem.camera_index]
+    size = of_camera[problem.camera_index]
     margin = _MARGIN * size.max(axis=1, keepdims=True)
     inside = (problem.pixels > -margin) & (problem.pixels < size + margin)
     return np.asarray(known & ~inside.all(axis=1))
