@@ -145,7 +145,7 @@ class LinearModel:
         return by_camera, by_point
 
     def jacobian(self) -> csr_matrix:
-        """(2 M, columns) Jacobian J of the observations times √ρ′, two rows for each in turn, SciPy CSR."""
+        """(2 M, columns) Jacobian ∂r/∂δ of the residuals times √ρ′, two rows of each in turn, SciPy CSR."""
         from scipy.sparse import csr_matrix
 
         entries = np.concatenate(self.blocks(), axis=2)

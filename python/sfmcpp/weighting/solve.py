@@ -158,7 +158,14 @@ class _Weights:
     warnings: list[str]
 
     def describe(self, summary: Summary, contradictions: list[str]) -> Summary:
-        warnings = [*summary.warnings, *self.warnings, *contradictions]
+        ends = [
+            f"constraints[{one.name!r}]: the weight by {one.method} is at the end of what was tried "
+            f"(σ = {one.sensor_sigma:.3g} {one.unit}), with no better one inside: declare σ, or choose by "
+            "'variance'"
+            for one in self.chosen
+            if one.at_end
+        ]
+        warnings = [*summary.warnings, *self.warnings, *ends, *contradictions]
         return replace(summary, group_weights=self.chosen, warnings=warnings)
 
 

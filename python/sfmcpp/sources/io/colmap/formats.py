@@ -162,10 +162,25 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
         raise DatasetError(folder, "is not a folder, a COLMAP model is one")
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
-        inner = folder / "model"
-        hint = "" if any(not (inner / name).exists() for name in names) else f"; {inner} is one"
-        lacks = f"it lacks {', '.join(missing)}"
-        raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{hint}")
+        lacks = f"it lacks {', '.join(missing)}{_others_there(folder, names)}"
+        raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{_models_inside(folder)}")
+
+
+def _others_there(folder: Path, names: tuple[str, ...]) -> str:
+    """Files of the other kind, which do not make up for those that are missing."""
+    others = [name for kind in _KINDS if kind.names != names for name in kind.names]
+    there = [name for name in others if (folder / name).exists()]
+    return f" (and has {', '.join(there)}, which go with files of their own kind alone)" if there else ""
+
+
+def _models_inside(folder: Path) -> str:
+    """A hint at the models in folders of this one: `model` of a reconstruction, `0` and so on of COLMAP's."""
+    found = [
+        str(inner)
+        for inner in sorted(folder.iterdir())
+        if any(all((inner / name).exists() for name in kind.names) for kind in _KINDS)
+    ]
+    return "; " + (f"{found[0]} is one" if len(found) == 1 else f"{', '.join(found)} are") if found else ""
 
 
 def _has_any_file(folder: Path, names: tuple[str, ...]) -> bool:

@@ -372,3 +372,26 @@ def test_rigs_of_one_camera_each_are_rewritten_with_the_model(tmp_path: Path, fo
     write(fewer, tmp_path, format=format)
     frames = pycolmap.Reconstruction(str(tmp_path)).frames
     assert sorted(frames) == [50, 51, 52, 53]
+
+
+def test_models_inside_a_folder_and_files_of_another_kind_are_named(tmp_path: Path) -> None:
+    (tmp_path / "sparse" / "0").mkdir(parents=True)
+    problem = read(small_model(tmp_path / "sparse" / "0"))
+    write(problem, tmp_path / "sparse" / "1", format="colmap-binary")
+    folder = tmp_path / "sparse"
+    with pytest.raises(DatasetError, match=f"{folder / '0'}, {folder / '1'} are$"):
+        read(folder)
+    (folder / "1" / "cameras.bin").unlink()
+    (folder / "1" / "cameras.txt").touch()
+    with pytest.raises(DatasetError, match=r"lacks cameras\.bin \(and has cameras\.txt, which go"):
+        read(folder / "1")
+
+
+def test_a_database_is_told_where_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "database.db"
+    path.write_bytes(b"SQLite format 3\0")
+    with pytest.raises(DatasetError, match="is a database of COLMAP: sfmcpp reconstruct"):
+        read(path)
+    path.write_bytes(b"")
+    with pytest.raises(DatasetError, match="is no database of SQLite"):
+        read(path)
