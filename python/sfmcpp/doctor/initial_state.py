@@ -55,7 +55,8 @@ def far_start(case: Case) -> Iterator[Finding]:
     yield Finding(
         "far-start",
         "note",
-        f"the initial state has an RMS error of {rms:.3g} px, a robust adjustment a median of "
+        f"the initial state has an RMS error of {rms:.3g} px per observation ({rms / np.sqrt(2):.3g} per "
+        f"coordinate, as a solve has it), a robust adjustment a median of "
         f"{trial.median_px:.3g} px; the worst cameras are {listed}",
         "nothing to do for a first estimate; if the problem was adjusted before, check whether poses, pixels "
         "or calibration have changed since",
