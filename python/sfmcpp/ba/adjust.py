@@ -82,11 +82,13 @@ def adjust(
         lambda: _run_facts(problem, constraints, arrays, options),
         _checkpoint_bytes(arrays),
     )
-    doubtful = [*_derivative_warnings(problem, constraints), *warnings_about_calibration(problem)]
+    doubtful = list(_derivative_warnings(problem, constraints))
+    given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)
     no_image = _warning_of_infinite_cost(problem, summary)
+    doubtful += warnings_about_calibration(problem, given)
     about_input = with_ids_of_points(summary.warnings, problem)
     warnings = [*about_input, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=warnings, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))

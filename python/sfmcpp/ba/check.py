@@ -43,7 +43,7 @@ def check(problem: Problem) -> list[str]:
         If the problem is invalid: the message names the array, the position, the value and the rule.
     """
     about_input = with_ids_of_points(_core.check(core_arrays(problem)), problem)
-    return [*about_input, *warnings_about_calibration(problem)]
+    return [*about_input, *warnings_about_calibration(problem, problem.intrinsics)]
 
 
 def with_ids_of_points(warnings: Iterable[str], problem: Problem) -> list[str]:
